@@ -1,0 +1,11 @@
+"""How every command talks to a person: one clear line for bad input, exit status, progress.
+
+A leaf room: it imports nothing of ours, so that the pack, the trainer and the viewer, which may not import one
+another, still fail and report in the same voice.
+"""
+
+from console.errors import UserError
+from console.progress import Progress, progress
+from console.run import run_command
+
+__all__ = ["Progress", "UserError", "progress", "run_command"]

@@ -1,0 +1,35 @@
+"""The error a user can mend (CONTRACT section 4: exit status 2, one line on stderr)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class UserError(Exception):
+    """Something the user can mend: bad arguments, files, data, or no OpenGL.
+
+    what: the thing that is wrong ("the picture cannot be decoded"). where: file, key or argument.
+    expected / found: the two sides of the mismatch. remedy: what to do about it.
+    Printed as one line; parts left out are left out of the line.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: str | Path | None = None,
+        expected: object = None,
+        found: object = None,
+        remedy: str | None = None,
+    ) -> None:
+        self.what, self.where, self.expected, self.found, self.remedy = what, where, expected, found, remedy
+        line = what if where is None else f"{where}: {what}"
+        if expected is not None and found is not None:
+            line += f" (expected {expected}, found {found})"
+        elif expected is not None:
+            line += f" (expected {expected})"
+        elif found is not None:
+            line += f" (found {found})"
+        if remedy is not None:
+            line += f"; {remedy}"
+        super().__init__(" ".join(line.split()))

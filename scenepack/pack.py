@@ -1,0 +1,92 @@
+"""A baked scene in memory: the sparse neural radiance grid of the SNeRG paper, section 5.1.
+
+Volumes are [z, y, x, c]; a "block" is a macroblock; B = block_size + 2 is its side in the atlas, padding included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from scenepack.constants import EMPTY_BLOCK
+
+
+@dataclass(frozen=True)
+class ViewMlp:
+    """The view MLP: float32 weights [34, 16], [16, 16], [16, 3] (input-major) and biases [16], [16], [3]."""
+
+    weights: tuple[np.ndarray, np.ndarray, np.ndarray]
+    biases: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    @property
+    def is_zero(self) -> bool:
+        """True where every weight and bias is zero: such packs are meant as diffuse."""
+        return not any(np.any(array) for array in (*self.weights, *self.biases))
+
+
+@dataclass(frozen=True)
+class Pack:
+    """One baked scene. Arrays are treated as read-only.
+
+    grid_size: voxels (width, height, depth) = (x, y, z); min_xyz: world position of the grid's corner, in the OpenGL
+    grid frame (y up); voxel_size: world units. block_size: data voxels per macroblock side (B - 2).
+    atlas_indices: uint8 [blocks z, blocks y, blocks x, 3], the atlas block (x, y, z) of a macroblock; 255 = empty.
+    atlas_rgba: uint8 [D, H, W, 4], rgb premultiplied by alpha. atlas_features: uint8 [D, H, W, 4] or None.
+    view_mlp: None for a diffuse pack. worldspace_T_opengl: float64 [4, 4], grid frame to training frame.
+    ndc: forward-facing pack; then input_width, input_height (pixels) and input_focal (pixels) are set.
+    params: scene_params.json as it was read, unknown keys included; the writer starts from it.
+    """
+
+    voxel_size: float
+    min_xyz: np.ndarray
+    grid_size: tuple[int, int, int]
+    block_size: int
+    atlas_indices: np.ndarray
+    atlas_rgba: np.ndarray
+    atlas_features: np.ndarray | None
+    view_mlp: ViewMlp | None
+    worldspace_T_opengl: np.ndarray
+    ndc: bool = False
+    input_width: float | None = None
+    input_height: float | None = None
+    input_focal: float | None = None
+    params: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def padded_block_size(self) -> int:
+        """B: voxels per macroblock side in the atlas."""
+        return self.block_size + 2
+
+    @property
+    def grid_blocks(self) -> tuple[int, int, int]:
+        """Macroblocks of the grid along (x, y, z)."""
+        return self.atlas_indices.shape[2], self.atlas_indices.shape[1], self.atlas_indices.shape[0]
+
+    @property
+    def atlas_blocks(self) -> tuple[int, int, int]:
+        """Macroblocks that fit in the atlas along (x, y, z), from the atlas's real size."""
+        depth, height, width = self.atlas_rgba.shape[:3]
+        size = self.padded_block_size
+        return width // size, height // size, depth // size
+
+    @property
+    def occupied(self) -> np.ndarray:
+        """bool [blocks z, blocks y, blocks x]: macroblocks that hold content."""
+        return self.atlas_indices[..., 0] != EMPTY_BLOCK
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """Our own additional keys (CONTRACT section 3): version, codec, cameras, provenance."""
+        return self.params.get("snerg", {})
+
+    @property
+    def max_xyz(self) -> np.ndarray:
+        """World position of the grid's far corner."""
+        return self.min_xyz + self.voxel_size * np.asarray(self.grid_size)
+
+    def with_metadata(self, **entries: Any) -> Pack:
+        """A copy whose "snerg" key has `entries` added."""
+        return replace(self, params={**self.params, "snerg": {**self.metadata, **entries}})

@@ -1,0 +1,82 @@
+"""The small interface that every trainable model stands behind: the paper's MLPs and the fast voxel field alike.
+
+The loop (training.loop) knows only this; so do the baker and `snerg-eval`, through training.run.load_run.
+Shapes: N rays or points. Directions are unit length unless NDC; viewdirs are unit, in the training frame, before any NDC warp.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import numpy as np
+
+
+class Rays(NamedTuple):
+    """origins, directions [N, 3]: point(t) = origin + t direction. viewdirs [N, 3]. near, far [N]: bounds of t."""
+
+    origins: jax.Array
+    directions: jax.Array
+    viewdirs: jax.Array
+    near: jax.Array
+    far: jax.Array
+
+
+class FieldOutput(NamedTuple):
+    """density [N] per unit of world length (>= 0), diffuse [N, 3] and features [N, 4] in [0, 1]."""
+
+    density: jax.Array
+    diffuse: jax.Array
+    features: jax.Array
+
+
+class RenderOutput(NamedTuple):
+    """rgb [N, 3] final colour; diffuse [N, 3] (background included), features [N, 4], alpha [N], depth [N] (t)."""
+
+    rgb: jax.Array
+    diffuse: jax.Array
+    features: jax.Array
+    alpha: jax.Array
+    depth: jax.Array
+
+
+class ViewMlpParams(NamedTuple):
+    """The view MLP (paper section 4.2): weights [34, 16], [16, 16], [16, 3] and biases [16], [16], [3]."""
+
+    weights: tuple[jax.Array, jax.Array, jax.Array]
+    biases: tuple[jax.Array, jax.Array, jax.Array]
+
+
+class Method(Protocol):
+    """A trainable deferred radiance field. `state` is a pytree; nothing else changes between steps."""
+
+    def start(self, key: jax.Array) -> Any:
+        """The state before step 0."""
+        ...
+
+    def step(self, state: Any, step: int) -> tuple[Any, dict[str, jax.Array]]:
+        """One update; randomness comes from the seed and `step` alone, so that a resumed run repeats an unbroken one.
+
+        Returns the new state and scalar metrics, of which "loss" and "psnr" (of the batch) are always there.
+        """
+        ...
+
+    def render(self, state: Any, rays: Rays) -> RenderOutput:
+        """Renders rays (any N; batches inside), without randomness."""
+        ...
+
+    def query(self, state: Any, points: jax.Array) -> FieldOutput:
+        """The field at points [N, 3] of the training frame (NDC space for forward-facing scenes)."""
+        ...
+
+    def view_mlp(self, state: Any) -> ViewMlpParams | None:
+        """The deferred head; None for a diffuse model."""
+        ...
+
+    def save(self, state: Any) -> dict[str, np.ndarray]:
+        """Everything `restore` needs to go on, as named arrays."""
+        ...
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> Any:
+        """The inverse of save."""
+        ...

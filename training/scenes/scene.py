@@ -1,0 +1,65 @@
+"""A scene: posed photographs, as every reader returns them and as every other room sees them. No JAX here.
+
+Frames: OpenGL camera-to-world (x right, y up, z back) from the reader on. Pixel centres lie at +0.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with optional lens distortion (OpenCV's k1, k2, p1, p2 on normalised coordinates, y down).
+
+    world_T_camera: float64 [4, 4], camera-to-world, OpenGL axes. fx, fy, cx, cy: pixels of this width × height.
+    """
+
+    world_T_camera: np.ndarray
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same camera for a picture of another size."""
+        sx, sy = width / self.width, height / self.height
+        return replace(self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy)
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """One posed picture. load() decodes it: float32 [H, W, 4], RGB not premultiplied and alpha (1 where opaque), in [0, 1]."""
+
+    name: str
+    camera: Camera
+    load: Callable[[], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Posed photographs by split, and what a trainer must know of the space they show.
+
+    kind: "blender", "llff", "transforms", ... near, far: along the unit-length ray (in NDC: 0, 1).
+    aabb: float64 [2, 3] box that holds the content, in the training frame (NDC space where ndc).
+    worldspace_T_opengl: float64 [4, 4], the pack's grid frame (y up) to the training frame.
+    background: the colour behind everything, sRGB in [0, 1].
+    """
+
+    path: Path
+    kind: str
+    splits: Mapping[str, tuple[Photograph, ...]]
+    near: float
+    far: float
+    aabb: np.ndarray
+    worldspace_T_opengl: np.ndarray
+    ndc: bool = False
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    notes: Mapping[str, object] = field(default_factory=dict)
