@@ -1,11 +1,12 @@
 """How every command talks to a person: one clear line for bad input, exit status, progress.
 
-A leaf room: it imports nothing of ours, so that the pack, the trainer and the viewer, which may not import one
-another, still fail and report in the same voice.
+A leaf room: it imports nothing of ours, so that the pack, the trainer and the viewer, which may not import
+one another, still fail and report in the same voice.
 """
 
 from console.errors import UserError
+from console.notices import Notice, plain_notices
 from console.progress import Progress, progress
 from console.run import run_command
 
-__all__ = ["Progress", "UserError", "progress", "run_command"]
+__all__ = ["Notice", "Progress", "UserError", "plain_notices", "progress", "run_command"]

@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as RichProgress
 
 PLAIN_LINE_EVERY_S = 10.0
+PLAIN_QUIET_S = 2.0  # work done sooner needs no line
 
 
 class Progress:
@@ -42,18 +43,38 @@ class _Live(Progress):
 class _Plain(Progress):
     def __init__(self, title: str, total: float) -> None:
         super().__init__(title, total)
-        self._printed = 0.0
+        self._printed: float | None = None  # when the last line was
+        self._finished = False
 
     def update(self, done: float, note: str = "") -> None:
         super().update(done, note)
         now = time.monotonic()
-        if now - self._printed < PLAIN_LINE_EVERY_S and done < self.total:
+        finished = done >= self.total
+        if self._printed is None:
+            early = now - self.started < PLAIN_QUIET_S
+        else:
+            early = now - self._printed < PLAIN_LINE_EVERY_S and not finished
+        if self._finished or early:
             return
-        self._printed = now
+        self._printed, self._finished = now, finished
         elapsed = now - self.started
-        left = f"{elapsed * (self.total - done) / done:.0f} s left" if done > 0 else "time left unknown"
-        share = 100 * done / max(self.total, 1e-9)
-        print(f"{self.title}: {share:.0f} %  {elapsed:.0f} s, {left}  {note}".rstrip(), file=sys.stderr, flush=True)
+        share = 100.0 if finished else 100 * done / self.total
+        times = duration(elapsed)
+        if not finished:
+            remaining = elapsed * (self.total - done) / done if done > 0 else None
+            times += ", time left unknown" if remaining is None else f", {duration(remaining)} left"
+        print(f"{self.title}: {share:.0f} %  {times}  {note}".rstrip(), file=sys.stderr, flush=True)
+
+
+def duration(seconds: float) -> str:
+    """Time in the two units that matter: "7 s", "3 min 20 s", "1 h 05 min"."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 @contextmanager
@@ -63,8 +84,13 @@ def progress(title: str, total: float) -> Iterator[Progress]:
         yield _Plain(title, total)
         return
     columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
-    )  # fmt: skip
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}", markup=False),
+    )
     with RichProgress(*columns, console=Console(stderr=True)) as bars:
         yield _Live(title, total, bars)

@@ -2,47 +2,156 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import functools
+import io
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
+from unittest import mock
 
 import tyro
 
 from console.errors import UserError
+from console.notices import plain_notices
 
 DONE, BUG, USER_CAN_MEND, INTERRUPTED = 0, 1, 2, 130
 
+Command = Callable[..., Any]
+# What the machine refuses is not a bug of ours, wherever it surfaces.
+_MENDABLE = {errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE}
+_FLAGS = (tyro.conf.FlagCreatePairsOff,)  # --resume, and no --no-resume beside it
+_WIDE = {"COLUMNS": "4000"}
+
 
 def run_command(
-    command: Callable[..., Any], *, prog: str, description: str | None = None, args: Sequence[str] | None = None
+    command: Command | Mapping[str, Command],
+    *,
+    prog: str,
+    description: str | None = None,
+    args: Sequence[str] | None = None,
 ) -> int:
-    """Parses `args` (default: sys.argv) into a call of `command`, and turns what it raises into an exit status.
+    """Parses `args` (default: sys.argv) into a call of `command`; what that raises becomes an exit status.
 
-    Returns 0 done, 2 the user can mend it (one line on stderr), 1 a bug (with its traceback), 130 interrupted.
-    `--debug` anywhere on the command line shows tracebacks for status 2 as well.
+    command: a function whose parameters become options (`max_steps` is --max-steps, a bool is a flag, a
+    positional-only parameter is an argument; the docstring's Args give the help), or several of them by name,
+    which become subcommands. A whole number that it returns is the exit status.
+    Returns 0 done, 2 the user can mend it (one line on stderr), 1 a bug (with its traceback), 130
+    interrupted. `--debug` anywhere on the command line shows tracebacks for status 2 as well.
     """
     words = list(sys.argv[1:] if args is None else args)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
+    _print_any_character()
     try:
-        result = tyro.cli(command, prog=prog, description=description, args=words, config=(tyro.conf.FlagConversionOff,))
-        return int(result or DONE)
-    except UserError as error:
-        if debug:
-            traceback.print_exc()
-        print(f"{prog}: {error}", file=sys.stderr)
-        return USER_CAN_MEND
+        with plain_notices(prog):
+            call = _parse(command, prog, description, words)
+            if not callable(call):
+                return call
+            result = call()
+            sys.stdout.flush()  # here, where a reader that went away or a full disk is still caught
+        return result if isinstance(result, int) and not isinstance(result, bool) else DONE
     except KeyboardInterrupt as interrupt:
-        print(f"{prog}: interrupted{'; ' + str(interrupt) if str(interrupt) else ''}", file=sys.stderr)
+        _say(prog, f"interrupted{'; ' + str(interrupt) if str(interrupt) else ''}")
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our stdout went away, e.g. `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
-    except SystemExit as stop:  # argument errors and --help, from tyro
-        return stop.code if isinstance(stop.code, int) else USER_CAN_MEND
-    except Exception:
-        traceback.print_exc()
-        print(f"{prog}: this is a bug in snerg, not in your input; please report the lines above", file=sys.stderr)
-        return BUG
+    except Exception as error:
+        line = _mendable(error)
+        if line is None:
+            traceback.print_exc()
+            _say(prog, "this is a bug in snerg, not in your input; please report the lines above")
+            return BUG
+        if debug:
+            traceback.print_exc()
+        _say(prog, line)
+        return USER_CAN_MEND
+
+
+def _say(prog: str, line: str) -> None:
+    print(f"{prog}: {' '.join(line.split())}", file=sys.stderr, flush=True)
+
+
+def _print_any_character() -> None:
+    """On a terminal or pipe that is not UTF-8, what it cannot show becomes "?" instead of an exception."""
+    encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
+    if encoding != "utf8" and isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
+
+
+def _mendable(error: Exception) -> str | None:
+    """The line for an error that the user can mend, None for a bug."""
+    if isinstance(error, UserError):
+        return str(error)
+    if isinstance(error, OSError) and error.errno in _MENDABLE:
+        return f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror)
+    if isinstance(error, MemoryError):
+        return f"this machine has not enough free memory for it ({error or 'allocation failed'})"
+    return None
+
+
+def _parse(
+    command: Command | Mapping[str, Command], prog: str, description: str | None, words: Sequence[str]
+) -> Callable[[], Any] | int:
+    """The call that `words` ask for, not yet made; or the exit status where there is nothing to call.
+
+    tyro makes the call itself, and draws a box around complaints about arguments. So it is handed functions
+    that only remember their arguments, and its box is read and told as one line.
+    """
+
+    def parse() -> Callable[[], Any]:
+        if isinstance(command, Mapping):
+            functions = {name: _deferred(function) for name, function in command.items()}
+            return tyro.extras.subcommand_cli_from_dict(
+                functions, prog=prog, description=description, args=words, config=_FLAGS
+            )
+        return tyro.cli(_deferred(command), prog=prog, description=description, args=words, config=_FLAGS)
+
+    box = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(box):
+            return parse()
+    except SystemExit as stop:  # --help, or arguments that do not fit
+        if stop.code in (None, DONE):
+            return DONE
+    # Once more, on a screen so wide that no line of the box is broken in two.
+    box = io.StringIO()
+    with mock.patch.dict(os.environ, _WIDE), contextlib.redirect_stderr(box), contextlib.suppress(SystemExit):
+        parse()
+    _say(prog, f"{unboxed(box.getvalue())}; see {prog} --help")
+    return USER_CAN_MEND
+
+
+def _deferred(function: Command) -> Command:
+    @functools.wraps(function)
+    def remember(*args: Any, **kwargs: Any) -> Callable[[], Any]:
+        return functools.partial(function, *args, **kwargs)
+
+    return remember
+
+
+def unboxed(text: str) -> str:
+    """tyro's complaint about arguments as one line, without its frame, help texts and pointers to --help."""
+    sections: list[list[str]] = [[]]
+    skipping = False
+    for row in text.splitlines()[1:]:  # after the title
+        inner = row[1:].rstrip(" │").removeprefix(" ")  # the frame is of blanks where it cannot be drawn
+        indent = len(inner) - len(inner.lstrip())
+        inner = inner.strip()
+        if not inner.strip("─-╰╯"):  # frame, or the rule between two sections
+            sections.append([])
+            skipping = False
+        elif inner.startswith(("Argument helptext", "For full helptext")):
+            skipping = True
+        elif inner.startswith("Missing from"):
+            sections[-1].append("missing:")
+        elif not skipping and indent < 8:  # deeper rows are help texts
+            sections[-1].append(inner + ("," if indent == 4 else ""))
+    lines = [" ".join(section).rstrip(" .,") for section in sections if section]
+    lines = [line[:1].lower() + line[1:] for line in lines]
+    return "; ".join(lines) or "the arguments do not fit"

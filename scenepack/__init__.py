@@ -1,0 +1,25 @@
+"""The pack: a baked scene in memory and on disk (CONTRACT section 3; SNeRG paper section 5.1).
+
+One reader (`load_pack`, `open_pack`), one writer (`save_pack`), cutting volumes into macroblocks
+(`blocks`), a validation report (`check_pack`), and the constants that Python and GLSL share (`constants`).
+"""
+
+from scenepack.check import Finding, check_pack
+from scenepack.notices import PackWarning
+from scenepack.pack import Pack, ViewMlp
+from scenepack.reader import AtlasPlanes, PackReader, load_pack, open_pack
+from scenepack.writer import check_target, save_pack
+
+__all__ = [
+    "AtlasPlanes",
+    "Finding",
+    "Pack",
+    "PackReader",
+    "PackWarning",
+    "ViewMlp",
+    "check_pack",
+    "check_target",
+    "load_pack",
+    "open_pack",
+    "save_pack",
+]

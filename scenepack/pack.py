@@ -1,6 +1,7 @@
 """A baked scene in memory: the sparse neural radiance grid of the SNeRG paper, section 5.1.
 
-Volumes are [z, y, x, c]; a "block" is a macroblock; B = block_size + 2 is its side in the atlas, padding included.
+Volumes are [z, y, x, c]; a "block" is a macroblock; B = block_size + 2 is its side in the atlas, padding
+included.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ class ViewMlp:
 class Pack:
     """One baked scene. Arrays are treated as read-only.
 
-    grid_size: voxels (width, height, depth) = (x, y, z); min_xyz: world position of the grid's corner, in the OpenGL
-    grid frame (y up); voxel_size: world units. block_size: data voxels per macroblock side (B - 2).
-    atlas_indices: uint8 [blocks z, blocks y, blocks x, 3], the atlas block (x, y, z) of a macroblock; 255 = empty.
+    grid_size: voxels (width, height, depth) = (x, y, z). min_xyz: world position of the grid's corner, in the
+    OpenGL grid frame (y up). voxel_size: world units. block_size: data voxels per macroblock side (B - 2).
+    atlas_indices: uint8 [blocks z, blocks y, blocks x, 3], the atlas block (x, y, z) of a macroblock; 255 =
+    empty.
     atlas_rgba: uint8 [D, H, W, 4], rgb premultiplied by alpha. atlas_features: uint8 [D, H, W, 4] or None.
     view_mlp: None for a diffuse pack. worldspace_T_opengl: float64 [4, 4], grid frame to training frame.
     ndc: forward-facing pack; then input_width, input_height (pixels) and input_focal (pixels) are set.
@@ -80,7 +82,8 @@ class Pack:
     @property
     def metadata(self) -> Mapping[str, Any]:
         """Our own additional keys (CONTRACT section 3): version, codec, cameras, provenance."""
-        return self.params.get("snerg", {})
+        entries = self.params.get("snerg")
+        return entries if isinstance(entries, Mapping) else {}
 
     @property
     def max_xyz(self) -> np.ndarray:

@@ -1,0 +1,226 @@
+"""Replacing a file or a folder so that a kill at any moment leaves the old or the new one, never a mixture.
+
+All is written under a hidden name beside the target, flushed to disk, and then takes the target's place:
+- a file, or a target that is absent or an empty folder: one rename.
+- a folder over a folder: on Linux one renameat2(RENAME_EXCHANGE), which swaps the two names in one step.
+  Elsewhere two renames, target → .NAME.old-…, new → target. A kill between them leaves no target but a
+  complete .old; whoever next reads or writes that target puts it back (recover_interrupted_write).
+Hidden names are .NAME.KIND-PID-TOKEN: "new" being written, "old" complete and set aside, "gone" being
+deleted. Those whose process has died are cleaned up by the next writer of the same target. A process shows
+that it is alive by its id and by a lock (flock) on what it writes, which counts across containers that share
+the folder.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import re
+import secrets
+import shutil
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+NEW, OLD, GONE = "new", "old", "gone"
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
+_LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process since
+_SWAP_PATIENCE_S = 2.0
+
+
+@contextmanager
+def replacing(target: Path, *, folder: bool) -> Iterator[Path]:
+    """Yields a path to write to, an empty folder or an empty file; on a clean exit it takes target's place.
+
+    Where the block raises, what was written is deleted and the target is untouched. Raises OSError.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    recover_interrupted_write(target)
+    remove_leftovers(target)
+    new = _sibling(target, NEW)
+    if folder:
+        new.mkdir()
+    else:
+        new.touch()
+    lock = os.open(new, os.O_RDONLY) if fcntl else -1
+    try:
+        if fcntl:
+            with suppress(OSError):  # some network file systems have no locks
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield new
+        _flush(new)
+        _take_place(new, target)
+        flush_folder(target.parent)
+    finally:
+        if lock >= 0:
+            os.close(lock)
+        _delete(new)  # what failed, or after an exchange the old one
+
+
+def recover_interrupted_write(target: Path) -> None:
+    """Puts back a target that a killed writer had set aside. Cheap where there is nothing to do."""
+    deadline = time.monotonic() + _SWAP_PATIENCE_S
+    while not os.path.lexists(target):
+        aside = _siblings(target, OLD)
+        if not aside:
+            return
+        if _is_alive(aside[-1]) and time.monotonic() < deadline:
+            time.sleep(0.02)  # its writer is between its two renames
+            continue
+        with suppress(OSError):  # another process may have put it back first
+            os.rename(aside[-1], target)
+        return
+
+
+def remove_leftovers(target: Path) -> None:
+    """Deletes what killed writers of `target` left beside it."""
+    for path in _siblings(target, NEW) + _siblings(target, GONE):
+        if not _is_alive(path):
+            _delete(path)
+    if os.path.lexists(target):
+        for path in _siblings(target, OLD):
+            if not _is_alive(path):
+                _discard(path, target)
+
+
+def exchange(first: Path, second: Path) -> bool:
+    """Swaps two names in one step; False where the system or the file system cannot."""
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError):  # a C library before glibc 2.28 or musl 1.2.4
+        return False
+    renameat2.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint)
+    if renameat2(_AT_FDCWD, os.fsencode(first), _AT_FDCWD, os.fsencode(second), _RENAME_EXCHANGE) == 0:
+        return True
+    code = ctypes.get_errno()
+    if code in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EPERM):
+        return False
+    raise OSError(code, os.strerror(code), str(second))
+
+
+def flush_folder(folder: Path) -> None:
+    """Makes names in `folder` survive a power cut; nothing where the system has no such call."""
+    if os.name != "posix":
+        return
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _flush(path: Path) -> None:
+    files = [entry for entry in path.iterdir() if entry.is_file()] if path.is_dir() else [path]
+    for file in files:
+        with open(file, "rb+") as handle:
+            os.fsync(handle.fileno())
+    if path.is_dir():
+        flush_folder(path)
+
+
+def _take_place(new: Path, target: Path) -> None:
+    if not new.is_dir():
+        if target.exists():
+            shutil.copymode(target, new)
+        os.replace(new, target)
+        return
+    for _ in range(100):  # again only where another writer comes in between
+        try:
+            os.rename(new, target)  # absent, or an empty folder
+            return
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES, errno.EPERM):
+                raise
+            if not target.is_dir():
+                raise
+        with suppress(FileNotFoundError):
+            shutil.copymode(target, new)
+            if exchange(new, target):
+                return
+            old = _sibling(target, OLD)
+            os.rename(target, old)
+            try:
+                os.rename(new, target)
+            except OSError:
+                os.rename(old, target)
+                raise
+            _discard(old, target)
+            return
+    raise OSError(errno.EBUSY, "other processes keep replacing it", str(target))
+
+
+def _discard(old: Path, target: Path) -> None:
+    # Under another name first: a half deleted .old must never be put back.
+    gone = _sibling(target, GONE)
+    with suppress(OSError):
+        os.rename(old, gone)
+        _delete(gone)
+
+
+def _delete(path: Path) -> None:
+    with suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _sibling(target: Path, kind: str) -> Path:
+    return target.with_name(f".{target.name}.{kind}-{os.getpid()}-{secrets.token_hex(4)}")
+
+
+def _siblings(target: Path, kind: str) -> list[Path]:
+    """Hidden names of that kind beside `target`, oldest first."""
+    pattern = re.compile(re.escape(f".{target.name}.{kind}-") + r"\d+-[0-9a-f]{8}")
+    found: list[tuple[float, Path]] = []
+    with suppress(OSError), os.scandir(target.parent) as entries:
+        for entry in entries:
+            if pattern.fullmatch(entry.name):
+                with suppress(OSError):
+                    found.append((entry.stat(follow_symlinks=False).st_mtime, Path(entry.path)))
+    return [path for _, path in sorted(found)]
+
+
+def _is_alive(path: Path) -> bool:
+    """Whether the process that made the hidden name `path` may still be at work on it."""
+    pid = int(path.name.rsplit("-", 2)[1])
+    if pid == os.getpid():
+        return True
+    try:
+        age = time.time() - path.stat().st_mtime
+        if fcntl:
+            handle = os.open(path, os.O_RDONLY)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return True
+            finally:
+                os.close(handle)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        age = 0.0
+    return age < _LEFTOVER_AGE_S and _process_exists(pid)
+
+
+def _process_exists(pid: int) -> bool:
+    if os.name != "posix":
+        return True  # os.kill would end it there; age decides
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True

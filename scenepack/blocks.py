@@ -1,0 +1,199 @@
+"""Cutting a volume into padded macroblocks, and putting it back together (SNeRG paper, section 5.1).
+
+Notation: bs = block_size, data voxels per macroblock side; B = bs + 2, the side of its copy in the atlas.
+Volumes are [z, y, x, c]; sizes and block counts written as triples are (x, y, z), as in Pack.
+A macroblock's data voxel (i, j, k) lies in the atlas at B·slot + 1 + (i, j, k). The voxels around it copy
+what lies next to the macroblock in the grid: the neighbour's data voxels, or zeros where that neighbour is
+empty or outside of the grid. So a trilinear fetch anywhere within the macroblock never leaves its padded
+copy. Slots are handed out x fastest, then y, then z, both in the grid and in the atlas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import ceil, sqrt
+
+import numpy as np
+
+from scenepack.constants import EMPTY_BLOCK, MAX_BLOCK_INDEX, PLANES_PER_IMAGE
+from scenepack.pack import Pack
+
+MAX_SLICE_SIDE = 2048  # voxels; every OpenGL 3.3 driver in use takes 3D textures of this side
+MAX_DENSE_BYTES = 4 << 30
+
+Triple = tuple[int, int, int]
+ReadBox = Callable[[Triple, Triple], tuple[np.ndarray, np.ndarray | None]]
+
+
+def grid_block_counts(grid_size: Triple, block_size: int) -> Triple:
+    """Macroblocks (x, y, z) that cover a grid of `grid_size` voxels (x, y, z)."""
+    x, y, z = (-(-side // block_size) for side in grid_size)
+    return x, y, z
+
+
+def choose_atlas_blocks(count: int, block_size: int, *, max_slice_side: int = MAX_SLICE_SIDE) -> Triple:
+    """The atlas layout (x, y, z), in macroblocks, that holds `count` of them.
+
+    As few layers along z as slices of `max_slice_side`² voxels allow, then the squarest slice; never more
+    than 255 along an axis, for a byte must hold the index and 255 means empty. ValueError where no layout is
+    large enough.
+    """
+    side = min(max_slice_side // (block_size + 2), MAX_BLOCK_INDEX + 1)
+    if side < 1:
+        raise ValueError(f"a macroblock of {block_size} voxels does not fit in a slice of {max_slice_side}")
+    count = max(count, 1)
+    layers = ceil(count / side**2)
+    if layers > MAX_BLOCK_INDEX + 1:
+        raise ValueError(f"{count} macroblocks of {block_size} voxels do not fit in an atlas")
+    per_layer = ceil(count / layers)
+    across = min(side, ceil(sqrt(per_layer)))
+    return across, ceil(per_layer / across), layers
+
+
+def atlas_shape(atlas_blocks: Triple, block_size: int) -> Triple:
+    """The atlas array's (depth, height, width) in voxels; depth is a multiple of four (whole images)."""
+    x, y, z = (blocks * (block_size + 2) for blocks in atlas_blocks)
+    return -(-z // PLANES_PER_IMAGE) * PLANES_PER_IMAGE, y, x
+
+
+def occupied_blocks(alpha: np.ndarray, block_size: int, *, halo: bool = False) -> np.ndarray:
+    """bool [blocks z, blocks y, blocks x]: macroblocks with any `alpha` [z, y, x] above zero.
+
+    halo: count a macroblock too when only the voxels next to it hold content. Its samples within half a
+    voxel of the border then interpolate towards that content instead of being skipped.
+    """
+    counts = grid_block_counts((alpha.shape[2], alpha.shape[1], alpha.shape[0]), block_size)[::-1]
+    full = np.zeros([n * block_size for n in counts], bool)
+    full[: alpha.shape[0], : alpha.shape[1], : alpha.shape[2]] = alpha > 0
+    for axis in range(3) if halo else ():  # a box of one voxel's reach is one step along each axis in turn
+        line = np.moveaxis(full, axis, 0)
+        spread = line.copy()
+        spread[1:] |= line[:-1]
+        spread[:-1] |= line[1:]
+        full = np.moveaxis(spread, 0, axis)
+    nz, ny, nx = counts
+    return np.any(full.reshape(nz, block_size, ny, block_size, nx, block_size), axis=(1, 3, 5))
+
+
+def padding_mask(occupied: np.ndarray, block_zyx: Triple, block_size: int) -> np.ndarray:
+    """bool [B, B, B]: voxels of a macroblock's padded copy that lie in the grid's occupied macroblocks."""
+    near = np.zeros((3, 3, 3), bool)
+    low = [max(b - 1, 0) for b in block_zyx]
+    high = [min(b + 2, n) for b, n in zip(block_zyx, occupied.shape, strict=True)]
+    at = tuple(slice(lo - b + 1, hi - b + 1) for lo, hi, b in zip(low, high, block_zyx, strict=True))
+    near[at] = occupied[tuple(slice(lo, hi) for lo, hi in zip(low, high, strict=True))]
+    for axis in range(3):
+        near = np.repeat(near, (1, block_size, 1), axis=axis)
+    return near
+
+
+def atlas_from_volume(
+    read_box: ReadBox,
+    grid_size: Triple,
+    block_size: int,
+    occupied: np.ndarray,
+    *,
+    atlas_blocks: Triple | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Fills an atlas macroblock by macroblock from a volume that need not exist as one array.
+
+    read_box((z0, y0, x0), (z1, y1, x1)) gives uint8 rgba [z1-z0, y1-y0, x1-x0, 4], premultiplied, and
+    features of the same shape, or None in their place; it is only asked for boxes within the grid, one per
+    occupied macroblock, at most B a side. grid_size: voxels (x, y, z). occupied: bool [blocks z, blocks y,
+    blocks x]. Returns atlas_indices uint8 [blocks z, y, x, 3], atlas_rgba uint8 [D, H, W, 4], and
+    atlas_features likewise or None. ValueError where `atlas_blocks` (x, y, z) is too small or no layout is
+    large enough.
+    """
+    if occupied.shape != grid_block_counts(grid_size, block_size)[::-1]:
+        raise ValueError(f"occupied is {occupied.shape}, the grid {grid_size} needs another shape at {block_size}")
+    blocks = np.argwhere(occupied)
+    atlas_blocks = atlas_blocks or choose_atlas_blocks(len(blocks), block_size)
+    across, down, layers = atlas_blocks
+    if len(blocks) > across * down * layers or max(atlas_blocks) > MAX_BLOCK_INDEX + 1:
+        raise ValueError(f"{len(blocks)} macroblocks do not fit in an atlas of {atlas_blocks}")
+    side = block_size + 2
+    indices = np.full((*occupied.shape, 3), EMPTY_BLOCK, np.uint8)
+    rgba = np.zeros((*atlas_shape(atlas_blocks, block_size), 4), np.uint8)
+    features: np.ndarray | None = None
+    for slot, (bz, by, bx) in enumerate(blocks.tolist()):
+        sx, sy, sz = slot % across, slot // across % down, slot // (across * down)
+        indices[bz, by, bx] = sx, sy, sz
+        start = [b * block_size - 1 for b in (bz, by, bx)]  # of the padded copy, in the grid; may be -1
+        low = [max(s, 0) for s in start]
+        high = [min(s + side, n) for s, n in zip(start, grid_size[::-1], strict=True)]
+        inside = tuple(slice(lo - s, hi - s) for lo, hi, s in zip(low, high, start, strict=True))
+        mask = padding_mask(occupied, (bz, by, bx), block_size)[inside]
+        box_rgba, box_features = read_box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+        copy = np.s_[sz * side : (sz + 1) * side, sy * side : (sy + 1) * side, sx * side : (sx + 1) * side]
+        rgba[copy][inside] = box_rgba * mask[..., None]
+        if box_features is not None:
+            if features is None:
+                features = np.zeros_like(rgba)
+            features[copy][inside] = box_features * mask[..., None]
+    return indices, rgba, features
+
+
+def atlas_from_dense(
+    dense_rgba: np.ndarray,
+    dense_features: np.ndarray | None,
+    block_size: int,
+    occupied: np.ndarray | None = None,
+    *,
+    atlas_blocks: Triple | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """(atlas_indices, atlas_rgba, atlas_features) of a small volume held in full.
+
+    dense_rgba: uint8 [z, y, x, 4], premultiplied; dense_features: the same shape or None. occupied: bool
+    [blocks z, y, x], by default every macroblock with some alpha; what lies in others is dropped. See
+    atlas_from_volume.
+    """
+    if occupied is None:
+        occupied = occupied_blocks(dense_rgba[..., 3], block_size)
+
+    def read_box(low: Triple, high: Triple) -> tuple[np.ndarray, np.ndarray | None]:
+        box = tuple(slice(lo, hi) for lo, hi in zip(low, high, strict=True))
+        return dense_rgba[box], None if dense_features is None else dense_features[box]
+
+    depth, height, width = dense_rgba.shape[:3]
+    indices, rgba, features = atlas_from_volume(
+        read_box, (width, height, depth), block_size, occupied, atlas_blocks=atlas_blocks
+    )
+    if features is None and dense_features is not None:  # not one macroblock is occupied
+        features = np.zeros_like(rgba)
+    return indices, rgba, features
+
+
+def block_copy(pack: Pack, atlas: np.ndarray, block_zyx: tuple[int, ...]) -> np.ndarray:
+    """The padded copy [B, B, B, c] (a view into `atlas`) of an occupied macroblock of the grid."""
+    side = pack.padded_block_size
+    sx, sy, sz = (int(i) * side for i in pack.atlas_indices[block_zyx])
+    return atlas[sz : sz + side, sy : sy + side, sx : sx + side]
+
+
+def dense_from_pack(pack: Pack, box: tuple[Triple, Triple] | None = None) -> tuple[np.ndarray, np.ndarray | None]:
+    """The grid's voxels as full arrays: rgba uint8 [z, y, x, 4], premultiplied, and features or None.
+
+    box: ((x0, y0, z0), (x1, y1, z1)) in voxels, by default the whole grid; must lie within it. Empty
+    macroblocks are zeros. ValueError for a box outside of the grid, MemoryError past 4 GiB: ask for a part
+    instead.
+    """
+    low, high = box or ((0, 0, 0), pack.grid_size)
+    if not all(0 <= lo <= hi <= n for lo, hi, n in zip(low, high, pack.grid_size, strict=True)):
+        raise ValueError(f"box {box} does not lie within the grid {pack.grid_size}")
+    shape = [hi - lo for lo, hi in zip(low, high, strict=True)][::-1]
+    if int(np.prod(shape, dtype=np.int64)) * 8 > MAX_DENSE_BYTES:
+        raise MemoryError(f"{shape} voxels are too many to hold in full; ask for a part (box=...)")
+    rgba = np.zeros((*shape, 4), np.uint8)
+    features = None if pack.atlas_features is None else np.zeros((*shape, 4), np.uint8)
+    size, low_zyx, high_zyx = pack.block_size, low[::-1], high[::-1]
+    for block in np.argwhere(pack.occupied).tolist():
+        start = [max(b * size, lo) for b, lo in zip(block, low_zyx, strict=True)]
+        stop = [min((b + 1) * size, hi) for b, hi in zip(block, high_zyx, strict=True)]
+        if any(a >= b for a, b in zip(start, stop, strict=True)):
+            continue
+        to = tuple(slice(a - lo, b - lo) for a, b, lo in zip(start, stop, low_zyx, strict=True))
+        of = tuple(slice(a - i * size + 1, b - i * size + 1) for a, b, i in zip(start, stop, block, strict=True))
+        rgba[to] = block_copy(pack, pack.atlas_rgba, tuple(block))[of]
+        if features is not None and pack.atlas_features is not None:
+            features[to] = block_copy(pack, pack.atlas_features, tuple(block))[of]
+    return rgba, features

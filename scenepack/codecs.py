@@ -1,0 +1,130 @@
+"""How four atlas planes become image files and back; the one place that knows image formats.
+
+Notation: group k of a part ("rgba" or "feature") is the atlas's four consecutive z-planes 4k … 4k + 3. In
+memory it is uint8 [4 · H, W, 4]: the planes stacked vertically, plane 4k on top, rows as they lie along y,
+columns along x (CONTRACT section 3). So the atlas array [D, H, W, 4] is its groups one after another, and a
+group is a view of it. A codec stores each group as one or more files.
+`codec_named` finds a codec by the JSON key "format"; to add one, implement Codec and list it in CODECS.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from dataclasses import dataclass
+from typing import Protocol
+
+import imagecodecs
+import numpy as np
+from PIL import Image
+
+from console import UserError
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
+_PNG_CHANNELS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey and alpha", 6: "RGBA"}
+
+
+class CodecError(Exception):
+    """Bytes that cannot be decoded; the message is the reason, without the file's name."""
+
+
+@dataclass(frozen=True)
+class ImageInfo:
+    """What an image file's header says: size in pixels, and how its pixels are stored ("RGBA", "RGB", …)."""
+
+    width: int
+    height: int
+    channels: str
+
+
+class Codec(Protocol):
+    """One way to store groups of four planes. Its methods run in several threads at once."""
+
+    name: str  # the JSON's "format"
+    lossless: bool
+    header_bytes: int  # of the first file, enough for `probe`
+
+    def names(self, part: str, group: int) -> tuple[str, ...]:
+        """The files that hold group number `group` of "rgba" or "feature"."""
+        ...
+
+    def probe(self, head: bytes) -> ImageInfo:
+        """Reads the header of a group's first file. CodecError where it is none."""
+        ...
+
+    def decode(self, files: tuple[bytes, ...], out: np.ndarray) -> None:
+        """Decodes into `out`, uint8 [4 · H, W, 4], contiguous. CodecError where it cannot."""
+        ...
+
+    def encode(self, pixels: np.ndarray, level: int) -> tuple[bytes, ...]:
+        """Encodes uint8 [4 · H, W, 4]; `level` 0-9 trades time for size."""
+        ...
+
+
+class PngCodec:
+    """rgba_NNN.png and feature_NNN.png, 8 bit RGBA: the published format."""
+
+    name = "png"
+    lossless = True
+    header_bytes = PNG_HEADER_BYTES
+
+    def names(self, part: str, group: int) -> tuple[str, ...]:
+        return (f"{part}_{group:03d}.png",)
+
+    def probe(self, head: bytes) -> ImageInfo:
+        return probe_png(head)
+
+    def decode(self, files: tuple[bytes, ...], out: np.ndarray) -> None:
+        decode_png(files[0], out)
+
+    def encode(self, pixels: np.ndarray, level: int) -> tuple[bytes, ...]:
+        return (encode_png(pixels, level),)
+
+
+CODECS: dict[str, Codec] = {"png": PngCodec()}
+
+
+def codec_named(name: str, where: str) -> Codec:
+    """The codec of that name. UserError, naming `where`, for one that is not known."""
+    if name not in CODECS:
+        raise UserError(
+            "the image format is not known", where=where, expected=" or ".join(CODECS), found=repr(name)[:40]
+        )
+    return CODECS[name]
+
+
+def probe_png(head: bytes) -> ImageInfo:
+    """Size and pixel layout from a PNG's first 33 bytes. CodecError for what is no PNG of 8 bits or fewer."""
+    if len(head) < len(PNG_SIGNATURE):
+        raise CodecError("the file is empty" if not head else f"the file ends after {len(head)} bytes")
+    if not head.startswith(PNG_SIGNATURE):
+        raise CodecError("it is not a PNG")
+    if len(head) < PNG_HEADER_BYTES or head[12:16] != b"IHDR":
+        raise CodecError("the PNG header is cut off")
+    width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
+    if bits > 8 or colour not in _PNG_CHANNELS:
+        raise CodecError(f"it has {bits} bits a channel, expected 8")
+    return ImageInfo(width, height, _PNG_CHANNELS[colour])
+
+
+def encode_png(pixels: np.ndarray, level: int) -> bytes:
+    """uint8 [H, W, 4] as a PNG; `level` is zlib's, 0-9. Releases the GIL."""
+    return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels), level))
+
+
+def decode_png(data: bytes, out: np.ndarray) -> None:
+    """Decodes a PNG of 8 bits or fewer into `out`, uint8 [H, W, 4], contiguous, of exactly its size.
+
+    Layouts that optimisers leave behind are put back as the PNG standard has it: grey and palette become RGB,
+    a missing alpha is 255. Releases the GIL while it decodes RGBA. CodecError where it cannot be decoded.
+    """
+    channels = probe_png(data[:PNG_HEADER_BYTES]).channels
+    try:
+        if channels == "RGBA":
+            imagecodecs.png_decode(data, out=out)
+            return
+        with Image.open(io.BytesIO(data)) as image:
+            out[...] = np.asarray(image.convert("RGBA"))
+    except Exception as error:  # imagecodecs and Pillow raise a dozen unrelated types
+        raise CodecError(" ".join(str(error).split()) or type(error).__name__) from error

@@ -1,0 +1,288 @@
+"""scene_params.json: checked values out of it, and a pack's values back into it (CONTRACT section 3).
+
+Sizes are triples (x, y, z) = (width, height, depth). Reading keeps the whole JSON object, so that unknown
+keys and the exact spelling of unchanged numbers survive a load and a save.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from console import UserError
+from scenepack.constants import PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
+from scenepack.pack import Pack, ViewMlp
+
+MAX_GRID_SIDE = 32768  # voxels
+MAX_ATLAS_SIDE = 16384  # voxels; the largest 3D texture that any driver offers
+MAX_ATLAS_BYTES = 16 << 30  # of one part, decoded
+AXES = ("width", "height", "depth")
+LAYERS = (0, 1, 2)
+INPUT_KEYS = ("input_width", "input_height", "input_focal")
+# What the published viewer assumes where input_focal is absent: the camera of the paper's own LLFF captures.
+PUBLISHED_NDC_CAMERA = (1006.0, 756.0, 755.644059435)
+
+Triple = tuple[int, int, int]
+_ABSENT = object()
+
+
+@dataclass(frozen=True)
+class Params:
+    """The checked values. view_mlp: None for a diffuse pack, all-zero weights included. raw: all of it."""
+
+    raw: Mapping[str, Any]
+    voxel_size: float
+    min_xyz: np.ndarray
+    grid_size: Triple
+    block_size: int
+    atlas_size: Triple
+    view_mlp: ViewMlp | None
+    worldspace_T_opengl: np.ndarray
+    ndc: bool
+    input_camera: tuple[float | None, float | None, float | None]  # width, height, focal length; pixels
+    format: str
+
+
+def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> Params:
+    """Checks the JSON text `data`; UserError naming `where` and the key for whatever cannot be used.
+
+    note(line) is called for whatever was mended.
+    """
+    try:
+        raw = json.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # UnicodeDecodeError and JSONDecodeError are ValueErrors
+        reason = f"{error.msg} in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else "no text"
+        raise UserError(
+            "is not JSON",
+            where=where,
+            found=reason if data else "an empty file",
+            remedy="copy the pack again",
+        ) from error
+    if not isinstance(raw, dict):
+        raise UserError("is no JSON object", where=where, expected="{…}", found=_short(raw))
+    return _Checker(raw, where, note).params()
+
+
+class _Checker:
+    """Typed access to the raw object; every failure names the key."""
+
+    def __init__(self, raw: dict[str, Any], where: str, note: Callable[[str], None]) -> None:
+        self.raw, self.where, self.note = raw, where, note
+
+    def wrong(self, key: str, what: str, expected: str, found: object) -> UserError:
+        return UserError(f"{key} {what}", where=self.where, expected=expected, found=_short(found))
+
+    def get(self, key: str) -> Any:
+        if key not in self.raw:
+            raise UserError(f"{key} is missing", where=self.where, remedy="bake or copy the pack again")
+        return self.raw[key]
+
+    def number(self, key: str) -> float:
+        value = self.get(key)
+        number = _as_number(value)
+        if number is None:
+            raise self.wrong(key, "is not a number", "a number", value)
+        if not math.isfinite(number):
+            raise self.wrong(key, "is not finite", "a finite number", value)
+        return number
+
+    def whole(self, key: str, most: int) -> int:
+        number = self.number(key)
+        if number != int(number) or not 1 <= number <= most:
+            raise self.wrong(key, "is out of range", f"a whole number from 1 to {most}", self.raw[key])
+        return int(number)
+
+    def array(self, key: str, shape: tuple[int, ...], dtype: type) -> np.ndarray:
+        value = self.get(key)
+        expected = "".join(f"[{n}]" for n in shape) + " numbers"
+        found = _shape(value)
+        if found != shape:
+            text = _short(value) if found is None else "".join(f"[{n}]" for n in found)
+            raise UserError(f"{key} has the wrong shape", where=self.where, expected=expected, found=text)
+        with np.errstate(over="ignore"):
+            array = np.array(value, np.float64).astype(dtype)
+        if not np.all(np.isfinite(array)):
+            bad = int(np.sum(~np.isfinite(array)))
+            raise UserError(f"{key} holds {bad} values that are NaN or infinite", where=self.where)
+        return array
+
+    def params(self) -> Params:
+        voxel_size = self.number("voxel_size")
+        if voxel_size <= 0:
+            raise self.wrong("voxel_size", "is not positive", "world units, above 0", voxel_size)
+        block_size = self.whole("block_size", 1024)
+        x, y, z = (self.whole(f"grid_{axis}", MAX_GRID_SIDE) for axis in AXES)
+        width, height, depth = (self.whole(f"atlas_{axis}", MAX_ATLAS_SIDE) for axis in AXES)
+        if width * height * depth * 4 > MAX_ATLAS_BYTES:
+            raise UserError(
+                f"an atlas of {width} × {height} × {depth} voxels is too large",
+                where=self.where,
+                expected=f"at most {MAX_ATLAS_BYTES >> 30} GiB",
+            )
+        ndc = self.ndc()
+        return Params(
+            raw=self.raw,
+            voxel_size=voxel_size,
+            min_xyz=np.array([self.number(f"min_{axis}") for axis in "xyz"]),
+            grid_size=(x, y, z),
+            block_size=block_size,
+            atlas_size=(width, height, depth),
+            view_mlp=self.view_mlp(),
+            worldspace_T_opengl=self.frame(),
+            ndc=ndc,
+            input_camera=self.input_camera(ndc),
+            format=self.format(),
+        )
+
+    def ndc(self) -> bool:
+        value = self.get("ndc")
+        if not isinstance(value, bool) and value not in (0, 1):
+            raise self.wrong("ndc", "is neither true nor false", "true or false", value)
+        return bool(value)
+
+    def frame(self) -> np.ndarray:
+        matrix = self.array("worldspace_T_opengl", (4, 4), np.float64)
+        # Relative to the lengths of its rows, so that a scaled frame is not taken for a singular one.
+        volume = abs(np.linalg.det(matrix[:3, :3])) if np.max(np.abs(matrix)) < 1e30 else 0.0
+        if volume <= 1e-9 * np.prod(np.linalg.norm(matrix[:3, :3], axis=1)) or matrix[3, 3] == 0:
+            raise UserError("worldspace_T_opengl is singular", where=self.where, expected="a rotation, 4×4")
+        return matrix
+
+    def format(self) -> str:
+        value = self.raw.get("format", _ABSENT)
+        if value is _ABSENT:
+            self.note(f"{self.where}: format is missing; taken as png")
+            return "png"
+        if not isinstance(value, str):
+            raise self.wrong("format", "is not a name", "png", value)
+        return value
+
+    def input_camera(self, ndc: bool) -> tuple[float | None, float | None, float | None]:
+        """Width, height and focal length of the training photographs, None where absent."""
+        if ndc and self.raw.get("input_focal") is None:
+            # Older forward-facing packs; the published viewer then ignores the other two as well.
+            self.note(f"{self.where}: input_focal is missing; the published viewer's camera is used")
+            return PUBLISHED_NDC_CAMERA
+        values: list[float | None] = []
+        for key in INPUT_KEYS:
+            value = self.raw.get(key)
+            number = None if value is None else _as_number(value, text=True)
+            if ndc and value is None:
+                raise UserError(f"{key} is missing", where=self.where, expected="pixels, as the pack is ndc")
+            if value is not None and (number is None or not math.isfinite(number) or number <= 0):
+                if ndc or number is None:
+                    raise self.wrong(key, "is not a size", "pixels, above 0", value)
+                self.note(f"{self.where}: {key} is {_short(value)}; ignored")
+                number = None
+            values.append(number)
+        return values[0], values[1], values[2]
+
+    def view_mlp(self) -> ViewMlp | None:
+        if not any(f"{layer}_bias" in self.raw for layer in LAYERS):
+            return None
+        shapes = [(VIEW_MLP_WIDTHS[layer], VIEW_MLP_WIDTHS[layer + 1]) for layer in LAYERS]
+        w0, w1, w2 = (self.array(f"{layer}_weights", shapes[layer], np.float32) for layer in LAYERS)
+        b0, b1, b2 = (self.array(f"{layer}_bias", shapes[layer][1:], np.float32) for layer in LAYERS)
+        mlp = ViewMlp((w0, w1, w2), (b0, b1, b2))
+        if mlp.is_zero:
+            self.note(f"{self.where}: the view MLP is all zero; the pack is shown as diffuse")
+            return None
+        return mlp
+
+
+def _as_number(value: Any, *, text: bool = False) -> float | None:
+    """A JSON number as float (inf where it is too large for one), None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str) if text else (int, float)):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+    except ValueError:
+        return None
+
+
+def _shape(value: Any) -> tuple[int, ...] | None:
+    """The shape of nested lists of numbers; None where they are ragged or hold anything else."""
+    if isinstance(value, list):
+        inner = {_shape(item) for item in value}
+        if len(inner) != 1 or None in inner:
+            return None
+        return (len(value), *(inner.pop() or ()))
+    return () if _as_number(value) is not None else None
+
+
+def _short(value: object) -> str:
+    text = "an object" if isinstance(value, dict) else "a list" if isinstance(value, list) else repr(value)
+    return text if len(text) <= 40 else text[:37] + "…"
+
+
+def params_json(pack: Pack, format: str, metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """scene_params.json for `pack`: what it was read from, with every value that has changed since.
+
+    A value that still reads back as the pack's field keeps its place and spelling; `metadata` goes under
+    "snerg".
+    """
+    raw = dict(pack.params)
+    depth, height, width = pack.atlas_rgba.shape[:3]
+    values: dict[str, Any] = {"voxel_size": float(pack.voxel_size), "block_size": int(pack.block_size)}
+    values |= {f"grid_{axis}": int(n) for axis, n in zip(AXES, pack.grid_size, strict=True)}
+    values |= {"atlas_width": width, "atlas_height": height, "atlas_depth": depth}
+    values["num_slices"] = -(-depth // PLANES_PER_IMAGE)
+    values |= {f"min_{axis}": float(n) for axis, n in zip("xyz", pack.min_xyz, strict=True)}
+    values |= {f"atlas_blocks_{axis}": n for axis, n in zip("xyz", pack.atlas_blocks, strict=True)}
+    values |= _input_values(pack, raw)
+    values["worldspace_T_opengl"] = pack.worldspace_T_opengl.tolist()
+    values["ndc"] = bool(pack.ndc)
+    values["format"] = format
+    if pack.view_mlp is not None:
+        for layer in LAYERS:
+            values[f"{layer}_weights"] = pack.view_mlp.weights[layer]
+            values[f"{layer}_bias"] = pack.view_mlp.biases[layer]
+    elif not _reads_as_diffuse(raw, pack):
+        for layer in LAYERS:
+            raw.pop(f"{layer}_bias", None)
+            raw.pop(f"{layer}_weights", None)
+    if metadata:
+        values["snerg"] = dict(metadata)
+    for key, value in values.items():
+        if key not in raw or not _same(raw[key], value):
+            raw[key] = value.tolist() if isinstance(value, np.ndarray) else value
+    return raw
+
+
+def _input_values(pack: Pack, raw: Mapping[str, Any]) -> dict[str, float]:
+    camera = (pack.input_width, pack.input_height, pack.input_focal)
+    if pack.ndc and raw.get("input_focal") is None and camera == PUBLISHED_NDC_CAMERA:
+        return {}  # assumed when it was read, not known
+    known = zip(INPUT_KEYS, camera, strict=True)
+    return {
+        key: float(value) for key, value in known if value is not None and _as_number(raw.get(key), text=True) != value
+    }
+
+
+def _reads_as_diffuse(raw: Mapping[str, Any], pack: Pack) -> bool:
+    """Whether the view MLP in `raw` is absent, all zero, or without the features that it needs."""
+    biases = [raw.get(f"{layer}_bias") for layer in LAYERS]
+    if all(bias is None for bias in biases) or pack.atlas_features is None:
+        return True
+    weights = [raw.get(f"{layer}_weights") for layer in LAYERS]
+    try:
+        return not any(np.any(np.array(array, np.float32)) for array in (*weights, *biases))
+    except (TypeError, ValueError):
+        return False
+
+
+def _same(old: Any, new: Any) -> bool:
+    """Whether `old`, from JSON, reads back as `new`; weights are compared as the float32 that they are."""
+    if isinstance(new, np.ndarray):
+        if _shape(old) != new.shape:
+            return False
+        with np.errstate(over="ignore"):
+            return bool(np.array_equal(np.array(old, np.float64).astype(new.dtype), new))
+    return type(old) is type(new) and old == new if isinstance(new, bool) else old == new

@@ -1,0 +1,230 @@
+"""What a pack is made of, in figures (`pack_facts`) and as a page to read (`print_facts`, `print_findings`).
+
+Sizes are triples (x, y, z). On a terminal the page is coloured and boxed; elsewhere it is plain "name:
+value" lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from scenepack.blocks import block_copy
+from scenepack.check import Finding
+from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles
+from scenepack.pack import Pack
+
+ALPHA_BINS = 8  # of 32 steps each; alpha 0 is counted apart
+BARS = " ▏▎▍▌▋▊▉█"
+BAR_WIDTH = 24
+MARKS = {"ok": ("✓", "green"), "note": ("·", "cyan"), "warning": ("!", "yellow"), "error": ("✗", "bold red")}
+
+
+def pack_facts(files: PackFiles, pack: Pack) -> dict[str, Any]:
+    """Figures about a pack, ready for JSON: sizes in voxels and bytes, world units, pixels."""
+    alpha = alpha_histogram(pack)
+    voxels = int(np.prod(pack.grid_size, dtype=np.int64))
+    channels = 4 if pack.atlas_features is None else 8
+    parts = bytes_by_part(files)
+    memory = pack.atlas_rgba.nbytes + pack.atlas_indices.nbytes
+    memory += 0 if pack.atlas_features is None else pack.atlas_features.nbytes
+    occupied = int(pack.occupied.sum())
+    on_disk = max(files.stored_bytes, 1)
+    return {
+        "path": str(files.path),
+        "grid": list(pack.grid_size),
+        "voxel_size": pack.voxel_size,
+        "min_xyz": pack.min_xyz.tolist(),
+        "max_xyz": pack.max_xyz.tolist(),
+        "block_size": pack.block_size,
+        "atlas": list(pack.atlas_rgba.shape[2::-1]),
+        "atlas_blocks": list(pack.atlas_blocks),
+        "macroblocks": {
+            "grid": int(pack.occupied.size),
+            "occupied": occupied,
+            "atlas": int(np.prod(pack.atlas_blocks, dtype=np.int64)),
+        },
+        "voxels": {
+            "grid": voxels,
+            "stored": occupied * pack.block_size**3,
+            "with_alpha": int(alpha[1:].sum()),
+        },
+        "alpha_histogram": alpha[1:].tolist(),
+        "bytes": {
+            "disk": files.stored_bytes,
+            **parts,
+            "memory": memory,
+            "dense_8bit": voxels * channels,
+            "dense_float32": voxels * channels * 4,
+        },
+        "compression": {
+            "against_dense_8bit": voxels * channels / on_disk,
+            "against_dense_float32": voxels * channels * 4 / on_disk,
+        },
+        "features": pack.atlas_features is not None,
+        "view_mlp": pack.view_mlp is not None,
+        "ndc": pack.ndc,
+        "input": {"width": pack.input_width, "height": pack.input_height, "focal": pack.input_focal},
+        "worldspace_T_opengl": pack.worldspace_T_opengl.tolist(),
+        "metadata": dict(pack.metadata),
+    }
+
+
+def alpha_histogram(pack: Pack) -> np.ndarray:
+    """int64 [256]: how many stored voxels, padding left out, have each alpha."""
+    counts = np.zeros(256, np.int64)
+    for block in np.argwhere(pack.occupied).tolist():
+        data = block_copy(pack, pack.atlas_rgba, tuple(block))[1:-1, 1:-1, 1:-1, 3]
+        counts += np.bincount(data.ravel(), minlength=256)
+    return counts
+
+
+def bytes_by_part(files: PackFiles) -> dict[str, int]:
+    """Bytes of each part's files: rgba, feature, indices, params, other."""
+    parts: dict[str, int] = {"rgba": 0, "feature": 0, "indices": 0, "params": 0, "other": 0}
+    for name, size in files.sizes.items():
+        prefix = {PARAMS_NAME: "params", INDICES_NAME: "indices"}.get(name, name.partition("_")[0])
+        parts[prefix if prefix in parts else "other"] += size
+    return parts
+
+
+def print_facts(facts: Mapping[str, Any], console: Console) -> None:
+    """The page of `snerg-pack info`."""
+    for title, rows in _sections(facts):
+        _print_section(title, rows, console)
+    _print_histogram(facts["alpha_histogram"], console)
+
+
+def print_findings(findings: Sequence[Finding], console: Console) -> None:
+    """The page of `snerg-pack check`: a line for each rule."""
+    if not console.is_terminal:
+        for finding in findings:
+            _plain(console, f"{finding.severity}: {finding.rule}: {finding.message}")
+        return
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for finding in findings:
+        mark, style = MARKS[finding.severity]
+        table.add_row(Text(mark, style), Text(finding.rule, "bold"), Text(finding.message))
+    console.print(table)
+
+
+def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
+    blocks, voxels, sizes, ratio = (facts[key] for key in ("macroblocks", "voxels", "bytes", "compression"))
+    low, high = facts["min_xyz"], facts["max_xyz"]
+    box = " × ".join(f"{a:.4g} … {b:.4g}" for a, b in zip(low, high, strict=True))
+    grid = [
+        ("grid", f"{_by(facts['grid'])} voxels of {facts['voxel_size']:.6g} world units"),
+        ("box (x × y × z)", box),
+        ("block size", f"{facts['block_size']} voxels, {facts['block_size'] + 2} with padding"),
+        ("macroblocks", _of(blocks["occupied"], blocks["grid"], "occupied")),
+        ("atlas", f"{_by(facts['atlas'])} voxels, {_by(facts['atlas_blocks'])} blocks"),
+        ("atlas in use", _of(blocks["occupied"], blocks["atlas"], "blocks")),
+        ("voxels with alpha", _of(voxels["with_alpha"], voxels["grid"], "of the grid")),
+        ("", _of(voxels["with_alpha"], voxels["stored"], "of the stored")),
+    ]
+    storage = [("on disk", _bytes(sizes["disk"]))]
+    named = {"rgba": "rgba images", "feature": "feature images", "indices": "indices", "params": "JSON"}
+    storage += [(f"  {named.get(part, part)}", _bytes(sizes[part])) for part in (*named, "other") if sizes[part]]
+    storage += [
+        ("decoded", _bytes(sizes["memory"])),
+        (
+            "dense, 8 bit",
+            f"{_bytes(sizes['dense_8bit'])}, {ratio['against_dense_8bit']:.1f} times the disk size",
+        ),
+        (
+            "dense, float",
+            f"{_bytes(sizes['dense_float32'])}, {ratio['against_dense_float32']:.1f} times the disk size",
+        ),
+    ]
+    view = "34 → 16 → 16 → 3" if facts["view_mlp"] else "none: diffuse"
+    rows = "; ".join(" ".join(f"{v:.4g}" for v in row) for row in facts["worldspace_T_opengl"])
+    camera = facts["input"]
+    pixels = [f"{name} {camera[name]:g}" for name in ("width", "height", "focal") if camera[name] is not None]
+    shading = [
+        ("view MLP", view),
+        ("features", "4 channels" if facts["features"] else "none"),
+        ("frame", rows),
+        ("forward-facing", "yes (NDC)" if facts["ndc"] else "no"),
+        ("photographs", ", ".join(pixels) + " pixels" if pixels else "unknown"),
+    ]
+    sections = [("grid", grid), ("storage", storage), ("shading", shading)]
+    if facts["metadata"]:
+        sections.append(("metadata", _flat(facts["metadata"])))
+    return sections
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested metadata as rows; long lists are counted, not shown."""
+    rows: list[tuple[str, str]] = []
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping) and len(prefix.split(".")) < 3:
+            rows += _flat(value, f"{name}.")
+        elif isinstance(value, Mapping | list) and len(value) > 4:
+            rows.append((name, f"{len(value)} entries"))
+        else:
+            text = f"{value:.6g}" if isinstance(value, float) else str(value)
+            rows.append((name, text if len(text) <= 200 else text[:199] + "…"))
+    return rows
+
+
+def _print_section(title: str, rows: Sequence[tuple[str, str]], console: Console) -> None:
+    if not console.is_terminal:
+        name = ""
+        for label, value in rows:
+            name = label.strip() or name
+            _plain(console, f"{title}: {name}: {value}")
+        return
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(style="cyan", min_width=18, no_wrap=True)
+    table.add_column()
+    for label, value in rows:
+        table.add_row(Text(label), Text(value))
+    console.print(Text(title.upper(), "bold"))
+    console.print(table)
+    console.print()
+
+
+def _print_histogram(counts: Sequence[int], console: Console) -> None:
+    edges = np.linspace(0, 256, ALPHA_BINS + 1).astype(int)
+    bins = [sum(counts[max(a - 1, 0) : b - 1]) for a, b in pairwise(edges)]
+    labels = [f"{max(a, 1):3d}-{b - 1:3d}" for a, b in pairwise(edges)]
+    if not console.is_terminal:
+        for label, count in zip(labels, bins, strict=True):
+            _plain(console, f"alpha: {label.replace(' ', '')}: {count}")
+        return
+    console.print(Text("ALPHA OF STORED VOXELS", "bold"))
+    total, most = max(sum(bins), 1), max(*bins, 1)
+    for label, count in zip(labels, bins, strict=True):
+        eighths = round(8 * BAR_WIDTH * count / most)
+        bar = (BARS[8] * (eighths // 8) + BARS[eighths % 8]).strip()
+        line = Text(f"{label}  ", "cyan")
+        line.append(f"{bar:<{BAR_WIDTH}}", "green")
+        line.append(f" {100 * count / total:5.1f} %")
+        console.print(line)
+
+
+def _plain(console: Console, line: str) -> None:
+    console.print(line, markup=False, highlight=False, soft_wrap=True, emoji=False)
+
+
+def _by(sides: Sequence[int]) -> str:
+    return " × ".join(str(side) for side in sides)
+
+
+def _of(part: int, whole: int, what: str) -> str:
+    return f"{part:,} of {whole:,} {what} ({100 * part / max(whole, 1):.3g} %)".replace(",", " ")
+
+
+def _bytes(count: float) -> str:
+    for unit in ("B", "KiB", "MiB", "GiB"):
+        if count < 1024 or unit == "GiB":
+            break
+        count /= 1024
+    return f"{count:.0f} B" if unit == "B" else f"{count:.1f} {unit}"

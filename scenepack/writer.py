@@ -1,0 +1,217 @@
+"""Packs to disk: `save_pack`, atomically, as a folder or as one .zip (CONTRACT section 3)."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import zipfile
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from console import UserError
+from scenepack.atomic import recover_interrupted_write, replacing
+from scenepack.blocks import grid_block_counts
+from scenepack.codecs import Codec, codec_named, encode_png
+from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
+from scenepack.files import INDICES_NAME, PARAMS_NAME, open_files
+from scenepack.pack import Pack
+from scenepack.params import params_json
+
+ENCODING_THREADS = min(8, os.cpu_count() or 1)
+# Names that a pack may hold, whatever its codec, and what file browsers drop beside them.
+_PACK_FILE = re.compile(
+    r"scene_params\.json|atlas_indices\.\w+|(rgba|rgb|alpha|feature|features)(_\d+)?\.\w+|\.DS_Store|Thumbs\.db"
+)
+_ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # fixed, so that equal packs make equal files
+
+
+def save_pack(
+    pack: Pack,
+    path: Path,
+    *,
+    png_level: int = 6,
+    codec: str = "png",
+    on_progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Writes a pack to the folder `path`, or to one file where its name ends in .zip.
+
+    The old pack stays until the new one is complete and on the disk; a kill at any moment leaves one of the
+    two. The JSON is pack.params with whatever has changed since; "snerg" gets version and codec where the
+    pack is ours.
+    png_level: 0 (fast, large) to 9 (slow, small). on_progress(done, total) is called after each image.
+    UserError where the disk is full or refuses, or where `path` holds anything that is no pack. ValueError
+    for a pack that breaks its own rules, which is a bug of the caller.
+    """
+    require_valid(pack)
+    path = Path(path).resolve()  # through symbolic links: what they point to is replaced, not the link
+    as_zip = path.suffix.lower() == ".zip"
+    try:
+        recover_interrupted_write(path)
+        _require_replaceable(path, as_zip)
+        with replacing(path, folder=not as_zip) as new:
+            files = _files(pack, codec_named(codec, "codec"), png_level, on_progress)
+            with closing(files):
+                if as_zip:
+                    _write_zip(new, files)
+                else:
+                    for name, data in files:
+                        (new / name).write_bytes(data)
+    except OSError as error:
+        raise UserError(
+            f"the pack cannot be written: {error.strerror or error}",
+            where=path,
+            remedy="what was there is untouched; make room, or choose another place",
+        ) from error
+
+
+def check_target(path: Path) -> None:
+    """UserError where save_pack would refuse `path`: for commands to ask before hours of work, not after."""
+    path = Path(path).resolve()
+    try:
+        recover_interrupted_write(path)
+        _require_replaceable(path, path.suffix.lower() == ".zip")
+    except OSError as error:
+        raise UserError(f"cannot be written: {error.strerror or error}", where=path) from error
+
+
+def require_valid(pack: Pack) -> None:
+    """ValueError with the first thing that makes `pack` impossible to write or to render."""
+    depth, height, width = pack.atlas_rgba.shape[:3]
+    x, y, z = grid_block_counts(pack.grid_size, pack.block_size)
+    _require_array("atlas_rgba", pack.atlas_rgba, (depth, height, width, 4), np.uint8)
+    _require_array("atlas_indices", pack.atlas_indices, (z, y, x, 3), np.uint8)
+    _require_array("worldspace_T_opengl", pack.worldspace_T_opengl, (4, 4), np.floating)
+    _require_array("min_xyz", pack.min_xyz, (3,), np.floating)
+    if pack.atlas_features is not None:
+        _require_array("atlas_features", pack.atlas_features, (depth, height, width, 4), np.uint8)
+    if not (np.isfinite(pack.voxel_size) and pack.voxel_size > 0):
+        raise ValueError(f"voxel_size is {pack.voxel_size}, expected above 0")
+    used = pack.atlas_indices[pack.occupied]
+    if np.any(used == EMPTY_BLOCK) or np.any(used >= np.array(pack.atlas_blocks)):
+        raise ValueError(f"atlas_indices point outside of the atlas of {pack.atlas_blocks} macroblocks")
+    if pack.view_mlp is not None:
+        if pack.atlas_features is None:
+            raise ValueError("a view MLP needs atlas_features")
+        for i, (weights, bias) in enumerate(zip(pack.view_mlp.weights, pack.view_mlp.biases, strict=True)):
+            _require_array(f"{i}_weights", weights, VIEW_MLP_WIDTHS[i : i + 2], np.floating)
+            _require_array(f"{i}_bias", bias, VIEW_MLP_WIDTHS[i + 1 : i + 2], np.floating)
+    camera = (pack.input_width, pack.input_height, pack.input_focal)
+    if pack.ndc and not all(value is not None and value > 0 for value in camera):
+        raise ValueError(f"an ndc pack needs input_width, input_height and input_focal, found {camera}")
+
+
+def _require_array(name: str, array: np.ndarray, shape: tuple[int, ...], kind: type) -> None:
+    if array.shape != shape or not np.issubdtype(array.dtype, kind):
+        raise ValueError(f"{name} is {array.dtype} {array.shape}, expected {kind.__name__} {shape}")
+    if kind is np.floating and not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} holds NaN or infinite values")
+
+
+def _require_replaceable(path: Path, as_zip: bool) -> None:
+    """UserError where something lies at `path` that is not a pack: nobody's photographs are ever deleted."""
+    if not path.name:
+        raise UserError("is no place for a pack", where=path, remedy="name a folder or a .zip")
+    if not os.path.lexists(path):
+        return
+    if path.is_dir() == as_zip:
+        found, expected = ("a folder", "a .zip") if as_zip else ("a file", "a folder")
+        raise UserError("is in the way", where=path, expected=expected, found=found, remedy="choose another name")
+    if as_zip:
+        if path.stat().st_size == 0:
+            return
+        try:
+            open_files(path).close()
+        except UserError as error:
+            raise UserError(
+                "holds something that is not a pack, and is left alone",
+                where=path,
+                remedy="remove it yourself, or choose another name",
+            ) from error
+        return
+    names = sorted(os.listdir(path))
+    foreign = [name for name in names if not _PACK_FILE.fullmatch(name)]
+    if names and (foreign or PARAMS_NAME not in names):
+        raise UserError(
+            "holds files that are not a pack's, and is left alone",
+            where=path,
+            found=f"{(foreign or names)[0]}" + (f" and {len(foreign) - 1} others" if len(foreign) > 1 else ""),
+            remedy="choose a new or empty folder",
+        )
+
+
+def _files(
+    pack: Pack, codec: Codec, level: int, on_progress: Callable[[int, int], None] | None
+) -> Generator[tuple[str, bytes], None, None]:
+    """The pack's files in order, name and content; images are encoded a few ahead in threads."""
+    metadata = dict(pack.metadata)
+    if metadata or not pack.params:  # a pack made elsewhere keeps its keys as they are
+        metadata = {"version": _version(), **metadata, "codec": codec.name}
+    # The published web viewer takes RGBA and RGB alike; RGBA is what most packs in the wild have.
+    z, y, x = pack.atlas_indices.shape[:3]
+    indices = np.full((z * y, x, 4), 255, np.uint8)
+    indices[..., :3] = pack.atlas_indices.reshape(z * y, x, 3)
+    parts = {"rgba": pack.atlas_rgba}
+    if pack.atlas_features is not None:
+        parts["feature"] = pack.atlas_features
+    groups = -(-pack.atlas_rgba.shape[0] // PLANES_PER_IMAGE)
+    jobs = [(part, group) for part in parts for group in range(groups)]
+    text = json.dumps(params_json(pack, codec.name, metadata), default=_plain)
+    yield PARAMS_NAME, text.encode()
+    yield INDICES_NAME, encode_png(indices, level)
+
+    def encode(job: tuple[str, int]) -> list[tuple[str, bytes]]:
+        part, group = job
+        planes = parts[part][group * PLANES_PER_IMAGE : (group + 1) * PLANES_PER_IMAGE]
+        if len(planes) < PLANES_PER_IMAGE:  # an image always holds four
+            planes = np.pad(planes, [(0, PLANES_PER_IMAGE - len(planes)), (0, 0), (0, 0), (0, 0)])
+        files = codec.encode(planes.reshape(-1, *planes.shape[2:]), level)
+        return list(zip(codec.names(part, group), files, strict=True))
+
+    with ThreadPoolExecutor(ENCODING_THREADS, "snerg-encode") as pool:
+        ahead = 2 * ENCODING_THREADS
+        waiting = [pool.submit(encode, job) for job in jobs[:ahead]]
+        try:
+            for done in range(len(jobs)):
+                yield from waiting[done].result()
+                if done + ahead < len(jobs):
+                    waiting.append(pool.submit(encode, jobs[done + ahead]))
+                if on_progress is not None:
+                    on_progress(done + 1, len(jobs))
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _write_zip(path: Path, files: Iterator[tuple[str, bytes]]) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in files:
+            entry = zipfile.ZipInfo(name, _ZIP_DATE)
+            # Images are compressed already.
+            entry.compress_type = zipfile.ZIP_DEFLATED if name == PARAMS_NAME else zipfile.ZIP_STORED
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, data)
+
+
+def _plain(value: Any) -> Any:
+    """NumPy values and paths in "snerg" as JSON."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} in the pack's metadata is no JSON")
+
+
+def _version() -> str:
+    try:
+        return version("snerg")
+    except PackageNotFoundError:  # running from a bare checkout
+        return "0"

@@ -1,0 +1,162 @@
+"""run_command: arguments in, exit status out, one line on stderr."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+
+from console import Notice, UserError, run_command
+from console.run import unboxed
+
+
+def train(
+    scene: Path, /, out: Path, preset: Literal["cpu", "fast"] = "cpu", max_steps: int = 3, resume: bool = False
+) -> int | None:
+    """Trains.
+
+    Args:
+        scene: The scene, a folder.
+        out: The run.
+        preset: How much work.
+        max_steps: Optimiser steps.
+        resume: Go on from the last checkpoint.
+    """
+    print(scene, out, preset, max_steps, resume)
+    return 3 if max_steps == 33 else None
+
+
+def raising(error: BaseException) -> Any:
+    def command() -> None:
+        """Fails."""
+        raise error
+
+    return command
+
+
+def test_parameters_become_options_and_flags(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(train, prog="t", args=["S", "--out", "O", "--max-steps", "5", "--resume"]) == 0
+    assert capsys.readouterr().out == "S O cpu 5 True\n"
+    assert run_command(train, prog="t", args=["S", "--out", "O"]) == 0
+    assert capsys.readouterr().out == "S O cpu 3 False\n"
+
+
+def test_a_whole_number_returned_is_the_status() -> None:
+    assert run_command(train, prog="t", args=["S", "--out", "O", "--max-steps", "33"]) == 3
+
+
+def test_several_functions_become_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
+    def stop() -> None:
+        """Stops."""
+        print("stopped")
+
+    commands = {"train": train, "stop": stop}
+    assert run_command(commands, prog="t", args=["stop"]) == 0
+    assert run_command(commands, prog="t", args=["train", "S", "--out", "O"]) == 0
+    assert capsys.readouterr().out == "stopped\nS O cpu 3 False\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("", ["missing: PATH, --out PATH"]),
+        ("S", ["missing: --out PATH"]),
+        ("S --oyt O", ["missing: --out PATH", "--oyt"]),
+        ("S --out O --max-steps many", ["--max-steps", "many"]),
+        ("S --out O --preset slow", ["--preset", "slow", "cpu", "fast"]),
+        ("S --out O --loud", ["--loud"]),
+        ("S --out", ["--out"]),
+        ("S --out O --max-steps " + "9" * 100 + "x", ["9" * 100]),
+    ],
+)
+def test_bad_arguments_are_status_two_and_one_line(
+    words: str, expected: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "50")
+    assert run_command(train, prog="snerg-t", args=words.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1
+    assert err.startswith("snerg-t: ") and err.endswith("; see snerg-t --help\n")
+    assert not set(err) & set("╭╰│─"), err
+    for word in expected:
+        assert word in err
+
+
+def test_help_is_status_zero_with_defaults_and_no_negative_flags(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(train, prog="snerg-t", args=["--help"]) == 0
+    out, err = capsys.readouterr()
+    assert "Optimiser steps. (default: 3)" in out and "--resume " in out and "--no-resume" not in out
+    assert err == ""
+
+
+def test_a_user_error_is_status_two_and_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    error = UserError("is\nwrong", where="a.png", expected=3, found=4, remedy="mend it")
+    assert run_command(raising(error), prog="p", args=[]) == 2
+    assert capsys.readouterr().err == "p: a.png: is wrong (expected 3, found 4); mend it\n"
+
+
+def test_debug_shows_the_traceback_of_a_user_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(raising(UserError("wrong")), prog="p", args=["--debug"]) == 2
+    err = capsys.readouterr().err
+    assert "Traceback" in err and err.endswith("p: wrong\n")
+
+
+def test_a_bug_is_status_one_with_its_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(raising(ValueError("oops")), prog="p", args=[]) == 1
+    err = capsys.readouterr().err
+    assert "Traceback" in err and "ValueError: oops" in err
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EACCES])
+def test_what_the_machine_refuses_is_no_bug(code: int, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(raising(OSError(code, os.strerror(code), "/a/b")), prog="p", args=[]) == 2
+    assert capsys.readouterr().err == f"p: /a/b: {os.strerror(code)}\n"
+    assert run_command(raising(MemoryError()), prog="p", args=[]) == 2
+    assert run_command(raising(FileNotFoundError(code, "x")), prog="p", args=[]) in (1, 2)
+
+
+def test_an_interrupt_says_how_to_go_on(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(raising(KeyboardInterrupt("go on with --resume")), prog="p", args=[]) == 130
+    assert capsys.readouterr().err == "p: interrupted; go on with --resume\n"
+
+
+def test_notices_are_one_plain_line_and_other_warnings_stay(capsys: pytest.CaptureFixture[str]) -> None:
+    def command() -> None:
+        """Warns."""
+        for _ in range(2):
+            warnings.warn(Notice("left\nout"), stacklevel=1)
+
+    assert run_command(command, prog="p", args=[]) == 0
+    assert capsys.readouterr().err == "p: warning: left out\n" * 2
+    assert run_command(lambda: None, prog="p", args=[]) == 0
+
+
+def test_a_reader_that_goes_away_is_no_error() -> None:
+    code = (
+        "from console import run_command\n"
+        "def c():\n    'Prints.'\n    for i in range(100000): print(i)\n"
+        "raise SystemExit(run_command(c, prog='p', args=[]))"
+    )
+    child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert child.stdout is not None and child.stderr is not None
+    child.stdout.readline()
+    child.stdout.close()
+    assert child.wait() == 0 and child.stderr.read() == b""
+    child.stderr.close()
+
+
+def test_an_empty_box_still_makes_a_sentence() -> None:
+    assert unboxed("") == "the arguments do not fit"
+
+
+def test_characters_that_stdout_cannot_show_are_no_bug() -> None:
+    code = "from console import run_command\ndef c():\n    print('4 × 4')\nrun_command(c, prog='p', args=[])"
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, env=environment, check=True)
+    assert child.stdout == b"4 ? 4\n" and child.stderr == b""

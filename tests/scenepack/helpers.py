@@ -1,0 +1,86 @@
+"""Packs on disk for tests: small, and easy to spoil."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import imagecodecs
+import numpy as np
+import pytest
+
+from scenepack import Pack, save_pack
+from tests.scenepack.random_packs import random_pack
+
+
+def small_pack(seed: int = 0, **options: Any) -> Pack:
+    """A pack of a few macroblocks of 6 voxels: about 100 KB decoded."""
+    settings: dict[str, Any] = {"block_size": 6, "grid_blocks": (3, 2, 2), "style": "noise", "occupancy": 0.1}
+    return random_pack(np.random.default_rng(seed), **{**settings, **options})
+
+
+def written(folder: Path, pack: Pack | None = None) -> Path:
+    save_pack(small_pack() if pack is None else pack, folder, png_level=1)
+    return folder
+
+
+def edit_json(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    file = folder / "scene_params.json"
+    values = json.loads(file.read_text())
+    change(values)
+    file.write_text(json.dumps(values))
+
+
+def read_json(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "scene_params.json").read_text())
+
+
+def read_image(file: Path) -> np.ndarray:
+    return imagecodecs.png_decode(file.read_bytes())
+
+
+def write_image(file: Path, pixels: np.ndarray) -> None:
+    file.write_bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels), 1))
+
+
+def zipped(folder: Path, top: str = "") -> Path:
+    target = folder.with_suffix(".zip")
+    with zipfile.ZipFile(target, "w") as archive:
+        for file in sorted(folder.iterdir()):
+            archive.write(file, f"{top}{file.name}")
+    return target
+
+
+def same_pack(a: Pack, b: Pack) -> bool:
+    """Whether every field but params is equal."""
+    if (a.atlas_features is None) != (b.atlas_features is None) or (a.view_mlp is None) != (b.view_mlp is None):
+        return False
+    arrays = [(a.atlas_rgba, b.atlas_rgba), (a.atlas_indices, b.atlas_indices), (a.min_xyz, b.min_xyz)]
+    arrays += [(a.worldspace_T_opengl, b.worldspace_T_opengl)]
+    if a.atlas_features is not None and b.atlas_features is not None:
+        arrays.append((a.atlas_features, b.atlas_features))
+    if a.view_mlp is not None and b.view_mlp is not None:
+        arrays += zip(a.view_mlp.weights + a.view_mlp.biases, b.view_mlp.weights + b.view_mlp.biases, strict=True)
+    names = ("voxel_size", "grid_size", "block_size", "ndc", "input_width", "input_height", "input_focal")
+    plain = all(getattr(a, name) == getattr(b, name) for name in names)
+    return plain and all(np.array_equal(x, y) and x.dtype == y.dtype for x, y in arrays)
+
+
+def real_pack() -> Path:
+    """The pack made elsewhere; skips where SNERG_DATA does not lead to it."""
+    root = os.environ.get("SNERG_DATA")
+    if not root:
+        pytest.skip("SNERG_DATA is not set")
+    folder = Path(root) / "packs" / "flowerbangle_480"
+    if not folder.is_dir():
+        pytest.skip(f"SNERG_DATA has no {folder.name}")
+    return folder
+
+
+def copied(folder: Path, to: Path) -> Path:
+    return Path(shutil.copytree(folder, to))

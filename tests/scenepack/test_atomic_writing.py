@@ -1,0 +1,172 @@
+"""A killed or failing writer leaves the old pack or the new one, and never deletes what is not a pack."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from console import UserError
+from scenepack import atomic, check_target, load_pack, save_pack
+from scenepack import writer as writer_module
+from scenepack.codecs import PngCodec
+from tests.scenepack.crashing_writer import DIED, PACKS
+from tests.scenepack.helpers import same_pack, written
+
+OLD, NEW = PACKS
+ROOT = Path(__file__).parents[2]
+
+
+def hidden(folder: Path) -> list[str]:
+    return [name for name in os.listdir(folder) if name.startswith(".")]
+
+
+@pytest.mark.parametrize(("swap", "name"), [("exchange", "pack"), ("renames", "pack"), ("exchange", "pack.zip")])
+def test_a_kill_at_a_random_moment_leaves_the_old_pack_or_the_new_one(tmp_path: Path, swap: str, name: str) -> None:
+    target = written(tmp_path / name, OLD)
+    moments = random.Random(name + swap)
+    for _ in range(3):
+        child = subprocess.Popen(
+            [sys.executable, "-m", "tests.scenepack.crashing_writer", str(target), swap, "forever"],
+            stdout=subprocess.PIPE,
+            cwd=ROOT,
+        )
+        assert child.stdout is not None and child.stdout.readline() == b"ready\n"
+        time.sleep(moments.uniform(0, 0.15))
+        child.kill()
+        child.wait()
+        child.stdout.close()
+        found = load_pack(target)
+        assert same_pack(found, OLD) or same_pack(found, NEW)
+    save_pack(OLD, target, png_level=1)
+    assert same_pack(load_pack(target), OLD)
+    assert hidden(tmp_path) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
+@pytest.mark.parametrize(("swap", "name"), [("exchange", "pack"), ("renames", "pack"), ("exchange", "pack.zip")])
+def test_a_kill_before_any_single_step_leaves_the_old_pack_or_the_new_one(tmp_path: Path, swap: str, name: str) -> None:
+    words = [sys.executable, "-m", "tests.scenepack.crashing_writer", str(tmp_path / name), swap, "each-step"]
+    output = subprocess.run(words, capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    lines = [line.split() for line in output.splitlines()]
+    assert [status for status, *_ in lines] == [str(DIED)] * (len(lines) - 1) + ["0"]
+    assert {tidy for *_, tidy in lines} == {"tidy"}, output
+    # Steps before the swap keep the old one, those after it have the new one: it never goes back and forth.
+    found = [words[1] for words in lines]
+    assert found[0] == "old" and found[-1] == "new" and found == sorted(found, reverse=True), output
+
+
+def test_a_pack_set_aside_by_a_killed_writer_is_put_back_by_the_next_reader(tmp_path: Path) -> None:
+    target = written(tmp_path / "pack", OLD)
+    child = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
+    dead = int(child.stdout)
+    target.rename(tmp_path / f".pack.old-{dead}-0123abcd")
+    assert same_pack(load_pack(target), OLD)
+    assert hidden(tmp_path) == []
+
+
+def test_what_a_living_writer_is_at_work_on_is_left_alone(tmp_path: Path) -> None:
+    target = tmp_path / "pack"
+    with atomic.replacing(target, folder=True) as new:
+        atomic.remove_leftovers(target)
+        assert new.is_dir()
+        os.rmdir(new)
+        new.mkdir()
+    assert target.is_dir()
+
+
+@pytest.mark.parametrize("name", ["pack", "pack.zip"])
+@pytest.mark.parametrize("kind", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_writer_that_fails_half_way_leaves_the_old_pack_and_nothing_else(
+    tmp_path: Path, name: str, kind: BaseException, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = written(tmp_path / name, OLD)
+    real, written_files = writer_module.encode_png, []
+
+    class FailingCodec(PngCodec):
+        def encode(self, pixels: np.ndarray, level: int) -> tuple[bytes, ...]:
+            written_files.append(1)
+            if len(written_files) > 1:
+                raise kind
+            return (real(pixels, level),)
+
+    monkeypatch.setattr(writer_module, "codec_named", lambda *_: FailingCodec())
+    with pytest.raises(UserError if isinstance(kind, OSError) else KeyboardInterrupt) as caught:
+        save_pack(NEW, target)
+    if isinstance(kind, OSError):
+        assert "No space left" in str(caught.value) and "untouched" in str(caught.value)
+    assert same_pack(load_pack(target), OLD)
+    assert os.listdir(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("name", ["pack", "pack.zip"])
+def test_a_file_size_limit_is_told_in_one_line_and_leaves_the_old_pack(tmp_path: Path, name: str) -> None:
+    resource: Any = pytest.importorskip("resource")
+    target = written(tmp_path / name, OLD)
+    old_limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, old_limits[1]))
+    try:
+        with pytest.raises(UserError, match="cannot be written"):
+            save_pack(NEW, target)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, old_limits)
+    assert same_pack(load_pack(target), OLD)
+    assert os.listdir(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("photo", ["holiday.jpg", "scene_params.json.bak", "images"])
+def test_a_folder_that_holds_anything_but_a_pack_is_never_overwritten(tmp_path: Path, photo: str) -> None:
+    alone, beside = tmp_path / "photos", written(tmp_path / "pack")
+    alone.mkdir()
+    for folder in (alone, beside):
+        (folder / photo).mkdir() if photo == "images" else (folder / photo).write_bytes(b"dear")
+        before = sorted(os.listdir(folder))
+        with pytest.raises(UserError, match=photo):
+            check_target(folder)
+        with pytest.raises(UserError, match=photo):
+            save_pack(NEW, folder)
+        assert sorted(os.listdir(folder)) == before
+
+
+def test_files_of_the_wrong_kind_are_never_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"dear")
+    (tmp_path / "folder.zip").mkdir()
+    (tmp_path / "photos.zip").write_bytes(b"dear")
+    for name in ("file", "folder.zip", "photos.zip"):
+        with pytest.raises(UserError, match=name):
+            save_pack(NEW, tmp_path / name)
+    assert (tmp_path / "file").read_bytes() == (tmp_path / "photos.zip").read_bytes() == b"dear"
+    with pytest.raises(UserError):
+        save_pack(NEW, Path("/"))
+
+
+def test_an_empty_folder_and_an_older_pack_are_replaced(tmp_path: Path) -> None:
+    (tmp_path / "pack").mkdir()
+    check_target(tmp_path / "pack")
+    check_target(tmp_path / "new.zip")
+    save_pack(OLD, tmp_path / "pack")
+    (tmp_path / "pack" / "rgba_099.png").write_bytes(b"left over from a larger pack")
+    (tmp_path / "pack" / ".DS_Store").write_bytes(b"")
+    save_pack(NEW, tmp_path / "pack")
+    assert same_pack(load_pack(tmp_path / "pack"), NEW)
+    assert not (tmp_path / "pack" / "rgba_099.png").exists()
+
+
+def test_a_symbolic_link_stays_one(tmp_path: Path) -> None:
+    written(tmp_path / "real", OLD)
+    (tmp_path / "link").symlink_to("real")
+    save_pack(NEW, tmp_path / "link")
+    assert (tmp_path / "link").is_symlink() and same_pack(load_pack(tmp_path / "real"), NEW)
+
+
+def test_a_place_that_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(UserError, match="cannot be written"):
+        save_pack(NEW, tmp_path / "file" / "pack")

@@ -1,0 +1,127 @@
+"""Cutting a volume into padded macroblocks loses nothing, and padding is what the neighbours hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scenepack.blocks import (
+    MAX_SLICE_SIDE,
+    atlas_from_dense,
+    atlas_from_volume,
+    atlas_shape,
+    block_copy,
+    choose_atlas_blocks,
+    dense_from_pack,
+    grid_block_counts,
+    occupied_blocks,
+)
+from scenepack.pack import Pack
+from tests.scenepack.helpers import small_pack
+from tests.scenepack.random_packs import packs
+
+
+@settings(max_examples=25, deadline=None)
+@given(pack=packs(block_sizes=(1, 2, 6, 14)))
+def test_putting_a_pack_together_and_cutting_it_again_gives_the_same_atlas(pack: Pack) -> None:
+    rgba, features = dense_from_pack(pack)
+    again = atlas_from_dense(rgba, features, pack.block_size, pack.occupied, atlas_blocks=pack.atlas_blocks)
+    np.testing.assert_array_equal(again[0], pack.atlas_indices)
+    np.testing.assert_array_equal(again[1], pack.atlas_rgba)
+    assert (again[2] is None) == (pack.atlas_features is None)
+    if again[2] is not None:
+        np.testing.assert_array_equal(again[2], pack.atlas_features)
+
+
+@settings(max_examples=15, deadline=None)
+@given(pack=packs(block_sizes=(3, 6)))
+def test_every_padded_copy_equals_the_dense_volume_around_its_macroblock(pack: Pack) -> None:
+    rgba, _ = dense_from_pack(pack)
+    size = pack.block_size
+    counts = pack.grid_blocks[::-1]
+    full = np.zeros([n * size + 2 for n in counts] + [4], np.uint8)
+    full[1 : rgba.shape[0] + 1, 1 : rgba.shape[1] + 1, 1 : rgba.shape[2] + 1] = rgba
+    for z, y, x in np.argwhere(pack.occupied):
+        around = full[z * size :, y * size :, x * size :][: size + 2, : size + 2, : size + 2]
+        np.testing.assert_array_equal(block_copy(pack, pack.atlas_rgba, (z, y, x)), around)
+
+
+def test_a_part_of_the_grid_can_be_asked_for() -> None:
+    pack = small_pack()
+    whole, _ = dense_from_pack(pack)
+    part, features = dense_from_pack(pack, ((2, 1, 0), (11, 7, 5)))
+    np.testing.assert_array_equal(part, whole[0:5, 1:7, 2:11])
+    assert features is not None and features.shape == part.shape
+    with pytest.raises(ValueError, match="within the grid"):
+        dense_from_pack(pack, ((0, 0, 0), (999, 1, 1)))
+
+
+def test_what_lies_in_macroblocks_marked_empty_is_dropped_from_padding_too() -> None:
+    dense = np.full((4, 4, 8, 4), 9, np.uint8)
+    occupied = np.array([[[True, False]]])
+    indices, rgba, features = atlas_from_dense(dense, dense, 4, occupied)
+    assert indices.tolist() == [[[[0, 0, 0], [255, 255, 255]]]]
+    assert features is not None
+    for atlas in (rgba, features):
+        assert np.all(atlas[1:5, 1:5, 1:5] == 9) and atlas.sum() == 4 * 64 * 9
+
+
+def test_a_volume_is_read_one_macroblock_at_a_time_and_never_outside_of_the_grid() -> None:
+    size, boxes = (10, 7, 6), []
+
+    def read_box(low: tuple[int, int, int], high: tuple[int, int, int]) -> tuple[np.ndarray, None]:
+        boxes.append((low, high))
+        z, y, x = np.ogrid[low[0] : high[0], low[1] : high[1], low[2] : high[2]]
+        return np.repeat((z * 100 + y * 10 + x)[..., None] % 256, 4, axis=-1).astype(np.uint8), None
+
+    occupied = np.ones(grid_block_counts(size, 4)[::-1], bool)
+    indices, rgba, features = atlas_from_volume(read_box, size, 4, occupied)
+    assert features is None and len(boxes) == occupied.size
+    for low, high in boxes:
+        assert all(0 <= a < b <= n and b - a <= 6 for a, b, n in zip(low, high, size[::-1], strict=True))
+    whole, _ = read_box((0, 0, 0), (6, 7, 10))
+    np.testing.assert_array_equal(atlas_from_dense(whole, None, 4, occupied)[1], rgba)
+    assert indices.max() < 255
+
+
+def test_slots_run_along_x_then_y_then_z() -> None:
+    dense = np.full((2, 4, 6, 4), 1, np.uint8)
+    indices, _, _ = atlas_from_dense(dense, None, 2, atlas_blocks=(2, 2, 2))
+    assert indices.reshape(-1, 3).tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1]]
+
+
+@given(count=st.integers(0, 200_000), block_size=st.sampled_from([1, 6, 14, 30, 62]))
+def test_the_chosen_layout_holds_all_and_stays_within_bounds(count: int, block_size: int) -> None:
+    x, y, z = choose_atlas_blocks(count, block_size)
+    assert x * y * z >= count and max(x, y, z) <= 255
+    depth, height, width = atlas_shape((x, y, z), block_size)
+    assert max(height, width) <= MAX_SLICE_SIDE and depth % 4 == 0
+    assert count < 2 or x * y * z <= 1.5 * count + 2
+
+
+def test_layouts_that_cannot_be_are_refused() -> None:
+    with pytest.raises(ValueError):
+        choose_atlas_blocks(10**9, 30)
+    with pytest.raises(ValueError):
+        choose_atlas_blocks(1, 4000)
+    with pytest.raises(ValueError):
+        atlas_from_dense(np.ones((4, 4, 4, 4), np.uint8), None, 2, atlas_blocks=(1, 1, 1))
+
+
+def test_halo_also_counts_macroblocks_beside_content() -> None:
+    alpha = np.zeros((6, 6, 6), np.uint8)
+    alpha[2, 1, 1] = 1  # the last layer of the first macroblock along z only
+    plain, halo = occupied_blocks(alpha, 3), occupied_blocks(alpha, 3, halo=True)
+    assert np.argwhere(plain).tolist() == [[0, 0, 0]]
+    assert np.argwhere(halo).tolist() == [[0, 0, 0], [1, 0, 0]]
+    alpha[2, 2, 2] = 1
+    assert occupied_blocks(alpha, 3, halo=True).all()
+
+
+def test_a_dense_array_that_is_too_large_is_not_tried() -> None:
+    pack = small_pack()
+    object.__setattr__(pack, "grid_size", (4096, 4096, 4096))
+    with pytest.raises(MemoryError, match="ask for a part"):
+        dense_from_pack(pack)

@@ -1,0 +1,122 @@
+"""snerg-pack: what it prints, what it writes, and its exit status."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from scenepack import commands, open_pack, report
+from scenepack.check import check_pack
+from tests.scenepack.helpers import edit_json, read_image, small_pack, write_image, written
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["snerg-pack", *map(str, words)])
+        status = commands.main()
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return call
+
+
+@pytest.mark.parametrize("name", ["pack", "pack.zip"])
+def test_info_prints_plain_lines_without_a_terminal(tmp_path: Path, run: Run, name: str) -> None:
+    pack = small_pack().with_metadata(steps=250, scene="lego", cameras=[{"name": "a"}] * 9)
+    status, out, err = run("info", written(tmp_path / name, pack))
+    assert status == 0 and err == ""
+    x, y, z = pack.grid_size
+    assert f"grid: grid: {x} × {y} × {z} voxels" in out
+    assert "metadata: steps: 250\n" in out and "metadata: cameras: 9 entries" in out
+    assert all(line.count(": ") >= 2 for line in out.splitlines()) and "\x1b" not in out
+
+
+def test_info_figures_agree_with_the_files_and_the_voxels(tmp_path: Path, run: Run) -> None:
+    pack = small_pack()
+    folder = written(tmp_path / "pack", pack)
+    status, out, _ = run("info", folder, "--json", tmp_path / "facts.json")
+    facts = json.loads((tmp_path / "facts.json").read_text())
+    assert status == 0 and out
+    sizes = facts["bytes"]
+    assert sizes["disk"] == sum(f.stat().st_size for f in folder.iterdir())
+    assert sizes["disk"] == sum(sizes[p] for p in ("rgba", "feature", "indices", "params", "other"))
+    assert sizes["dense_float32"] == 4 * sizes["dense_8bit"] == 32 * np.prod(pack.grid_size)
+    assert facts["macroblocks"]["occupied"] == pack.occupied.sum()
+    assert facts["voxels"]["with_alpha"] == sum(facts["alpha_histogram"]) > 0
+    assert run("info", folder, "--json", "-")[1] == (tmp_path / "facts.json").read_text()
+
+
+def test_the_page_for_a_terminal_names_every_section(tmp_path: Path) -> None:
+    pack = small_pack().with_metadata(deep={"er": {"still": {"more": {"a": 1}}}}, psnr=27.123456789)
+    with open_pack(written(tmp_path / "pack", pack)) as reader:
+        facts = report.pack_facts(reader.files, reader.read())
+    console = Console(file=StringIO(), force_terminal=True, width=100, color_system=None)
+    report.print_facts(facts, console)
+    report.print_findings(check_pack(pack), console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    for title in ("GRID", "STORAGE", "SHADING", "METADATA", "ALPHA", "27.1235", "premultiplied"):
+        assert title in text
+
+
+def test_check_passes_a_sound_pack_and_writes_its_findings(tmp_path: Path, run: Run) -> None:
+    folder = written(tmp_path / "pack", small_pack(style="borders", occupancy=1.0))
+    status, out, err = run("check", folder, "--json", tmp_path / "f.json", "--strict")
+    assert status == 0 and err == "" and "ok: shared: " in out
+    rules = [finding["rule"] for finding in json.loads((tmp_path / "f.json").read_text())["findings"]]
+    assert rules == [line.split(": ")[1] for line in out.splitlines()]
+
+
+def test_strict_turns_warnings_into_status_two(tmp_path: Path, run: Run) -> None:
+    folder = written(tmp_path / "pack")
+    image = read_image(folder / "rgba_000.png")
+    image[: image.shape[0] // 4, :8, 3] ^= 255  # the first plane is padding
+    write_image(folder / "rgba_000.png", image)
+    assert run("check", folder)[0] == 0
+    status, _, err = run("check", folder, "--strict")
+    assert status == 2 and err.count("\n") == 1 and "padding rgba" in err
+
+
+@pytest.mark.parametrize("command", ["info", "check"])
+def test_bad_packs_end_with_status_two_and_one_line(tmp_path: Path, run: Run, command: str) -> None:
+    spoiled = written(tmp_path / "spoiled")
+    edit_json(spoiled, lambda p: p.update(voxel_size=float("nan")))
+    (tmp_path / "empty").mkdir()
+    for path in (spoiled, tmp_path / "empty", tmp_path / "missing"):
+        status, out, err = run(command, path)
+        assert status == 2 and out == ""
+        assert err.startswith("snerg-pack: ") and err.count("\n") == 1 and str(path) in err
+
+
+def test_untidy_packs_are_told_in_one_plain_line(tmp_path: Path, run: Run) -> None:
+    folder = written(tmp_path / "pack")
+    edit_json(folder, lambda p: p.update(num_slices=77))
+    status, _, err = run("info", folder)
+    assert status == 0
+    assert err.startswith("snerg-pack: warning: ") and err.count("\n") == 1 and "num_slices is 77" in err
+
+
+def test_a_file_that_cannot_be_written_is_status_two(tmp_path: Path, run: Run) -> None:
+    status, _, err = run("info", written(tmp_path / "pack"), "--json", tmp_path / "no" / "f.json")
+    assert status == 2 and "f.json" in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", [[], ["inspect"], ["info"], ["info", "a", "b"], ["check", "a", "--loud"]])
+def test_bad_arguments_are_status_two_and_one_line(run: Run, words: list[str]) -> None:
+    status, out, err = run(*words)
+    assert status == 2 and out == "" and err.count("\n") == 1 and "--help" in err
+
+
+@pytest.mark.parametrize("words", [["--help"], ["info", "--help"], ["check", "--help"]])
+def test_help_is_status_zero(run: Run, words: list[str]) -> None:
+    status, out, err = run(*words)
+    assert status == 0 and "snerg-pack" in out and err == ""

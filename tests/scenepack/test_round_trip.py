@@ -1,0 +1,182 @@
+"""What is saved is what is loaded, in pixels and key for key."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from console import UserError
+from scenepack import PackWarning, ViewMlp, load_pack, open_pack, save_pack
+from tests.scenepack.helpers import edit_json, read_image, read_json, real_pack, same_pack, small_pack, written, zipped
+from tests.scenepack.random_packs import packs
+
+PUBLISHED_KEYS = {
+    "voxel_size", "block_size", "grid_width", "grid_height", "grid_depth", "atlas_width", "atlas_height",
+    "atlas_depth", "num_slices", "min_x", "min_y", "min_z", "atlas_blocks_x", "atlas_blocks_y", "atlas_blocks_z",
+    "worldspace_T_opengl", "ndc", "format",
+}  # fmt: skip
+WEIGHT_KEYS = {f"{layer}_{kind}" for layer in range(3) for kind in ("weights", "bias")}
+INPUT_KEYS = {"input_width", "input_height", "input_focal"}
+
+
+@pytest.mark.parametrize("name", ["pack", "pack.zip", "deep/er/pack"])
+@pytest.mark.parametrize("options", [{}, {"diffuse": True}, {"ndc": True}, {"block_size": 14}, {"block_size": 30}])
+def test_a_saved_pack_loads_as_it_was(tmp_path: Path, name: str, options: dict) -> None:
+    pack = small_pack(**options)
+    save_pack(pack, tmp_path / name, png_level=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert same_pack(load_pack(tmp_path / name), pack)
+
+
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(pack=packs(block_sizes=(3, 14), ndc=None), as_zip=st.booleans())
+def test_any_valid_pack_survives_saving_and_loading(tmp_path: Path, pack, as_zip: bool) -> None:
+    path = tmp_path / ("pack.zip" if as_zip else "pack")
+    save_pack(pack, path, png_level=0)
+    assert same_pack(load_pack(path), pack)
+
+
+def test_the_json_holds_exactly_the_published_keys_and_ours(tmp_path: Path) -> None:
+    assert set(read_json(written(tmp_path / "a"))) == PUBLISHED_KEYS | WEIGHT_KEYS | {"snerg"}
+    assert set(read_json(written(tmp_path / "b", small_pack(diffuse=True)))) == PUBLISHED_KEYS | {"snerg"}
+    ndc = read_json(written(tmp_path / "c", small_pack(ndc=True)))
+    assert set(ndc) == PUBLISHED_KEYS | WEIGHT_KEYS | INPUT_KEYS | {"snerg"}
+
+
+def test_images_hold_four_planes_stacked_vertically(tmp_path: Path) -> None:
+    pack = small_pack()
+    written(tmp_path / "pack", pack)
+    for part, atlas in (("rgba", pack.atlas_rgba), ("feature", pack.atlas_features)):
+        assert atlas is not None
+        image = read_image(tmp_path / "pack" / f"{part}_001.png")
+        height = atlas.shape[1]
+        for plane in range(4):
+            np.testing.assert_array_equal(image[plane * height : (plane + 1) * height], atlas[4 + plane])
+    indices = read_image(tmp_path / "pack" / "atlas_indices.png")
+    x, y, z = pack.grid_blocks
+    assert indices.shape == (z * y, x, 4)
+    np.testing.assert_array_equal(indices.reshape(z, y, x, 4)[..., :3], pack.atlas_indices)
+
+
+def test_a_real_pack_round_trips_byte_for_byte_in_pixels_and_key_for_key(tmp_path: Path) -> None:
+    source = real_pack()
+    with pytest.warns(PackWarning, match="all zero"):
+        pack = load_pack(source)
+    assert pack.view_mlp is None and pack.atlas_rgba.shape == (32, 1024, 1024, 4)
+    save_pack(pack, tmp_path / "pack", png_level=1)
+    del pack
+    assert {f.name for f in source.iterdir()} == {f.name for f in (tmp_path / "pack").iterdir()}
+    for file in source.glob("*.png"):
+        assert np.array_equal(read_image(file), read_image(tmp_path / "pack" / file.name))
+    before, after = read_json(source), read_json(tmp_path / "pack")
+    assert list(before) == list(after)
+    assert json.dumps(before) == json.dumps(after)
+
+
+def test_unknown_keys_and_untouched_spellings_survive(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    edit_json(folder, lambda p: p.update(author={"name": "Ada", "tags": [1, None]}, min_x=-1, voxel_size=1))
+    edit_json(folder, lambda p: p.pop("snerg"))
+    before = read_json(folder)
+    save_pack(load_pack(folder), tmp_path / "again")
+    assert json.dumps(read_json(tmp_path / "again")) == json.dumps(before)
+
+
+def test_only_changed_fields_change_in_the_json(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    before = read_json(folder)
+    pack = load_pack(folder)
+    assert pack.view_mlp is not None
+    bias = pack.view_mlp.biases[2] + np.float32(0.25)
+    mlp = ViewMlp(pack.view_mlp.weights, (*pack.view_mlp.biases[:2], bias))
+    save_pack(replace(pack, voxel_size=0.5, view_mlp=mlp), folder)
+    after = read_json(folder)
+    assert {key for key in before if before[key] != after[key]} == {"voxel_size", "2_bias"}
+
+
+def test_a_pack_made_diffuse_loses_its_biases(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    save_pack(replace(load_pack(folder), view_mlp=None), folder)
+    assert not WEIGHT_KEYS & set(read_json(folder))
+    assert load_pack(folder).view_mlp is None
+
+
+def test_metadata_lies_under_one_key_and_takes_numpy_values(tmp_path: Path) -> None:
+    pack = small_pack().with_metadata(steps=np.int64(3), psnr=np.float32(0.5), poses=np.eye(2), scene=Path("a/b"))
+    metadata = load_pack(written(tmp_path / "pack", pack)).metadata
+    assert metadata["steps"] == 3 and metadata["psnr"] == 0.5
+    assert metadata["poses"] == [[1, 0], [0, 1]] and metadata["scene"] == "a/b"
+    assert metadata["codec"] == "png" and metadata["version"]
+
+
+@pytest.mark.parametrize("top", ["", "my pack/", "./"])
+def test_a_zip_may_hold_the_files_at_its_root_or_in_one_folder(tmp_path: Path, top: str) -> None:
+    folder = written(tmp_path / "pack")
+    assert same_pack(load_pack(zipped(folder, top)), small_pack())
+
+
+def test_equal_packs_make_equal_zips(tmp_path: Path) -> None:
+    written(tmp_path / "a.zip")
+    written(tmp_path / "b.zip")
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+
+
+def test_progress_counts_every_image_when_loading_and_saving(tmp_path: Path) -> None:
+    loads: list[tuple[int, int]] = []
+    saves: list[tuple[int, int]] = []
+    save_pack(small_pack(), tmp_path / "pack", on_progress=lambda *at: saves.append(at))
+    load_pack(tmp_path / "pack", on_progress=lambda *at: loads.append(at))
+    total = len(list((tmp_path / "pack").glob("*_[0-9]*.png")))
+    assert loads == saves == [(done, total) for done in range(1, total + 1)]
+
+
+def test_an_outline_comes_first_and_planes_fill_it_in_order(tmp_path: Path) -> None:
+    pack = small_pack()
+    assert pack.atlas_features is not None
+    with open_pack(written(tmp_path / "pack", pack)) as reader:
+        outline = reader.outline
+        assert outline.atlas_rgba.shape == pack.atlas_rgba.shape and outline.atlas_blocks == pack.atlas_blocks
+        assert not outline.atlas_rgba.flags.writeable
+        seen = []
+        for planes in reader.planes():
+            seen.append((planes.z, planes.part))
+            atlas = pack.atlas_rgba if planes.part == "rgba" else pack.atlas_features
+            np.testing.assert_array_equal(planes.pixels, atlas[planes.z : planes.z + 4])
+        assert len(seen) == reader.total
+        assert seen == [(z, part) for z in range(0, pack.atlas_rgba.shape[0], 4) for part in ("rgba", "feature")]
+
+
+def test_a_reader_may_be_left_early(tmp_path: Path) -> None:
+    with open_pack(written(tmp_path / "pack")) as reader:
+        next(reader.planes())
+
+
+def test_packs_that_break_their_own_rules_are_not_written(tmp_path: Path) -> None:
+    pack = small_pack()
+    assert pack.view_mlp is not None
+    nan = ViewMlp(pack.view_mlp.weights, (pack.view_mlp.biases[0] * np.nan, *pack.view_mlp.biases[1:]))
+    for wrong in (
+        replace(pack, voxel_size=-1.0),
+        replace(pack, view_mlp=nan),
+        replace(pack, ndc=True),
+        replace(pack, atlas_features=None),
+        replace(pack, atlas_rgba=pack.atlas_rgba.astype(float)),
+        replace(pack, grid_size=(1, 1, 1)),
+        replace(pack, atlas_indices=np.zeros_like(pack.atlas_indices) + np.uint8(200)),
+    ):
+        with pytest.raises(ValueError):
+            save_pack(wrong, tmp_path / "pack")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_codec_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="expected png"):
+        save_pack(small_pack(), tmp_path / "pack", codec="bmp")

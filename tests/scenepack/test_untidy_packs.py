@@ -1,0 +1,182 @@
+"""Untidy packs open, with one warning line for each thing that was mended (CONTRACT section 3)."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenepack import Pack, PackWarning, load_pack, save_pack
+from scenepack.blocks import atlas_from_dense
+from tests.scenepack.helpers import edit_json, read_image, read_json, same_pack, small_pack, write_image, written
+
+
+def opened(folder: Path, *lines: str) -> Pack:
+    """Loads; expects exactly one warning line for each of `lines`, holding it."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        pack = load_pack(folder)
+    told = [str(w.message) for w in caught]
+    assert all(issubclass(w.category, PackWarning) for w in caught)
+    assert len(told) == len(lines), told
+    for line, text in zip(lines, told, strict=True):
+        assert line in text and "\n" not in text
+    return pack
+
+
+def json_edited(tmp_path: Path, change: Callable[[dict[str, Any]], Any], **options: Any) -> Path:
+    folder = written(tmp_path / "pack", small_pack(**options))
+    edit_json(folder, change)
+    return folder
+
+
+@pytest.mark.parametrize("which", ["feature_*.png", "feature_001.png"])
+def test_missing_feature_images_make_a_diffuse_pack_whose_weights_survive(tmp_path: Path, which: str) -> None:
+    folder = written(tmp_path / "pack")
+    for file in folder.glob(which):
+        file.unlink()
+    pack = opened(folder, "shown as diffuse")
+    assert pack.atlas_features is None and pack.view_mlp is None
+    before = read_json(folder)
+    save_pack(pack, tmp_path / "again")
+    assert json.dumps(read_json(tmp_path / "again")) == json.dumps(before)
+
+
+def test_an_all_zero_view_mlp_is_taken_as_diffuse_and_survives(tmp_path: Path) -> None:
+    def zero(p: dict[str, Any]) -> None:
+        for layer in range(3):
+            for kind in ("weights", "bias"):
+                p[f"{layer}_{kind}"] = (np.array(p[f"{layer}_{kind}"]) * 0).tolist()
+
+    folder = json_edited(tmp_path, zero)
+    pack = opened(folder, "all zero")
+    assert pack.view_mlp is None and pack.atlas_features is not None
+    before = read_json(folder)
+    save_pack(pack, folder)
+    assert json.dumps(read_json(folder)) == json.dumps(before)
+
+
+def test_a_pack_without_biases_is_diffuse_without_complaint(tmp_path: Path) -> None:
+    folder = json_edited(tmp_path, lambda p: [p.pop(f"{layer}_bias") for layer in range(3)])
+    pack = opened(folder)
+    assert pack.view_mlp is None and pack.atlas_features is not None
+    before = read_json(folder)
+    save_pack(pack, folder)
+    assert json.dumps(read_json(folder)) == json.dumps(before)
+    for file in folder.glob("feature_*.png"):
+        file.unlink()
+    assert opened(folder).atlas_features is None
+
+
+def test_images_beyond_the_atlas_depth_are_ignored(tmp_path: Path) -> None:
+    pack = small_pack()
+    folder = written(tmp_path / "pack", pack)
+    count = pack.atlas_rgba.shape[0] // 4
+    for part in ("rgba", "feature"):
+        (folder / f"{part}_{count:03d}.png").write_bytes(b"never read")
+    assert same_pack(opened(folder, "the rest is ignored"), pack)
+
+
+@pytest.mark.parametrize("count", [1, 99, "many", None])
+def test_num_slices_is_not_trusted(tmp_path: Path, count: Any) -> None:
+    folder = json_edited(tmp_path, lambda p: p.update(num_slices=count))
+    assert same_pack(opened(folder, "num_slices"), small_pack())
+
+
+def test_atlas_blocks_that_disagree_with_the_atlas_size_are_not_trusted(tmp_path: Path) -> None:
+    folder = json_edited(tmp_path, lambda p: p.update(atlas_blocks_x=99, atlas_blocks_z=0))
+    assert same_pack(opened(folder, "atlas_blocks_x/y/z"), small_pack())
+
+
+@pytest.mark.parametrize("size", [14, 5, 1])
+def test_other_block_sizes_open_silently(tmp_path: Path, size: int) -> None:
+    pack = small_pack(block_size=size)
+    assert same_pack(opened(written(tmp_path / "pack", pack)), pack)
+
+
+def test_a_missing_format_is_png(tmp_path: Path) -> None:
+    assert same_pack(opened(json_edited(tmp_path, lambda p: p.pop("format")), "format"), small_pack())
+
+
+def test_an_old_forward_facing_pack_gets_the_published_viewers_camera(tmp_path: Path) -> None:
+    folder = json_edited(tmp_path, lambda p: p.pop("input_focal"), ndc=True)
+    pack = opened(folder, "input_focal")
+    assert (pack.input_width, pack.input_height, pack.input_focal) == (1006.0, 756.0, 755.644059435)
+    before = read_json(folder)
+    save_pack(pack, folder)
+    assert json.dumps(read_json(folder)) == json.dumps(before)
+
+
+def test_an_unusable_camera_of_a_pack_that_needs_none_is_ignored(tmp_path: Path) -> None:
+    folder = json_edited(tmp_path, lambda p: p.update(input_focal=float("nan"), input_width=800))
+    pack = opened(folder, "input_focal")
+    assert pack.input_focal is None and pack.input_width == 800
+
+
+def test_indices_may_be_rgb(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    write_image(folder / "atlas_indices.png", read_image(folder / "atlas_indices.png")[..., :3])
+    assert same_pack(opened(folder), small_pack())
+
+
+def test_images_without_alpha_are_read_as_opaque(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    image = read_image(folder / "feature_000.png")
+    write_image(folder / "feature_000.png", image[..., :3])
+    pack = opened(folder, "feature_000.png is RGB")
+    assert pack.atlas_features is not None
+    np.testing.assert_array_equal(pack.atlas_features[:4].reshape(image.shape)[..., :3], image[..., :3])
+    assert np.all(pack.atlas_features[:4, ..., 3] == 255)
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "P"])
+def test_images_that_an_optimiser_repacked_are_read(tmp_path: Path, mode: str) -> None:
+    folder = written(tmp_path / "pack")
+    Image.open(folder / "feature_000.png").convert("RGB").convert(mode).save(folder / "feature_000.png")
+    with Image.open(folder / "feature_000.png") as image:
+        expected = np.asarray(image.convert("RGBA"))
+    pack = opened(folder, "feature_000.png is")
+    assert pack.atlas_features is not None
+    np.testing.assert_array_equal(pack.atlas_features[:4].reshape(expected.shape), expected)
+
+
+def test_an_atlas_depth_that_is_no_multiple_of_four_keeps_its_depth(tmp_path: Path) -> None:
+    dense = np.full((5, 5, 5, 4), 200, np.uint8)  # one macroblock: seven planes in two images
+    pack = replace(small_pack(block_size=5), grid_size=(5, 5, 5))
+    indices, rgba, features = atlas_from_dense(dense, dense, 5)
+    pack = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
+    folder = written(tmp_path / "pack", pack)
+    edit_json(folder, lambda p: p.update(atlas_depth=7, num_slices=2))
+    short = opened(folder)
+    assert short.atlas_rgba.shape[0] == 7
+    np.testing.assert_array_equal(short.atlas_rgba, pack.atlas_rgba[:7])
+    save_pack(short, tmp_path / "again")
+    assert same_pack(load_pack(tmp_path / "again"), short)
+
+
+def test_a_pack_without_content_opens_with_a_warning(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    write_image(folder / "atlas_indices.png", np.full_like(read_image(folder / "atlas_indices.png"), 255))
+    assert not opened(folder, "empty").occupied.any()
+
+
+def test_snerg_that_is_no_object_is_no_metadata(tmp_path: Path) -> None:
+    pack = opened(json_edited(tmp_path, lambda p: p.update(snerg=7)))
+    assert pack.metadata == {}
+    save_pack(pack, tmp_path / "again")
+    assert read_json(tmp_path / "again")["snerg"] == 7
+
+
+def test_a_byte_order_mark_and_whole_floats_are_fine(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    edit_json(folder, lambda p: p.update(grid_width=float(p["grid_width"]), atlas_depth=float(p["atlas_depth"])))
+    text = (folder / "scene_params.json").read_text()
+    (folder / "scene_params.json").write_text("\ufeff" + text, encoding="utf-8")
+    assert same_pack(opened(folder), small_pack())
