@@ -1,0 +1,50 @@
+# Each target makes .venv, installs what is missing, and runs. Needs python3 (3.11 or later, with venv), git and make.
+#   make view   the viewer on the bundled demo scene    make test   all tests
+#   make bench  frame times of the demo scene           make demo   remakes the demo scene from nothing
+#   make lint   ruff and pyright
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+DEMO := viewer/demo/demo.zip
+
+.PHONY: view test bench lint demo clean gl
+.DEFAULT_GOAL := view
+
+view: $(VENV)/.viewer gl
+	$(BIN)/snerg-view $(DEMO)
+
+test: $(VENV)/.developer gl
+	$(BIN)/python -m pytest $(TESTS)
+
+bench: $(VENV)/.viewer gl
+	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400
+
+lint: $(VENV)/.developer
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+demo: $(VENV)/.developer gl
+	$(BIN)/python -m baker.demo --out $(DEMO)
+
+gl:
+	@sh scripts/ensure-gl.sh
+
+# What the viewer needs; and with `developer`, what training, baking and tests need as well.
+$(VENV)/.viewer: $(VENV)/.made pyproject.toml constraints.txt
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[video]'
+	@touch $@
+
+$(VENV)/.developer: $(VENV)/.made pyproject.toml constraints.txt
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[dev]'
+	@touch $@ $(VENV)/.viewer
+
+$(VENV)/.made:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "snerg needs Python 3.11 or later; name one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
+	@$(PYTHON) -m venv $(VENV) || { echo "no venv: install it (Debian, Ubuntu: apt-get install python3-venv)"; exit 2; }
+	@touch $@
+
+clean:
+	rm -rf $(VENV) out build dist *.egg-info
