@@ -1,7 +1,8 @@
 """The small interface that every trainable model stands behind: the paper's MLPs and the fast voxel field alike.
 
 The loop (training.loop) knows only this; so do the baker and `snerg-eval`, through training.run.load_run.
-Shapes: N rays or points. Directions are unit length unless NDC; viewdirs are unit, in the training frame, before any NDC warp.
+Shapes: N rays or points. Directions are unit length unless NDC; viewdirs are unit, in the training frame,
+before any NDC warp.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ class FieldOutput(NamedTuple):
 
 
 class RenderOutput(NamedTuple):
-    """rgb [N, 3] final colour; diffuse [N, 3] (background included), features [N, 4], alpha [N], depth [N] (t)."""
+    """rgb [N, 3] final colour; diffuse [N, 3] (background included), features [N, 4], alpha [N], depth [N],
+    the mean t of what the ray meets.
+    """
 
     rgb: jax.Array
     diffuse: jax.Array

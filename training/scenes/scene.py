@@ -5,7 +5,7 @@ Frames: OpenGL camera-to-world (x right, y up, z back) from the reader on. Pixel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,7 +16,8 @@ import numpy as np
 class Camera:
     """A pinhole camera with optional lens distortion (OpenCV's k1, k2, p1, p2 on normalised coordinates, y down).
 
-    world_T_camera: float64 [4, 4], camera-to-world, OpenGL axes. fx, fy, cx, cy: pixels of this width × height.
+    world_T_camera: float64 [4, 4], camera-to-world, OpenGL axes. fx, fy, cx, cy: pixels of this width ×
+    height.
     """
 
     world_T_camera: np.ndarray
@@ -31,16 +32,31 @@ class Camera:
     def resized(self, width: int, height: int) -> Camera:
         """The same camera for a picture of another size."""
         sx, sy = width / self.width, height / self.height
-        return replace(self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy)
+        intrinsics = {"fx": self.fx * sx, "fy": self.fy * sy, "cx": self.cx * sx, "cy": self.cy * sy}
+        return replace(self, width=width, height=height, **intrinsics)
 
 
 @dataclass(frozen=True)
 class Photograph:
-    """One posed picture. load() decodes it: float32 [H, W, 4], RGB not premultiplied and alpha (1 where opaque), in [0, 1]."""
+    """One posed picture. load() decodes it: float32 [H, W, 4], RGB not premultiplied and alpha (1 where
+    opaque), in [0, 1].
+    """
 
     name: str
     camera: Camera
     load: Callable[[], np.ndarray]
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """How a folder is to be read; a run stores it to read the same photographs again."""
+
+    downscale: int = 1
+    """Divide width and height of the pictures by this whole number, averaging over areas."""
+    spherify: bool | None = None
+    """LLFF: True reads a 360° capture, False a forward-facing one; None tells by where the cameras look."""
+    masks: bool = False
+    """LLFF and transforms.json: cut the object out by the masks beside the pictures (alpha 0 where black)."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +66,8 @@ class Scene:
     kind: "blender", "llff", "transforms", ... near, far: along the unit-length ray (in NDC: 0, 1).
     aabb: float64 [2, 3] box that holds the content, in the training frame (NDC space where ndc).
     worldspace_T_opengl: float64 [4, 4], the pack's grid frame (y up) to the training frame.
+    ndc_camera: width, height and focal length in pixels that define the NDC warp; None unless ndc.
+    disparity: whether samples should be spread evenly in 1/t, as suits captures without a far end.
     background: the colour behind everything, sRGB in [0, 1].
     """
 
@@ -61,5 +79,20 @@ class Scene:
     aabb: np.ndarray
     worldspace_T_opengl: np.ndarray
     ndc: bool = False
+    ndc_camera: tuple[int, int, float] | None = None
+    disparity: bool = False
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
     notes: Mapping[str, object] = field(default_factory=dict)
+
+
+HELD_OUT_EVERY = 8
+
+
+def hold_out(photographs: Sequence[Photograph]) -> dict[str, tuple[Photograph, ...]]:
+    """Splits of a capture without splits of its own: every 8th photograph, from the first on, is for testing.
+
+    One photograph alone is for training.
+    """
+    test = tuple(photographs[::HELD_OUT_EVERY]) if len(photographs) > 1 else ()
+    train = tuple(p for index, p in enumerate(photographs) if index % HELD_OUT_EVERY or len(photographs) == 1)
+    return {"train": train, "test": test} if test else {"train": train}

@@ -1,0 +1,39 @@
+"""Scenes and configurations that the trainer's tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+
+from training.scenes import Scene, load_scene
+from training.scenes.procedural import write_procedural_scene
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Programs that several tests compile are compiled once a session."""
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+@pytest.fixture(scope="session")
+def procedural_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The procedural scene, 12 + 2 views of 48 x 48 pixels, in Blender layout."""
+    return write_procedural_scene(tmp_path_factory.mktemp("procedural"), size=48, views=12, subpixels=2)
+
+
+@pytest.fixture(scope="session")
+def procedural_scene(procedural_path: Path) -> Scene:
+    return load_scene(procedural_path)
+
+
+@pytest.fixture
+def real_data() -> Path:
+    """The folder of real scenes that SNERG_DATA names."""
+    folder = os.environ.get("SNERG_DATA")
+    if not folder or not Path(folder).is_dir():
+        pytest.skip("SNERG_DATA names no folder of real scenes")
+    return Path(folder)

@@ -1,0 +1,219 @@
+"""Captures of the real world: LLFF (forward-facing and from all around), transforms.json, masks, held-out views."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from console import Notice, UserError
+from training.scenes import load_scene
+from training.scenes.poses import focus_point, look_at, mean_pose
+from training.scenes.rays import camera_rays
+from training.scenes.scene import HELD_OUT_EVERY
+
+
+def circle(count: int = 12, radius: float = 3.0, centre=(1.0, -2.0, 0.5), height: float = 0.4) -> np.ndarray:
+    """Cameras on a slanted circle looking at `centre` [N, 4, 4]."""
+    angle = np.arange(count) * 2 * np.pi / count
+    eyes = radius * np.stack([np.cos(angle), np.sin(angle), height + 0 * angle], -1)
+    return np.stack([look_at(eye + centre, eye, np.array([0.0, 0.0, 1.0])) for eye in eyes])
+
+
+def forward(count: int = 10) -> np.ndarray:
+    """Cameras side by side looking along -z, somewhere."""
+    offsets = np.random.default_rng(0).uniform(-0.5, 0.5, (count, 3)) * [1, 1, 0.1]
+    return np.stack(
+        [look_at(o + np.array([4, 5, 6]), np.array([0, 0, 1.0]) + 0.05 * o, np.array([0, 1.0, 0])) for o in offsets]
+    )
+
+
+def write_llff(path: Path, P: np.ndarray, depths=(2.0, 8.0), sizes=MappingProxyType({"images": (40, 32)})) -> Path:
+    rows = []
+    for pose in P:
+        right, up, back, position = pose[:3].T
+        hwf = np.array([32, 40, 50.0])
+        rows.append(np.concatenate([np.stack([-up, right, back, position, hwf], 1).ravel(), depths]))
+    path.mkdir(exist_ok=True)
+    np.save(path / "poses_bounds.npy", np.array(rows))
+    for folder, size in sizes.items():
+        (path / folder).mkdir()
+        for i in range(len(P)):
+            Image.new("RGB", size, (i, 2 * i, 3 * i)).save(path / folder / f"img_{i:02d}.png")
+    return path
+
+
+def write_transforms(path: Path, P: np.ndarray, *, missing: int = 0, **values) -> Path:
+    (path / "images").mkdir(parents=True)
+    frames = [{"file_path": f"images/{i:03d}.png", "transform_matrix": p.tolist()} for i, p in enumerate(P)]
+    for i in range(missing, len(P)):
+        Image.new("RGB", (30, 20), (i, 0, 0)).save(path / f"images/{i:03d}.png")
+    document = {"fl_x": 33.0, "fl_y": 34.0, "cx": 14.0, "cy": 11.0, "w": 30, "h": 20, "frames": frames, **values}
+    (path / "transforms.json").write_text(json.dumps(document))
+    return path
+
+
+def complaint(path: Path, **options) -> str:
+    with pytest.raises(UserError) as raised:
+        load_scene(path, **options)
+    assert "\n" not in str(raised.value)
+    return str(raised.value)
+
+
+def everyone(scene):
+    return [p for split in scene.splits.values() for p in split]
+
+
+def test_every_eighth_photograph_is_held_out_from_the_first_on(tmp_path: Path):
+    scene = load_scene(write_llff(tmp_path, forward(17)))
+    assert [p.name for p in scene.splits["test"]] == ["img_00", "img_08", "img_16"] and HELD_OUT_EVERY == 8
+    assert len(scene.splits["train"]) == 14
+
+
+def test_a_forward_facing_capture_is_warped_to_a_box_that_holds_all_its_rays(tmp_path: Path):
+    scene = load_scene(write_llff(tmp_path, forward()))
+    assert scene.ndc and (scene.near, scene.far) == (0, 1) and scene.ndc_camera == (40, 32, 50.0)
+    np.testing.assert_array_equal(scene.worldspace_T_opengl, np.diag([1, 1, -1, 1]))
+    np.testing.assert_allclose(scene.aabb[:, 2], [-1, 1])
+    mean = mean_pose(np.stack([p.camera.world_T_camera for p in everyone(scene)]))
+    np.testing.assert_allclose(mean, np.eye(4), atol=1e-9)
+
+
+def test_forward_facing_positions_shrink_by_three_quarters_of_the_nearest_depth(tmp_path: Path):
+    P = forward()
+    scene = load_scene(write_llff(tmp_path, P, depths=(2.0, 9.0)))
+    names = sorted(everyone(scene), key=lambda p: p.name)
+    ours = np.linalg.norm(names[0].camera.world_T_camera[:3, 3] - names[5].camera.world_T_camera[:3, 3])
+    assert ours == pytest.approx(np.linalg.norm(P[0, :3, 3] - P[5, :3, 3]) / (0.75 * 2.0))
+
+
+def test_a_capture_from_all_around_is_spherified_by_itself_with_a_notice(tmp_path: Path):
+    with pytest.warns(Notice, match="--spherify"):
+        scene = load_scene(write_llff(tmp_path, circle()))
+    assert not scene.ndc and scene.disparity and scene.near <= 0.45 and scene.far == 100
+    P = np.stack([p.camera.world_T_camera for p in everyone(scene)])
+    assert np.sqrt(np.square(P[:, :3, 3]).sum(-1).mean()) == pytest.approx(1)
+    np.testing.assert_allclose(focus_point(P), 0, atol=1e-9)
+    np.testing.assert_allclose(P[:, :3, 3].mean(0)[:2], 0, atol=1e-9)  # the cameras stand about +z
+    np.testing.assert_allclose(np.linalg.det(P[:, :3, :3]), 1)
+
+
+def test_reading_a_capture_from_all_around_as_forward_facing_is_refused(tmp_path: Path):
+    assert "--spherify" in complaint(write_llff(tmp_path, circle(height=0.0)), spherify=False)
+
+
+def test_the_folder_of_pictures_follows_the_downscale(tmp_path: Path):
+    path = write_llff(tmp_path, forward(), sizes={"images_2": (20, 16), "images_4": (10, 8)})
+    for downscale, size in ((2, (20, 16)), (4, (10, 8)), (8, (5, 4))):
+        camera = load_scene(path, downscale=downscale).splits["train"][0].camera
+        assert (camera.width, camera.height) == size and camera.fx == pytest.approx(50 / downscale)
+        assert load_scene(path, downscale=downscale).splits["train"][0].load().shape[1::-1] == size
+    with pytest.warns(Notice, match="images_2"):
+        assert load_scene(path).splits["train"][0].camera.width == 20
+
+
+def test_masks_cut_the_object_out(tmp_path: Path):
+    path = write_llff(tmp_path, forward(3))
+    assert "masks" in complaint(path, masks=True)
+    (path / "masks").mkdir()
+    for i in range(3):
+        mask = np.zeros((32, 40), np.uint8)
+        mask[8:24] = 255
+        Image.fromarray(mask).save(path / "masks" / f"img_{i:02d}_mask.png")
+    alpha = load_scene(path, masks=True).splits["train"][0].load()[..., 3]
+    assert alpha[:8].max() == 0 and alpha[8:24].min() == 1
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda p: (p / "poses_bounds.npy").write_bytes(b"hello"), "not a NumPy file"),
+        (lambda p: np.save(p / "poses_bounds.npy", np.zeros((10, 15))), "[N, 17]"),
+        (lambda p: np.save(p / "poses_bounds.npy", np.full((10, 17), np.nan)), "not finite"),
+        (lambda p: np.save(p / "poses_bounds.npy", np.zeros((10, 17))), "positive"),
+        (lambda p: np.save(p / "poses_bounds.npy", np.array([{}], object)), "not a NumPy file"),
+        (lambda p: (p / "images" / "img_03.png").unlink(), "expected 10 pictures, found 9"),
+        (lambda p: Image.new("RGB", (32, 40)).save(p / "images" / "img_03.png"), "another size"),
+    ],
+)
+def test_a_spoilt_llff_scene_gets_one_clear_line(tmp_path: Path, spoil, words: str):
+    path = write_llff(tmp_path, forward())
+    spoil(path)
+    assert words in complaint(path)
+
+
+def test_a_transforms_scene_stands_upright_about_what_its_cameras_look_at(tmp_path: Path):
+    scene = load_scene(write_transforms(tmp_path / "s", circle()))
+    P = np.stack([p.camera.world_T_camera for p in everyone(scene)])
+    assert np.linalg.norm(P[:, :3, 3], axis=-1).mean() == pytest.approx(1)
+    np.testing.assert_allclose(focus_point(P), 0, atol=1e-9)
+    assert P[:, 2, 1].min() > 0.5 and scene.kind == "transforms"  # every camera's up has much of z
+    camera = scene.splits["train"][0].camera
+    assert (camera.fx, camera.fy, camera.cx, camera.cy, camera.width) == (33, 34, 14, 11, 30)
+
+
+def test_distortion_stays_with_the_camera_whatever_the_downscale(tmp_path: Path):
+    path = write_transforms(tmp_path / "s", circle(), k1=0.1, k2=-0.02, p1=0.001, p2=0.002)
+    camera, small = (load_scene(path, downscale=k).splits["train"][0].camera for k in (1, 2))
+    assert camera.distortion == small.distortion == (0.1, -0.02, 0.001, 0.002)
+    full = camera_rays(camera, np.array(6.0), np.array(4.0))[1]
+    np.testing.assert_allclose(camera_rays(small, np.array(3.0), np.array(2.0))[1], full)
+
+
+def test_intrinsics_of_a_frame_win_and_a_field_of_view_will_do(tmp_path: Path):
+    path = write_transforms(tmp_path / "s", circle())
+    document = json.loads((path / "transforms.json").read_text())
+    document["frames"][3]["fl_x"] = 40.0
+    (path / "transforms.json").write_text(json.dumps(document))
+    by_name = {p.name: p.camera for p in everyone(load_scene(path))}
+    assert by_name["images/003.png"].fx == 40 and by_name["images/004.png"].fx == 33
+    for key in ("fl_x", "fl_y", "cx", "cy", "w", "h"):
+        document.pop(key)
+    document["frames"][3].pop("fl_x")
+    (path / "transforms.json").write_text(json.dumps(document | {"camera_angle_x": np.pi / 2}))
+    camera = load_scene(path).splits["train"][0].camera
+    assert camera.fx == camera.fy == pytest.approx(15) and (camera.cx, camera.cy) == (15, 10)
+
+
+def test_frames_whose_picture_is_gone_are_left_out_with_a_notice(tmp_path: Path):
+    with pytest.warns(Notice, match="2 of 12 frames"):
+        assert len(everyone(load_scene(write_transforms(tmp_path / "s", circle(), missing=2)))) == 10
+    assert "picture not found" in complaint(write_transforms(tmp_path / "t", circle(), missing=12))
+
+
+def test_aabb_scale_is_a_box_about_the_files_origin_in_instant_ngps_units(tmp_path: Path):
+    centre = np.array([1.0, -2.0, 0.5])
+    scene = load_scene(write_transforms(tmp_path / "s", circle(), aabb_scale=2))
+    scale = 1 / (3 * np.sqrt(1 + 0.4**2))
+    assert np.ptp(scene.aabb, axis=0) == pytest.approx(np.full(3, 2 / 0.33 * scale))
+    assert np.linalg.norm(scene.aabb.mean(0)) == pytest.approx(np.linalg.norm(centre) * scale)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"frames": []}, "no frames"),
+        ({"fl_x": "wide"}, "fl_x"),
+        ({"fl_x": -3}, "positive"),
+        ({"w": 99}, "another size"),
+        ({"camera_model": "OPENCV_FISHEYE"}, "not supported"),
+        ({"k3": 0.1}, "not supported"),
+    ],
+)
+def test_a_spoilt_transforms_scene_gets_one_clear_line(tmp_path: Path, values, words: str):
+    assert words in complaint(write_transforms(tmp_path / "s", circle(), **values))
+
+
+def test_real_captures_read(real_data: Path):
+    fern = load_scene(real_data / "nerf_llff_data" / "fern", downscale=8)
+    assert fern.ndc and len(fern.splits["test"]) == 3 and fern.ndc_camera[:2] == (504, 378)
+    with pytest.warns(Notice):
+        rose = load_scene(real_data / "real_360" / "mary_rose", downscale=16)
+    assert rose.disparity and rose.splits["train"][0].load().shape == (216, 216, 4)
+    with pytest.warns(Notice, match="17 of 67"):
+        fox = load_scene(real_data / "transforms_json" / "fox", downscale=8)
+    assert any(fox.splits["train"][0].camera.distortion) and len(everyone(fox)) == 50

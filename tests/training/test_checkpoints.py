@@ -1,0 +1,108 @@
+"""Checkpoints survive kills, damage and full disks."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from console import Notice, UserError
+from training.arrays import from_arrays, to_arrays
+from training.checkpoints import list_checkpoints, read_checkpoint, read_newest_checkpoint, write_checkpoint
+
+ARRAYS = {"weight": np.arange(12, dtype=np.float32).reshape(3, 4), "count": np.array(7, np.int32)}
+
+
+def test_what_is_written_is_read_back_scalars_too(tmp_path: Path):
+    write_checkpoint(tmp_path, 40, ARRAYS)
+    step, arrays = read_newest_checkpoint(tmp_path)
+    assert step == 40 and set(arrays) == set(ARRAYS)
+    for name, array in ARRAYS.items():
+        assert arrays[name].shape == array.shape and arrays[name].dtype == array.dtype
+        np.testing.assert_array_equal(arrays[name], array)
+
+
+def test_the_last_two_are_kept_and_nothing_else_lies_about(tmp_path: Path):
+    for step in (10, 20, 30, 40):
+        write_checkpoint(tmp_path, step, ARRAYS)
+    assert [step for step, _ in list_checkpoints(tmp_path)] == [30, 40]
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty"])
+def test_a_damaged_checkpoint_is_passed_over_with_a_warning(tmp_path: Path, damage: str):
+    write_checkpoint(tmp_path, 10, ARRAYS)
+    path = write_checkpoint(tmp_path, 20, ARRAYS)
+    data = bytearray(path.read_bytes())
+    if damage == "flip":
+        data[-3] ^= 0x40
+    path.write_bytes({"cut": data[: len(data) // 2], "flip": data, "empty": b""}[damage])
+    with pytest.warns(Notice, match=r"step_00000020.*damaged.*before"):
+        step, _ = read_newest_checkpoint(tmp_path)
+    assert step == 10
+
+
+def test_no_checkpoint_and_no_readable_one_are_errors_with_a_remedy(tmp_path: Path):
+    with pytest.raises(UserError, match="no checkpoint"):
+        read_newest_checkpoint(tmp_path)
+    write_checkpoint(tmp_path, 10, ARRAYS).write_bytes(b"nonsense")
+    with pytest.warns(Notice), pytest.raises(UserError, match="can be read"):
+        read_newest_checkpoint(tmp_path)
+
+
+def test_a_full_disk_leaves_the_old_checkpoints_and_no_temporary_file(tmp_path: Path, monkeypatch):
+    write_checkpoint(tmp_path, 10, ARRAYS)
+
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(UserError, match=r"disk is full.*--resume"):
+        write_checkpoint(tmp_path, 20, ARRAYS)
+    monkeypatch.undo()
+    assert [path.name for path in tmp_path.iterdir()] == ["step_00000010.safetensors"]
+
+
+def test_a_writer_killed_at_any_moment_leaves_a_readable_checkpoint(tmp_path: Path):
+    code = (
+        "import sys, numpy as np; from pathlib import Path; from training.checkpoints import write_checkpoint\n"
+        "for step in range(1, 10**6):\n"
+        "    write_checkpoint(Path(sys.argv[1]), step, {'a': np.full(400_000, step, np.float32)})\n"
+    )
+    for round_, delay in enumerate((0.02, 0.05, 0.09)):
+        folder = tmp_path / str(round_)
+        writer = subprocess.Popen([sys.executable, "-c", code, str(folder)])
+        while not list_checkpoints(folder):
+            time.sleep(0.005)
+        time.sleep(delay)
+        writer.send_signal(signal.SIGKILL)
+        writer.wait()
+        for step, path in list_checkpoints(folder):
+            read, arrays = read_checkpoint(path)
+            assert read == step and (arrays["a"] == step).all()
+
+
+def test_a_tree_goes_through_named_arrays_and_back():
+    tree = {"b": (jnp.arange(3), None), "a": [jnp.ones((2, 2)), jnp.int32(4)]}
+    arrays = to_arrays(tree)
+    assert set(arrays) == {"a/0", "a/1", "b/0"}
+    back = from_arrays(jax.eval_shape(lambda: tree), arrays)
+    assert jax.tree.structure(back) == jax.tree.structure(tree)
+    np.testing.assert_array_equal(back["b"][0], [0, 1, 2])
+
+
+def test_arrays_of_another_shape_or_a_missing_one_are_refused():
+    template = {"a": jnp.ones((2, 2))}
+    with pytest.raises(UserError, match=r'"a" does not fit.*\[2, 2\].*\[3\]'):
+        from_arrays(template, {"a": np.ones(3, np.float32)})
+    with pytest.raises(UserError, match='no array "a"'):
+        from_arrays(template, {})

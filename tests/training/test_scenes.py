@@ -1,0 +1,183 @@
+"""Reading Blender scenes, and what a person is told when a scene is bad."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from console import UserError
+from training.scenes import Scene, load_pictures, load_scene
+from training.scenes.pictures import area_average, over_background, read_picture, shrink
+
+
+@pytest.fixture
+def copy(procedural_path: Path, tmp_path: Path) -> Path:
+    """A copy of the procedural scene to spoil."""
+    return Path(shutil.copytree(procedural_path, tmp_path / "scene"))
+
+
+def edit(path: Path, change) -> None:
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+
+
+def complaint(path: Path, **options) -> str:
+    with pytest.raises(UserError) as raised:
+        load_pictures(load_scene(path, **options).splits["train"])
+    line = str(raised.value)
+    assert "\n" not in line
+    return line
+
+
+def test_a_blender_scene_has_its_published_frame_and_bounds(procedural_scene: Scene):
+    scene = procedural_scene
+    assert scene.kind == "blender" and not scene.ndc
+    assert {split: len(photographs) for split, photographs in scene.splits.items()} == {"train": 12, "test": 2}
+    assert (scene.near, scene.far, scene.background) == (2.0, 6.0, (1.0, 1.0, 1.0))
+    np.testing.assert_array_equal(scene.aabb, [[-1.5] * 3, [1.5] * 3])
+    np.testing.assert_array_equal(scene.worldspace_T_opengl, [[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    camera = scene.splits["train"][0].camera
+    assert camera.fx == pytest.approx(24 / np.tan(0.6911112 / 2)) and (camera.cx, camera.cy) == (24, 24)
+    assert scene.splits["train"][3].name == "train/r_3"
+
+
+def test_pictures_are_decoded_when_asked_for_and_not_before(copy: Path):
+    scene = load_scene(copy)
+    (copy / "train" / "r_0.png").write_bytes(b"")
+    with pytest.raises(UserError, match=r"r_0\.png"):
+        scene.splits["train"][0].load()
+
+
+def test_downscaling_shrinks_pictures_and_cameras_together(procedural_path: Path):
+    photograph = load_scene(procedural_path, downscale=5).splits["train"][0]
+    assert (photograph.camera.width, photograph.camera.height) == (9, 9)
+    assert photograph.load().shape == (9, 9, 4)
+    assert photograph.camera.fx == pytest.approx(9 / 48 * 24 / np.tan(0.6911112 / 2))
+
+
+def test_shrinking_keeps_the_mean_of_premultiplied_colour_and_alpha():
+    rng = np.random.default_rng(0)
+    picture = rng.random((12, 18, 4)).astype(np.float32)
+    for size in ((6, 4), (7, 5), (1, 1)):
+        small = shrink(picture, *size)
+        assert small.shape == (size[1], size[0], 4)
+        for p in (lambda x: x[..., :3] * x[..., 3:], lambda x: x[..., 3]):
+            np.testing.assert_allclose(p(small).mean((0, 1)), p(picture).mean((0, 1)), atol=1e-5)
+        white = over_background(small, (1, 1, 1)).mean((0, 1))
+        np.testing.assert_allclose(white, over_background(picture, (1, 1, 1)).mean((0, 1)), atol=1e-5)
+
+
+def test_an_interval_that_cuts_a_cell_counts_its_share():
+    np.testing.assert_allclose(area_average(np.array([0.0, 3.0, 6.0]), 2, 0), [1.0, 5.0])
+
+
+def test_colour_hidden_under_transparency_does_not_bleed_into_edges():
+    picture = np.zeros((2, 2, 4), np.float32)
+    picture[0, 0] = (1, 0, 0, 1)
+    picture[1, 1] = (0, 1, 0, 0)  # green, but invisible
+    np.testing.assert_allclose(shrink(picture, 1, 1)[0, 0], (1, 0, 0, 0.25))
+
+
+def test_loading_many_pictures_stacks_them_and_drops_an_alpha_that_says_nothing(procedural_scene: Scene, tmp_path):
+    stack = load_pictures(procedural_scene.splits["train"])
+    assert stack.shape == (12, 48, 48, 4) and stack.dtype == np.uint8
+    np.testing.assert_array_equal(stack[2], np.rint(procedural_scene.splits["train"][2].load() * 255))
+    for kind, grey in (("L", 128), ("RGB", 128), ("P", 5)):
+        Image.new(kind, (3, 2), grey if kind != "RGB" else (128,) * 3).save(tmp_path / f"{kind}.png")
+        assert read_picture(tmp_path / f"{kind}.png").shape == (2, 3, 4)
+    deep = np.full((2, 3), 32896, np.uint16)
+    Image.fromarray(deep).save(tmp_path / "deep.png")
+    np.testing.assert_allclose(read_picture(tmp_path / "deep.png")[0, 0], [128.5 / 256] * 3 + [1], atol=1e-3)
+
+
+def test_a_missing_folder_a_file_and_an_empty_folder_are_told_apart(tmp_path: Path):
+    assert "no such folder" in complaint(tmp_path / "absent")
+    (tmp_path / "file").write_text("")
+    assert "not a folder" in complaint(tmp_path / "file")
+    (tmp_path / "empty").mkdir()
+    assert "empty" in complaint(tmp_path / "empty")
+
+
+def test_a_folder_without_a_scene_says_what_was_looked_for(tmp_path: Path):
+    (tmp_path / "notes.txt").write_text("hello")
+    line = complaint(tmp_path)
+    assert "transforms_train.json" in line and str(tmp_path) in line
+
+
+@pytest.mark.parametrize("text", ["{", "not json", '{"frames": [}', ""])
+def test_json_that_is_no_json_is_named_with_its_place(copy: Path, text: str):
+    (copy / "transforms_train.json").write_text(text)
+    line = complaint(copy)
+    assert "not JSON" in line and "line 1" in line and "transforms_train.json" in line
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d.update(frames=[]), "no frames"),
+        (lambda d: d.pop("frames"), "no frames"),
+        (lambda d: d.update(frames={"a": 1}), "no frames"),
+        (lambda d: d["frames"][1].pop("file_path"), "file_path"),
+        (lambda d: d.pop("camera_angle_x"), "camera_angle_x"),
+        (lambda d: d.update(camera_angle_x=float("nan")), "camera_angle_x"),
+        (lambda d: d.update(camera_angle_x=7), "field of view"),
+        (lambda d: d["frames"][1].pop("transform_matrix"), "frame 1"),
+        (lambda d: d["frames"][1].update(transform_matrix=[[1, 2], [3, 4]]), "shape"),
+        (lambda d: d["frames"][1].update(transform_matrix=[[1, 2, 3], [4]]), "not made of numbers"),
+        (lambda d: d["frames"][1].update(transform_matrix="north"), "not made of numbers"),
+        (lambda d: d["frames"][1]["transform_matrix"][0].__setitem__(3, float("inf")), "not finite"),
+        (lambda d: d["frames"][1].update(transform_matrix=[[0] * 4] * 4), "dependent axes"),
+        (lambda d: d["frames"][1].update(file_path="./train/absent"), "picture not found"),
+    ],
+)
+def test_a_description_that_is_wrong_gets_one_clear_line(copy: Path, change, words: str):
+    edit(copy / "transforms_train.json", change)
+    assert words in complaint(copy)
+
+
+def test_a_json_file_that_is_no_object_is_refused(copy: Path):
+    (copy / "transforms_train.json").write_text("[1, 2]")
+    assert "expected an object" in complaint(copy)
+
+
+def test_a_truncated_picture_is_refused_when_it_is_decoded(copy: Path):
+    picture = copy / "train" / "r_4.png"
+    picture.write_bytes(picture.read_bytes()[:700])
+    line = complaint(copy)
+    assert "r_4.png" in line and "truncated" in line
+
+
+def test_a_file_that_is_no_picture_is_refused(copy: Path):
+    (copy / "train" / "r_4.png").write_text("hello")
+    assert "not a readable picture" in complaint(copy)
+
+
+def test_a_picture_of_another_size_is_refused_with_both_sizes(copy: Path):
+    Image.new("RGBA", (40, 48)).save(copy / "train" / "r_5.png")
+    line = complaint(copy)
+    assert "r_5.png" in line and "expected 48x48" in line and "found 40x48" in line
+
+
+@pytest.mark.parametrize("downscale", [0, -2, 1.5, 49])
+def test_a_downscale_that_makes_no_sense_is_refused(procedural_path: Path, downscale):
+    assert "downscale" in complaint(procedural_path, downscale=downscale)
+
+
+def test_reading_scenes_needs_no_jax():
+    code = "import sys, training.scenes, training.scenes.procedural; sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_the_real_lego_scene_reads(real_data: Path):
+    scene = load_scene(real_data / "nerf_synthetic" / "lego", downscale=8)
+    assert len(scene.splits["train"]) == 100 and len(scene.splits["test"]) == 25
+    picture = scene.splits["test"][0].load()
+    assert picture.shape == (100, 100, 4) and 0.05 < picture[..., 3].mean() < 0.9

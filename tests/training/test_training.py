@@ -1,0 +1,226 @@
+"""Runs: resumed, interrupted, damaged, diverged; and the command around them."""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from console import Notice, UserError
+from training.arrays import to_arrays
+from training.commands.train import main
+from training.config import PRESETS, TINY, TrainConfig, from_json, to_json
+from training.journal import Journal, read_journal
+from training.loop import train
+from training.nerf.method import NerfMethod
+from training.run import load_run
+
+
+def losses(run: Path) -> dict[int, float]:
+    return {r["step"]: r["loss"] for r in read_journal(run / "metrics.jsonl") if "loss" in r}
+
+
+# compiles and steps as fast as can be
+MINUTE = dataclasses.replace(
+    TINY,
+    steps=12,
+    batch_size=32,
+    log_every=1,
+    checkpoint_every=4,
+    nerf=dataclasses.replace(TINY.nerf, depth=1, width=8, coarse_samples=4, fine_samples=4, warmup_steps=2),
+)
+
+
+@pytest.fixture(scope="module")
+def unbroken(procedural_path: Path, tmp_path_factory) -> Path:
+    """A finished run of minute_config."""
+    out = tmp_path_factory.mktemp("runs") / "unbroken"
+    train(procedural_path, out, MINUTE)
+    return out
+
+
+def test_a_run_holds_config_checkpoints_metrics_and_a_validation_picture(unbroken: Path, procedural_path: Path):
+    config = json.loads((unbroken / "config.json").read_text())
+    assert config["config"]["batch_size"] == 32 and config["scene_options"]["downscale"] == 1
+    assert config["scene"] == str(procedural_path.resolve()) and "jax" in config["provenance"]
+    assert [p.name for p in sorted((unbroken / "checkpoints").iterdir())] == [
+        "step_00000008.safetensors",
+        "step_00000012.safetensors",
+    ]
+    assert (unbroken / "validation" / "step_00000012.png").is_file()
+    records = read_journal(unbroken / "metrics.jsonl")
+    assert [r["step"] for r in records] == [*range(1, 13), 12] and "validation_psnr" in records[-1]
+
+
+def test_a_run_stopped_by_ctrl_c_and_resumed_repeats_the_unbroken_one_exactly(
+    unbroken: Path, procedural_path: Path, tmp_path: Path, monkeypatch
+):
+    out, step_of = tmp_path / "broken", NerfMethod.step
+
+    def step_and_interrupt(self, state, step):
+        if step == 6:
+            os.kill(os.getpid(), signal.SIGINT)
+        return step_of(self, state, step)
+
+    monkeypatch.setattr(NerfMethod, "step", step_and_interrupt)
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt, match=r"saved at step 7; continue with: snerg-train .* --resume"):
+        train(procedural_path, out, MINUTE)
+    assert signal.getsignal(signal.SIGINT) is before
+    monkeypatch.undo()
+    run = train(procedural_path, out, MINUTE, resume=True)
+    assert run.step == 12 and losses(out) == losses(unbroken)
+    ours, theirs = to_arrays(run.state), to_arrays(load_run(unbroken).state)
+    for name in theirs:
+        np.testing.assert_array_equal(ours[name], theirs[name])
+
+
+def test_a_killed_run_goes_back_to_its_checkpoint_and_repeats_what_was_lost(
+    unbroken: Path, procedural_path: Path, tmp_path: Path
+):
+    killed = Path(shutil.copytree(unbroken, tmp_path / "killed"))
+    (killed / "checkpoints" / "step_00000012.safetensors").unlink()
+    with open(killed / "metrics.jsonl", "a") as journal:
+        journal.write('{"step": 13, "los')  # cut off amid a line
+    train(procedural_path, killed, MINUTE, resume=True)
+    assert losses(killed) == losses(unbroken)
+
+
+def test_a_damaged_newest_checkpoint_costs_a_warning_and_some_steps(unbroken: Path, tmp_path: Path):
+    damaged = Path(shutil.copytree(unbroken, tmp_path / "damaged"))
+    path = damaged / "checkpoints" / "step_00000012.safetensors"
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.warns(Notice, match="damaged"):
+        assert load_run(damaged).step == 8
+
+
+def test_a_loaded_run_renders_queries_and_knows_its_scene(unbroken: Path):
+    run = load_run(unbroken)
+    assert run.step == 12 and run.config == MINUTE and len(run.scene.splits["train"]) == 12
+    rays = run.dataset.view_rays(run.scene.splits["test"][0].camera)
+    out = run.method.render(run.state, rays)
+    assert out.rgb.shape == (48 * 48, 3) and float(out.rgb.min()) >= 0 and float(out.rgb.max()) <= 1
+
+
+def test_divergence_stops_with_the_last_good_checkpoint_kept(procedural_path: Path, tmp_path: Path):
+    wild = dataclasses.replace(
+        MINUTE,
+        checkpoint_every=1,
+        log_every=3,
+        nerf=dataclasses.replace(MINUTE.nerf, first_rate=1e30, last_rate=1e30, warmup_steps=0),
+    )
+    with pytest.raises(UserError, match=r"diverged at step .* lower learning rate"):
+        train(procedural_path, tmp_path / "run", wild)
+    if (tmp_path / "run" / "checkpoints").exists():
+        for arrays in [load_run(tmp_path / "run").state]:
+            assert all(not np.isnan(a).any() for a in to_arrays(arrays).values())
+
+
+def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp_path: Path, monkeypatch, capsys):
+    def full(path, data):
+        if path.suffix == ".safetensors":
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("training.checkpoints.write_aside", full)
+    with pytest.raises(UserError, match="disk is full"):
+        train(procedural_path, tmp_path / "run", MINUTE)
+
+
+def test_time_can_be_limited(procedural_path: Path, tmp_path: Path):
+    run = train(procedural_path, tmp_path / "run", dataclasses.replace(MINUTE, steps=100_000, minutes=1e-9))
+    assert run.step == 1 and load_run(tmp_path / "run").step == 1
+
+
+def test_seconds_of_training_go_on_counting_after_a_resume(tmp_path: Path):
+    path = tmp_path / "metrics.jsonl"
+    path.write_text('{"step": 1, "seconds": 2.5}\n{"step": 2, "seconds": 5.0}\n{"step": 3, "seconds": 7.5}\n')
+    assert Journal(path, 2).seconds == 5.0
+    assert [r["step"] for r in read_journal(path)] == [1, 2]
+
+
+# --- the command
+# -------------------------------------------------------------------------------------------------------
+
+
+def told(capsys) -> str:
+    line = capsys.readouterr().err.strip()
+    assert "\n" not in line and line.startswith("snerg-train: "), line
+    return line
+
+
+def test_an_existing_run_is_not_overwritten(unbroken: Path, procedural_path: Path, capsys):
+    assert main([str(procedural_path), "--out", str(unbroken), "--preset", "tiny"]) == 2
+    assert "exists already" in (line := told(capsys)) and "--resume" in line
+
+
+def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path, tmp_path: Path, capsys):
+    (tmp_path / "letter.txt").write_text("dear")
+    assert main([str(procedural_path), "--out", str(tmp_path), "--preset", "tiny"]) == 2
+    assert "another --out" in told(capsys)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--nerf.width", "9"], "--nerf.width"),
+        (["--seed", "5", "--batch-size", "64"], "--batch-size, --seed"),
+        (["--downscale", "2"], "--downscale"),
+    ],
+)
+def test_a_resumed_run_keeps_its_settings(unbroken: Path, procedural_path: Path, capsys, options, words):
+    assert main([str(procedural_path), "--out", str(unbroken), "--resume", *options]) == 2
+    assert words in told(capsys)
+
+
+def test_a_finished_run_can_be_given_more_steps(unbroken: Path, procedural_path: Path, tmp_path: Path, capsys):
+    longer = Path(shutil.copytree(unbroken, tmp_path / "longer"))
+    assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "14"]) == 0
+    assert "14 of 14 steps" in capsys.readouterr().out
+    assert load_run(longer).step == 14 and load_run(longer).config.steps == 14
+
+
+@pytest.mark.parametrize("spoil", ["missing", "no config", "no JSON", "unknown field", "wrong type"])
+def test_resuming_what_is_no_run_gets_one_line(unbroken: Path, procedural_path: Path, tmp_path: Path, capsys, spoil):
+    out = tmp_path / "run"
+    if spoil != "missing":
+        shutil.copytree(unbroken, out)
+    if spoil == "no config":
+        (out / "config.json").unlink()
+    if spoil == "no JSON":
+        (out / "config.json").write_text("{")
+    if spoil in ("unknown field", "wrong type"):
+        document = json.loads((out / "config.json").read_text())
+        document["config"] = {"colour": 1} if spoil == "unknown field" else 5
+        (out / "config.json").write_text(json.dumps(document))
+    assert main([str(procedural_path), "--out", str(out), "--resume"]) == 2
+    assert str(out) in told(capsys)
+
+
+def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path):
+    moved = Path(shutil.copytree(unbroken, tmp_path / "moved"))
+    document = json.loads((moved / "config.json").read_text())
+    document["scene"] = str(tmp_path / "gone")
+    (moved / "config.json").write_text(json.dumps(document))
+    with pytest.raises(UserError, match="gone: no such folder"):
+        load_run(moved)
+
+
+def test_bad_scenes_and_presets_end_with_status_2(tmp_path: Path, capsys):
+    assert main([str(tmp_path / "absent"), "--out", str(tmp_path / "run")]) == 2
+    assert "no such folder" in told(capsys)
+    assert not (tmp_path / "run").exists()
+    assert main([str(tmp_path), "--out", str(tmp_path / "run"), "--preset", "best"]) == 2
+    assert "best" in told(capsys)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_config_goes_through_json_and_back(name: str):
+    written = json.loads(json.dumps(to_json(PRESETS[name])))
+    assert from_json(TrainConfig, written, "config.json") == PRESETS[name]

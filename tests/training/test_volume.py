@@ -1,0 +1,60 @@
+"""Volume rendering: opacity, transmittance and the deferred end of a ray."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from training.view_mlp import apply_view_mlp, init_view_mlp
+from training.volume import alpha_of, composite, density_of, intervals, shade, transmittance, weights_of
+
+depths = arrays(np.float32, (3, 7), elements=st.floats(0, 20, width=32))
+
+
+@settings(max_examples=30, deadline=None)
+@given(depths)
+def test_weights_and_what_remains_of_the_light_sum_to_one(optical):
+    weights = weights_of(jnp.asarray(optical), jnp.ones_like(optical))
+    remaining = np.exp(-optical.sum(-1))
+    np.testing.assert_allclose(weights.sum(-1) + remaining, 1, atol=1e-5)
+    assert (np.asarray(weights) >= 0).all()
+
+
+def test_transmittance_is_one_before_the_first_sample_and_never_grows():
+    T = np.asarray(transmittance(jnp.asarray([[0.5, 0.0, 2.0, 10.0, 1.0]])))
+    np.testing.assert_allclose(T[0], np.exp([0, -0.5, -0.5, -2.5, -12.5]), rtol=1e-5)
+
+
+def test_density_undoes_alpha():
+    sigma = jnp.asarray([1e-6, 0.1, 3.0, 40.0])
+    np.testing.assert_allclose(density_of(alpha_of(sigma, 0.1), 0.1), sigma, rtol=1e-4)
+
+
+def test_intervals_are_world_lengths_also_along_directions_that_are_not_unit():
+    delta = intervals(jnp.asarray([[0.0, 0.25, 1.0]]), jnp.asarray([[0.0, 3.0, 4.0]]), last=1.0)
+    np.testing.assert_allclose(delta, [[1.25, 3.75, 5.0]])
+
+
+def test_composite_weighs_each_samples_values():
+    values = jnp.asarray([[[1.0, 0.0], [0.0, 2.0]]])
+    np.testing.assert_allclose(composite(jnp.asarray([[0.25, 0.5]]), values), [[0.25, 1.0]])
+
+
+def test_shading_puts_the_background_behind_before_it_asks_the_view_mlp():
+    view = init_view_mlp(jax.random.key(0))
+    diffuse, features = jnp.asarray([[0.1, 0.2, 0.3]]), jnp.asarray([[0.1, 0.2, 0.3, 0.4]])
+    alpha, v = jnp.asarray([0.75]), jnp.asarray([[0.0, 0.0, 1.0]])
+    out = shade(view, diffuse, features, alpha, alpha, v, background=(1.0, 0.5, 0.0))
+    behind = diffuse + 0.25 * jnp.asarray([1.0, 0.5, 0.0])
+    np.testing.assert_allclose(out.diffuse, behind)
+    np.testing.assert_allclose(out.rgb, behind + apply_view_mlp(view, behind, features, v), rtol=1e-6)
+
+
+def test_without_a_view_mlp_the_colour_is_the_diffuse_one():
+    one = jnp.ones((1, 3))
+    out = shade(None, 0.5 * one, jnp.zeros((1, 4)), jnp.ones(1), jnp.ones(1), one)
+    np.testing.assert_array_equal(out.rgb, out.diffuse)

@@ -1,0 +1,139 @@
+"""`snerg-train SCENE --out RUN`: photographs to a trained deferred NeRF (CONTRACT section 4)."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import sys
+from collections.abc import Callable, Container, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from console import UserError, run_command
+from training.config import PRESETS, TrainConfig
+from training.scenes import SceneOptions
+
+DEFAULT_PRESET = "cpu"
+DESCRIPTION = "Trains a deferred NeRF on posed photographs. The run can be stopped and resumed at any time."
+FREE = ("steps", "minutes", "log_every", "validate_every", "checkpoint_every")  # may change with --resume
+PresetName = Literal["cpu", "fast", "paper", "small", "tiny"]
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    args = list(sys.argv[1:] if args is None else args)
+    return run_command(make_command(args), prog="snerg-train", description=DESCRIPTION, args=args)
+
+
+def make_command(args: Sequence[str]) -> Callable[..., None]:
+    """The command whose defaults are the preset's (with --resume: the run's own), so that options change
+    single fields.
+
+    Bad values of --preset and --out are not complained of here: the parser and the command do that.
+    """
+    name, out, resuming = _look_ahead(args)
+    defaults = PRESETS.get(name, PRESETS[DEFAULT_PRESET])
+    if resuming and out is not None:
+        from training.run import read_description
+
+        with contextlib.suppress(UserError):  # the command meets it again, and tells
+            defaults = read_description(out).config
+
+    def snerg_train(
+        scene: Path,
+        /,
+        out: Path,
+        config: Annotated[TrainConfig, tyro.conf.arg(name="")] = defaults,
+        preset: PresetName = DEFAULT_PRESET,
+        downscale: int | None = None,
+        spherify: bool = False,
+        masks: bool = False,
+        resume: bool = False,
+    ) -> None:
+        """Trains a deferred NeRF on posed photographs. A run can be stopped and resumed at any time.
+
+        Args:
+            scene: Folder of posed photographs.
+            out: Folder of the run: config, checkpoints, metrics, validation pictures.
+            config: Every setting of the preset can be changed on its own.
+            preset: Named settings, whose numbers are shown below as defaults - cpu (minutes on two cores), fast (a
+                GPU), paper (the paper's own numbers, days), small (the same method, smaller), tiny (tests).
+            downscale: Divide width and height of the pictures by this whole number (1 where not given).
+            spherify: Read an LLFF capture as one from all around, also where its cameras look forward.
+            masks: Cut the object out by the masks beside the pictures.
+            resume: Go on with the run in --out from its newest checkpoint, with the run's own settings.
+        """
+        from training.loop import train  # JAX starts here, not for --help
+        from training.run import read_description
+
+        if resume:
+            stored = read_description(out)
+            _refuse_changes(stored.config, config)
+            options = _stored_options(stored.options, downscale, spherify or None, masks or None)
+        else:
+            options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks)
+        run = train(scene, out, config, **vars(options), resume=resume)
+        print(f"{out}: {run.step} of {config.steps} steps done; bake it with: snerg-bake {out} --out PACK")
+
+    return snerg_train
+
+
+def _stored_options(
+    stored: SceneOptions, downscale: int | None, spherify: bool | None, masks: bool | None
+) -> SceneOptions:
+    """A resumed run reads the same pictures in the same way; options that say otherwise are refused."""
+    asked = {"downscale": downscale, "spherify": spherify, "masks": masks}
+    for name, value in asked.items():
+        if value is not None and value != getattr(stored, name):
+            raise UserError(
+                "a run cannot change its pictures",
+                where=f"--{name}",
+                expected=getattr(stored, name),
+                found=value,
+                remedy="leave it out with --resume",
+            )
+    return stored
+
+
+def _refuse_changes(stored: TrainConfig, config: TrainConfig) -> None:
+    """A resumed run goes on as it began; only its length and its reports may change."""
+    changed = changed_settings(stored, config, leave_out=FREE)
+    if changed:
+        raise UserError(
+            "a resumed run keeps its settings",
+            where=", ".join("--" + name for name in changed),
+            remedy="leave them out, or start another run",
+        )
+
+
+def changed_settings(before: object, after: object, leave_out: Container[str] = (), prefix: str = "") -> list[str]:
+    """Names, as on the command line, of the settings in which two configs of one class differ."""
+    names = []
+    for field in dataclasses.fields(before):  # type: ignore[arg-type]
+        old, new = getattr(before, field.name), getattr(after, field.name)
+        if old == new or field.name in leave_out:
+            continue
+        name = prefix + field.name
+        nested = dataclasses.is_dataclass(old)
+        names += changed_settings(old, new, (), f"{name}.") if nested else [name.replace("_", "-")]
+    return names
+
+
+def _look_ahead(args: Sequence[str]) -> tuple[str, Path | None, bool]:
+    """(--preset, --out, --resume) as far as they can be told before parsing."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    parser.add_argument("--preset", default=DEFAULT_PRESET)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--resume", action="store_true")
+    try:
+        known, _ = parser.parse_known_args(list(args))
+    except (argparse.ArgumentError, SystemExit):
+        return DEFAULT_PRESET, None, False
+    return known.preset, known.out, known.resume
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,24 @@
+"""The registry of methods: which class stands behind the name in TrainConfig.method."""
+
+from __future__ import annotations
+
+from console import UserError
+from training.config import TrainConfig
+from training.dataset import RayDataset
+from training.method import Method
+from training.scenes import Scene
+
+
+def make_method(config: TrainConfig, scene: Scene, dataset: RayDataset) -> Method:
+    """Builds the method that config names for the training rays of a scene; modules are imported only when
+    asked for.
+    """
+    if config.method == "nerf":
+        from training.nerf.method import NerfMethod
+
+        return NerfMethod(config, dataset)
+    if config.method == "voxels":
+        from training.voxels.method import VoxelMethod  # the fast field
+
+        return VoxelMethod(config, dataset)
+    raise UserError("no such method", where="method", expected="nerf or voxels", found=config.method)

@@ -1,0 +1,52 @@
+"""Picture quality as the field computes it: PSNR and SSIM in NumPy, and LPIPS (training.lpips).
+
+Notation: a, b [H, W, 3] pictures in [0, 1]. SSIM (Wang et al. 2004) as tf.image.ssim has it: an 11 x 11
+Gaussian window of sigma 1.5, K1 = 0.01, K2 = 0.03, peak 1, only windows that lie wholly inside ("valid"),
+the mean over channels.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+WINDOW, SIGMA = 11, 1.5
+C1, C2 = 0.01**2, 0.03**2
+
+
+def psnr(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None) -> float:
+    """Peak signal-to-noise ratio in dB of the mean squared error over all pixels (or those of a mask [H, W])."""
+    error = np.square(np.asarray(a, np.float64) - np.asarray(b, np.float64))
+    mse = error.mean() if mask is None else error[np.asarray(mask, bool)].mean()
+    return float(-10.0 * np.log10(max(mse, 1e-12)))
+
+
+def ssim(a: np.ndarray, b: np.ndarray) -> float:
+    """Structural similarity, at most 1. Pictures must be at least 11 pixels a side."""
+    if min(a.shape[:2]) < WINDOW:
+        raise ValueError(f"SSIM needs pictures of at least {WINDOW} pixels a side, not {a.shape[1]}x{a.shape[0]}")
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    mean_a, mean_b = blur(a), blur(b)
+    # second moments less squared means: tf.image.ssim does not clamp them either
+    variances = blur(a * a + b * b) - mean_a**2 - mean_b**2
+    covariance = blur(a * b) - mean_a * mean_b
+    luminance = (2 * mean_a * mean_b + C1) / (mean_a**2 + mean_b**2 + C1)
+    structure = (2 * covariance + C2) / (variances + C2)
+    return float((luminance * structure).mean())
+
+
+def blur(picture: np.ndarray) -> np.ndarray:
+    """Gaussian means over every window inside the picture: [H, W, C] -> [H - 10, W - 10, C]."""
+    offset = np.arange(WINDOW) - (WINDOW - 1) / 2
+    kernel = np.exp(-0.5 * (offset / SIGMA) ** 2)
+    kernel /= kernel.sum()
+    windows = np.lib.stride_tricks.sliding_window_view(picture, WINDOW, axis=0) @ kernel
+    return np.lib.stride_tricks.sliding_window_view(windows, WINDOW, axis=1) @ kernel
+
+
+def lpips(a: np.ndarray, b: np.ndarray, network: Literal["alexnet", "vgg16"] = "vgg16") -> float | None:
+    """Perceptual distance (training.lpips); None where its weights are not installed."""
+    from training import lpips as networks  # JAX, which PSNR and SSIM do without
+
+    return networks.lpips(a, b, network)

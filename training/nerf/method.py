@@ -1,0 +1,177 @@
+"""The paper's method behind the Method interface: the loss of section 4.3, the optimiser of section 6.
+
+    L = |C_coarse - C|^2 + |C_fine - C|^2 + lambda_s (S(sigma_coarse) + S(sigma_fine)),  S at the coarse
+    samples
+
+Gradients are clipped by value, then by norm, and go to Adam. Compiled once: shapes never change between
+steps.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from console import UserError
+from training.arrays import from_arrays, to_arrays
+from training.config import NerfConfig, TrainConfig
+from training.dataset import RayDataset
+from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, squared_error
+from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
+from training.nerf.field import apply_field
+from training.nerf.render import NerfParams, init_nerf, render_rays
+from training.schedule import learning_rate
+
+
+class NerfState(NamedTuple):
+    """Everything that a step changes."""
+
+    params: NerfParams
+    optimizer: Any
+
+
+class NerfMethod:
+    """A Method (training.method) of the paper's deferred NeRF on the rays of a dataset."""
+
+    def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
+        nerf = config.nerf
+        self.config, self.dataset = config, dataset
+        self._slices = batch_slices(config.batch_size, nerf.gradient_rays)
+        self._optimizer: Any = make_optimizer(nerf, config.steps)
+        self._update = jax.jit(self._update_traced, donate_argnums=1)
+        self._render = jax.jit(lambda params, rays: render_rays(params, rays, nerf, dataset.facts).fine)
+        self._query = jax.jit(lambda params, points: apply_field(params.fine.field, points, nerf.skip_after))
+
+    def start(self, key: jax.Array) -> NerfState:
+        """The state before step 0."""
+        params = init_nerf(key, self.config.nerf)
+        return NerfState(params, self._optimizer.init(params))
+
+    def step(self, state: NerfState, step: int) -> tuple[NerfState, dict[str, jax.Array]]:
+        """One update on a batch that depends on seed and step alone; the old state's buffers are given away."""
+        return self._update(self.dataset, state, jnp.asarray(step, jnp.int32))
+
+    def render(self, state: NerfState, rays: Rays) -> RenderOutput:
+        """Renders any number of rays with the fine model, `render_rays` at a time; colours are clamped to [0, 1]."""
+        out = in_slices(lambda part: self._render(state.params, part), rays, self.config.nerf.render_rays)
+        return out._replace(rgb=jnp.clip(out.rgb, 0.0, 1.0))
+
+    def query(self, state: NerfState, points: jax.Array) -> FieldOutput:
+        """The fine field at points [N, 3], `query_points` at a time."""
+        return in_slices(lambda part: self._query(state.params, part), points, self.config.nerf.query_points)
+
+    def view_mlp(self, state: NerfState) -> ViewMlpParams | None:
+        """The fine model's deferred head."""
+        return state.params.fine.view
+
+    def save(self, state: NerfState) -> dict[str, np.ndarray]:
+        """Parameters and optimiser as named arrays."""
+        return to_arrays(state)
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> NerfState:
+        """The inverse of save; UserError where the arrays are of another configuration."""
+        return from_arrays(jax.eval_shape(self.start, jax.random.PRNGKey(0)), arrays)
+
+    def _update_traced(
+        self, dataset: RayDataset, state: NerfState, step: jax.Array
+    ) -> tuple[NerfState, dict[str, jax.Array]]:
+        key = jax.random.fold_in(jax.random.PRNGKey(self.config.seed), step)
+        key_batch, key_render = jax.random.split(key)
+        rays, target = dataset.batch(key_batch, self.config.batch_size)
+        gradient, metrics = self._gradient(state.params, rays, target, key_render)
+        updates, optimizer = self._optimizer.update(gradient, state.optimizer, state.params)
+        mse = metrics.pop("mse")
+        metrics |= {"psnr": psnr_of(mse), "gradient_norm": optax.tree.norm(gradient)}
+        metrics["learning_rate"] = rate_at(self.config.nerf, self.config.steps, step)
+        params: Any = optax.apply_updates(state.params, updates)  # type: ignore[arg-type]
+        return NerfState(params, optimizer), metrics
+
+    def _gradient(self, params: NerfParams, rays: Rays, target: jax.Array, key: jax.Array):
+        """The batch's gradient and metrics, slice by slice where memory asks for it."""
+        gradient_of = jax.grad(self._loss, has_aux=True)
+        if self._slices == 1:
+            return gradient_of(params, rays, target, key)
+
+        def add_slice(total, part):
+            return jax.tree.map(jnp.add, total, gradient_of(params, *part)), None
+
+        parts = jax.tree.map(lambda v: v.reshape(self._slices, -1, *v.shape[1:]), (rays, target))
+        parts = (*parts, jax.random.split(key, self._slices))
+        shapes = jax.eval_shape(gradient_of, params, *jax.tree.map(lambda v: v[0], parts))
+        zeros = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
+        total, _ = jax.lax.scan(add_slice, zeros, parts)
+        return jax.tree.map(lambda v: v / self._slices, total)
+
+    def _loss(
+        self, params: NerfParams, rays: Rays, target: jax.Array, key: jax.Array
+    ) -> tuple[jax.Array, dict[str, jax.Array]]:
+        config = self.config
+        out = render_rays(params, rays, config.nerf, self.dataset.facts, key)
+        photometric = squared_error(out.coarse.rgb, target) + squared_error(out.fine.rgb, target)
+        sparsity = sparsity_of(out.coarse_sigma, out.fine_sigma, config)
+        loss = photometric + config.sparsity_weight * sparsity
+        return loss, {"loss": loss, "sparsity": sparsity, "mse": mean_squared_error(out.fine.rgb, target)}
+
+
+def sparsity_of(coarse_sigma: jax.Array, fine_sigma: jax.Array, config: TrainConfig) -> jax.Array:
+    """S of both fields at the coarse samples. coarse_sigma [N, K]; fine_sigma [N, K + F], 0 at the fine samples."""
+    coarse, fine = (cauchy_sparsity(sigma, config.sparsity_scale, "sum") for sigma in (coarse_sigma, fine_sigma))
+    total = coarse + fine
+    # zeros add nothing to a sum, but a mean must be over the K coarse samples alone
+    return total / coarse_sigma.shape[-1] if config.sparsity_over_samples == "mean" else total
+
+
+def rate_at(config: NerfConfig, steps: int, step: jax.Array | int) -> jax.Array:
+    """The learning rate at a step (training.schedule)."""
+    return learning_rate(
+        step,
+        steps=steps,
+        first=config.first_rate,
+        last=config.last_rate,
+        warmup_steps=config.warmup_steps,
+        warmup_factor=config.warmup_factor,
+    )
+
+
+def make_optimizer(config: NerfConfig, steps: int) -> optax.GradientTransformation:
+    """Clipping by value, clipping by norm, Adam, schedule: in this order (paper section 6)."""
+    chain = []
+    if config.clip_value > 0:
+        chain.append(optax.clip(config.clip_value))
+    if config.clip_norm > 0:
+        chain.append(optax.clip_by_global_norm(config.clip_norm))
+    return optax.chain(*chain, optax.adam(lambda count: rate_at(config, steps, jnp.asarray(count))))
+
+
+def batch_slices(batch_size: int, gradient_rays: int) -> int:
+    """Into how many equal slices of at most gradient_rays a batch is cut; UserError where that does not go evenly."""
+    if gradient_rays <= 0 or gradient_rays >= batch_size:
+        return 1
+    if batch_size % gradient_rays:
+        raise UserError(
+            "the batch cannot be cut evenly",
+            where="--nerf.gradient-rays",
+            expected=f"a divisor of {batch_size}",
+            found=gradient_rays,
+        )
+    return batch_size // gradient_rays
+
+
+def in_slices(function, values: Any, size: int) -> Any:
+    """function(values) for a tree of [N, ...] arrays, `size` rows at a time; the last slice is padded, so
+    one compile.
+    """
+    count = jax.tree.leaves(values)[0].shape[0]
+    parts = []
+    for start in range(0, max(count, 1), size):
+        part = jax.tree.map(lambda v, s=start: v[s : s + size], values)
+        missing = size - jax.tree.leaves(part)[0].shape[0]
+        padded = jax.tree.map(
+            lambda v, m=missing: jnp.pad(v, [(0, m)] + [(0, 0)] * (v.ndim - 1), mode="constant"), part
+        )
+        parts.append(jax.tree.map(lambda v, m=missing: v[: size - m], function(padded)))
+    return jax.tree.map(lambda *p: jnp.concatenate(p), *parts) if len(parts) > 1 else parts[0]

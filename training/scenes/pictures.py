@@ -1,0 +1,169 @@
+"""Decoding and shrinking of photographs.
+
+Notation: a picture is float32 [H, W, 4] in [0, 1], RGB not premultiplied, alpha 1 where opaque; k the
+downscale factor. Shrinking averages exactly over areas, of colour premultiplied by alpha, so that the
+invisible RGB of transparent pixels does not bleed into edges.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from console import UserError
+from training.scenes.scene import Photograph
+
+Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """(width, height) of a picture from its header. UserError where it is missing or no picture."""
+    if not path.is_file():
+        raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
+    try:
+        with Image.open(path) as image:
+            return image.size
+    except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
+        raise UserError("not a readable picture", where=path, expected="PNG or JPEG", found=_short(error)) from error
+
+
+def read_picture(path: Path) -> np.ndarray:
+    """Decodes 8 or 16 bit grey, RGB(A) or palette pictures to float32 [H, W, 4]. UserError where that fails."""
+    picture_size(path)
+    try:
+        with Image.open(path) as image:
+            if image.mode.startswith("I"):  # 16 bit grey
+                grey = np.asarray(image, np.float32)[..., None] / 65535.0
+                return np.concatenate([np.repeat(grey, 3, axis=-1), np.ones_like(grey)], axis=-1)
+            return np.asarray(image.convert("RGBA"), np.float32) / np.float32(255.0)
+    except (OSError, SyntaxError, ValueError) as error:
+        raise UserError(
+            "the picture cannot be decoded",
+            where=path,
+            found=_short(error),
+            remedy="it may be truncated: copy it again",
+        ) from error
+
+
+def shrunk_size(width: int, height: int, downscale: int) -> tuple[int, int]:
+    """(width, height) after a downscale by an integer >= 1; fractions are floored and the area stretched to fit."""
+    if width // downscale < 1 or height // downscale < 1:
+        raise UserError(
+            "downscale leaves no picture",
+            where=f"--downscale {downscale}",
+            found=f"{width}x{height}",
+            remedy="use a smaller factor",
+        )
+    return width // downscale, height // downscale
+
+
+def shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Area average of a picture [H, W, 4] to [height, width, 4], premultiplied by alpha while averaging."""
+    if picture.shape[:2] == (height, width):
+        return picture
+    if np.all(picture[..., 3] == 1.0):
+        return area_average(area_average(picture, height, 0), width, 1)
+    weighted = np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], axis=-1)
+    mean = area_average(area_average(weighted, height, 0), width, 1)
+    alpha = mean[..., 3:]
+    straight = np.where(alpha > 0, mean[..., :3] / np.maximum(alpha, 1e-8), 0.0)
+    return np.concatenate([np.clip(straight, 0, 1), alpha], axis=-1).astype(np.float32)
+
+
+def area_average(values: np.ndarray, size: int, axis: int) -> np.ndarray:
+    """Means over `size` equal intervals of an axis, cells cut by an interval's end counted by their share."""
+    values = np.moveaxis(values, axis, 0)
+    cells = values.shape[0]
+    if cells % size == 0:
+        mean = values.reshape(size, cells // size, *values.shape[1:]).mean(axis=1)
+    else:
+        # row i of `share`: how much of each cell lies in interval i
+        edges = np.arange(size + 1) * (cells / size)
+        low, high = edges[:-1, None], edges[1:, None]
+        cell = np.arange(cells)[None]
+        share = np.clip(np.minimum(high, cell + 1) - np.maximum(low, cell), 0, 1) * (size / cells)
+        mean = np.tensordot(share.astype(np.float32), values, axes=1)
+    return np.moveaxis(mean, 0, axis)
+
+
+def photograph_loader(path: Path, source_size: tuple[int, int], size: tuple[int, int], mask: Path | None = None):
+    """A Photograph.load: decodes `path`, checks that it still has source_size, applies a mask, shrinks to `size`.
+
+    mask: a picture of the same size; black hides (alpha 0), white shows.
+    """
+
+    def load() -> np.ndarray:
+        picture = read_picture(path)
+        if picture.shape[1::-1] != source_size:
+            raise UserError(
+                "the picture is of another size",
+                where=path,
+                expected=_times(source_size),
+                found=_times(picture.shape[1::-1]),
+                remedy="it changed since the scene was read",
+            )
+        if mask is not None:
+            shown = read_picture(mask)
+            if shown.shape != picture.shape:
+                raise UserError(
+                    "the mask is of another size",
+                    where=mask,
+                    expected=_times(source_size),
+                    found=_times(shown.shape[1::-1]),
+                )
+            picture = np.concatenate([picture[..., :3], picture[..., 3:] * shown[..., :1]], axis=-1)
+        return shrink(picture, *size)
+
+    return load
+
+
+def load_pictures(photographs: Sequence[Photograph], *, dtype: Literal["uint8", "float32"] = "uint8") -> np.ndarray:
+    """Decodes pictures of one size in threads: [N, H, W, 4], or [N, H, W, 3] where every pixel is opaque.
+
+    uint8 is rounded from [0, 1]. UserError where a picture fails to decode or the sizes differ.
+    """
+    if not photographs:
+        raise UserError("no pictures to load", expected="at least one")
+
+    def decode(photograph: Photograph) -> np.ndarray:
+        picture = photograph.load()
+        return np.rint(picture * 255.0).astype(np.uint8) if dtype == "uint8" else picture
+
+    with ThreadPoolExecutor(min(16, (os.cpu_count() or 1) + 2)) as pool:
+        pictures = list(pool.map(decode, photographs))
+    for photograph, picture in zip(photographs, pictures, strict=True):
+        if picture.shape != pictures[0].shape:
+            raise UserError(
+                "the picture is of another size",
+                where=photograph.name,
+                expected=_times(pictures[0].shape[1::-1]),
+                found=_times(picture.shape[1::-1]),
+                remedy="all pictures of a scene must have one size",
+            )
+    stack = np.stack(pictures)
+    opaque = 255 if dtype == "uint8" else 1.0
+    return np.ascontiguousarray(stack[..., :3]) if np.all(stack[..., 3] == opaque) else stack
+
+
+def over_background(picture: np.ndarray, background: Sequence[float]) -> np.ndarray:
+    """A picture [..., 3 or 4] in [0, 1] composited over a colour: float32 [..., 3]."""
+    if picture.shape[-1] == 3:
+        return picture.astype(np.float32)
+    alpha = picture[..., 3:]
+    return (picture[..., :3] * alpha + np.asarray(background, np.float32) * (1 - alpha)).astype(np.float32)
+
+
+def _times(size: Sequence[int]) -> str:
+    return f"{size[0]}x{size[1]}"
+
+
+def _short(error: Exception) -> str:
+    """The first sentence of a decoder's complaint, without the path that we print already."""
+    text = str(error).split("\n")[0]
+    return "an unknown format" if text.startswith("cannot identify") else text[:120]

@@ -1,0 +1,128 @@
+"""Camera poses at the door: checked, and turned into OpenGL camera-to-world (x right, y up, z back).
+
+Notation: world_T_camera [4, 4] float64; P [N, 4, 4] a stack of them.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from console import UserError
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in a JSON file. UserError where there is none, naming line and column."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise UserError(
+            "not JSON", where=path, found=f"{error.msg} at line {error.lineno} column {error.colno}"
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError("cannot be read", where=path, found=str(error)) from error
+    if not isinstance(document, dict):
+        raise UserError("not a scene description", where=path, expected="an object", found=type(document).__name__)
+    return document
+
+
+def frames_of(document: dict[str, Any], path: Path) -> list[dict[str, Any]]:
+    """The list under "frames", at least one entry, each an object with file_path and transform_matrix."""
+    frames = document.get("frames")
+    if not isinstance(frames, list) or not frames:
+        found = "none" if not frames else type(frames).__name__
+        raise UserError("no frames", where=path, expected='a list under "frames"', found=found)
+    for index, frame in enumerate(frames):
+        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+            raise UserError("a frame without file_path", where=f"{path} frame {index}")
+    return frames
+
+
+def number(document: dict[str, Any], key: str, path: Path, default: float | None = None) -> float:
+    """A finite number under a key. UserError where it is missing (without default) or no number."""
+    value = document.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+        raise UserError(f'"{key}" is no number', where=path, found="nothing" if value is None else repr(value)[:60])
+    return float(value)
+
+
+def pose(matrix: Any, where: str) -> np.ndarray:
+    """A checked world_T_camera from nested lists [4, 4] or [3, 4]; its axes are made unit length."""
+    try:
+        world_T_camera = np.array(matrix, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise UserError("the camera's matrix is not made of numbers", where=where, expected="4x4") from None
+    if world_T_camera.shape == (3, 4):
+        world_T_camera = np.vstack([world_T_camera, [0, 0, 0, 1]])
+    if world_T_camera.shape != (4, 4):
+        shape = "x".join(map(str, world_T_camera.shape)) or "nothing"
+        raise UserError("the camera's matrix has another shape", where=where, expected="4x4", found=shape)
+    if not np.all(np.isfinite(world_T_camera)):
+        raise UserError("the camera's matrix holds numbers that are not finite", where=where)
+    lengths = np.linalg.norm(world_T_camera[:3, :3], axis=0)
+    if lengths.min() < 1e-9 or abs(np.linalg.det(world_T_camera[:3, :3] / lengths)) < 0.5:
+        raise UserError("the camera's matrix is no rotation and position", where=where, found="dependent axes")
+    world_T_camera[:3, :3] /= lengths
+    return world_T_camera
+
+
+def poses(matrices: Any, where: str) -> np.ndarray:
+    """`pose` of each: [N, 4, 4]."""
+    return np.stack([pose(matrix, f"{where} {index}") for index, matrix in enumerate(matrices)])
+
+
+def normalised(v: np.ndarray) -> np.ndarray:
+    """v / |v|."""
+    return v / np.linalg.norm(v)
+
+
+def look_at(eye: np.ndarray, back: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """world_T_camera [4, 4] at `eye` whose z axis is `back` and whose y axis is as near to `up` as that allows."""
+    z = normalised(back)
+    x = normalised(np.cross(up, z))
+    result = np.eye(4)
+    result[:3] = np.stack([x, np.cross(z, x), z, eye], axis=1)
+    return result
+
+
+def mean_pose(P: np.ndarray) -> np.ndarray:
+    """The pose at the mean position that looks along the mean direction with the mean up [4, 4]."""
+    return look_at(P[:, :3, 3].mean(0), P[:, :3, 2].sum(0), P[:, :3, 1].sum(0))
+
+
+def similarity(rotation: np.ndarray, centre: np.ndarray, scale: float, P: np.ndarray) -> np.ndarray:
+    """Poses in a frame whose axes are the columns of `rotation` [3, 3], whose origin is `centre`, `scale` times as
+    big.
+    """
+    moved = P.copy()
+    moved[:, :3, :3] = rotation.T @ P[:, :3, :3]
+    moved[:, :3, 3] = scale * (P[:, :3, 3] - centre) @ rotation
+    return moved
+
+
+def focus_point(P: np.ndarray) -> np.ndarray:
+    """The point nearest to all optical axes, in the least squares sense [3]. LinAlgError where the axes are
+    parallel.
+    """
+    across = np.eye(3) - P[:, :3, 2, None] * P[:, None, :3, 2]  # projects onto the plane across an axis
+    system = across.mean(0)
+    if np.linalg.cond(system) > 1e3:
+        raise np.linalg.LinAlgError("the optical axes are parallel")
+    return np.linalg.solve(system, (across @ P[:, :3, 3, None]).mean(0)[:, 0])
+
+
+def upright_axes(up: np.ndarray) -> np.ndarray:
+    """Axes [3, 3] (columns) of a frame whose z is `up`."""
+    z = normalised(up)
+    aside = np.eye(3)[np.argmin(np.abs(z))]
+    x = normalised(np.cross(aside, z))
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def faces_forward(P: np.ndarray) -> bool:
+    """Whether all cameras look into one half space with room to spare, as the NDC warp needs."""
+    mean = P[:, :3, 2].mean(0)
+    return bool(np.linalg.norm(mean) > 1e-6 and (P[:, :3, 2] @ normalised(mean)).min() > 0.4)

@@ -1,0 +1,88 @@
+"""A scene of our own, rendered from analytic shapes and written in Blender layout: test fixture and bundled demo.
+
+    python -m training.scenes.procedural OUT --size 200 --views 60 --seed 0
+
+Deterministic by seed, views and size. See still_life (what there is), shapes, shading and tracing (how it
+is drawn).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from console import progress
+from training.scenes.procedural.still_life import still_life
+from training.scenes.procedural.tracing import picture
+from training.scenes.scene import Camera
+
+DISTANCE = 4.0311  # of the cameras from the origin, as in NeRF-synthetic
+CAMERA_ANGLE_X = 0.6911112  # horizontal field of view in radians, likewise
+LOOK_AT = np.array([0.0, 0.0, -0.12])
+
+
+def look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """world_T_camera [4, 4] of an OpenGL camera (looks along -z) at `eye`, z up."""
+    back = (eye - target) / np.linalg.norm(eye - target)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([right, np.cross(back, right), back, eye], axis=1)
+    return matrix
+
+
+def spread_cameras(count: int, size: int, phase: float) -> list[Camera]:
+    """Cameras on a golden spiral over the upper hemisphere, from 4 to 72 degrees of elevation."""
+    focal = 0.5 * size / np.tan(0.5 * CAMERA_ANGLE_X)
+    share = (np.arange(count) + 0.5) / count
+    z = np.sin(np.radians(4)) + share * (np.sin(np.radians(72)) - np.sin(np.radians(4)))
+    azimuth = (np.arange(count) + phase) * np.pi * (3 - np.sqrt(5))
+    flat = np.sqrt(1 - z * z)
+    eyes = DISTANCE * np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), z], -1)
+    return [Camera(look_at(eye, LOOK_AT), size, size, focal, focal, size / 2, size / 2) for eye in eyes]
+
+
+def write_procedural_scene(
+    out: Path,
+    *,
+    size: int = 200,
+    views: int = 60,
+    test_views: int | None = None,
+    seed: int = 0,
+    subpixels: int = 3,
+) -> Path:
+    """Renders the scene into `out` in Blender layout and returns `out`.
+
+    size: pixels a side. views: training views; test_views (default a sixth, at least two) lie between them.
+    subpixels: rays a side of a pixel. The folder is made; pictures of the same names are replaced.
+    """
+    out = Path(out)
+    things = still_life(seed)
+    test_views = max(2, views // 6) if test_views is None else test_views
+    splits = {"train": spread_cameras(views, size, 0.0), "test": spread_cameras(test_views, size, 0.5)}
+    jobs = []
+    for split, cameras in splits.items():
+        (out / split).mkdir(parents=True, exist_ok=True)
+        frames = [
+            {"file_path": f"./{split}/r_{i}", "transform_matrix": camera.world_T_camera.tolist()}
+            for i, camera in enumerate(cameras)
+        ]
+        document = {"camera_angle_x": CAMERA_ANGLE_X, "frames": frames}
+        (out / f"transforms_{split}.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        jobs += [(camera, out / split / f"r_{i}.png") for i, camera in enumerate(cameras)]
+
+    def render(job: tuple[Camera, Path]) -> None:
+        Image.fromarray(picture(things, job[0], subpixels), "RGBA").save(job[1], optimize=False)
+
+    with progress("procedural scene", len(jobs)) as bar, ThreadPoolExecutor(os.cpu_count()) as pool:
+        for _ in pool.map(render, jobs):
+            bar.advance()
+    return out
+
+
+__all__ = ["look_at", "picture", "spread_cameras", "still_life", "write_procedural_scene"]

@@ -1,0 +1,72 @@
+"""From cameras to pictures: one primary ray per sub-pixel, averaged as premultiplied display colour.
+
+Notation: S sub-pixels a side; a picture is [H, W, 4], RGB not premultiplied, 8 bit. Averaging happens in
+display-referred colour because NeRF composites there: edge pixels then agree with the compositing that a
+trainer does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from training.scenes.procedural.shading import Thing, display, shade
+from training.scenes.procedural.shapes import INFINITY, dot
+from training.scenes.scene import Camera
+
+CHUNK = 1 << 15  # rays at a time, so that temporaries stay in the cache
+
+
+def primary_rays(camera: Camera, subpixels: int) -> tuple[np.ndarray, np.ndarray]:
+    """o, d [H W S S, 3] of a camera, sub-pixels of a pixel next to each other."""
+    offsets = (np.arange(subpixels) + 0.5) / subpixels
+    y, x, sy, sx = np.meshgrid(np.arange(camera.height), np.arange(camera.width), offsets, offsets, indexing="ij")
+    right = (x + sx - camera.cx) / camera.fx
+    up = -(y + sy - camera.cy) / camera.fy
+    d = np.stack([right, up, -np.ones_like(right)], -1).reshape(-1, 3) @ camera.world_T_camera[:3, :3].T
+    d = (d / np.linalg.norm(d, axis=-1, keepdims=True)).astype(np.float32)
+    return np.broadcast_to(camera.world_T_camera[:3, 3].astype(np.float32), d.shape), d
+
+
+def nearest(things: Sequence[Thing], o: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """t [N] and the number of the thing hit [N] (-1: none). Each thing is asked only of rays through its
+    bounding ball.
+    """
+    t = np.full(len(o), INFINITY, np.float32)
+    which = np.full(len(o), -1, np.int32)
+    for index, thing in enumerate(things):
+        centre, radius = thing.shape.bound
+        to = centre - o[0]  # one eye per chunk
+        along = d @ to
+        through = np.flatnonzero((np.dot(to, to) - along * along) < np.float32(radius * radius) * 1.01)
+        if not len(through):
+            continue
+        hit = thing.shape.hit(o[through], d[through])
+        closer = hit < t[through]
+        t[through[closer]] = hit[closer]
+        which[through[closer]] = index
+    return t, which
+
+
+def trace(things: Sequence[Thing], o: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Premultiplied display colour and coverage [N, 4] of rays from one eye."""
+    t, which = nearest(things, o, d)
+    result = np.zeros((len(o), 4), np.float32)
+    for index in np.unique(which[which >= 0]):
+        rays = np.flatnonzero(which == index)
+        p = o[rays] + t[rays, None] * d[rays]
+        n = things[index].shape.normal(p)
+        n = np.where(dot(n, d[rays])[:, None] > 0, -n, n)
+        result[rays, :3] = np.clip(display(shade(things, int(index), p, n, -d[rays])), 0, 1)
+        result[rays, 3] = 1
+    return result
+
+
+def picture(things: Sequence[Thing], camera: Camera, subpixels: int = 3) -> np.ndarray:
+    """Renders uint8 [H, W, 4] with a transparent background and RGB not premultiplied."""
+    o, d = primary_rays(camera, subpixels)
+    colours = np.concatenate([trace(things, o[i : i + CHUNK], d[i : i + CHUNK]) for i in range(0, len(d), CHUNK)])
+    mean = colours.reshape(camera.height, camera.width, subpixels**2, 4).mean(2)
+    straight = mean[..., :3] / np.maximum(mean[..., 3:], 1e-6)
+    return np.rint(np.concatenate([straight, mean[..., 3:]], -1) * 255).astype(np.uint8)

@@ -1,0 +1,40 @@
+"""load_scene: recognises a folder's layout and reads it (CONTRACT section 5).
+
+A layout is a module with LOOKED_FOR (what to tell a user was looked for), recognises(path) and read(path,
+downscale).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from console import UserError
+from training.scenes import blender, llff, transforms
+from training.scenes.scene import Scene, SceneOptions
+
+LAYOUTS = (blender, llff, transforms)
+
+
+def load_scene(path: str | Path, *, downscale: int = 1, spherify: bool | None = None, masks: bool = False) -> Scene:
+    """Reads the posed photographs in a folder; pictures are decoded lazily.
+
+    Options: see SceneOptions. Raises UserError, in one line, for whatever is wrong with the folder, its descriptions or
+    its pictures; left-out frames and guesses are told as a Notice.
+    """
+    path = Path(path)
+    if isinstance(downscale, bool) or int(downscale) != downscale or downscale < 1:
+        raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
+    if not path.exists():
+        raise UserError("no such folder", where=path, expected="a scene: a folder of posed photographs")
+    if not path.is_dir():
+        raise UserError("not a folder", where=path, expected="a scene: a folder of posed photographs")
+    if not any(path.iterdir()):
+        raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
+    for layout in LAYOUTS:
+        if layout.recognises(path):
+            return layout.read(path, SceneOptions(int(downscale), spherify, masks))
+    raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
+
+
+def _looked_for() -> str:
+    return ", ".join(layout.LOOKED_FOR for layout in LAYOUTS)

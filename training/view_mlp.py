@@ -1,0 +1,42 @@
+"""The view MLP of the deferred head (SNeRG section 4.2): one tiny network per ray, not per sample.
+
+Input, 34 channels: encoded view direction (27, see training.encoding), accumulated diffuse colour with the
+background included (3), accumulated features (4). Two hidden layers of 16 with ReLU; the output goes
+through a sigmoid and is the residual that is added to the diffuse colour (equation 8). Weights are
+input-major: x @ W + b.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+
+from training.encoding import VIEW_DEGREES, encode_viewdirs, encoded_width
+from training.method import ViewMlpParams
+
+FEATURES = 4  # channels of the feature vector
+WIDTHS = (encoded_width(3, VIEW_DEGREES) + 3 + FEATURES, 16, 16, 3)  # 34 -> 16 -> 16 -> 3
+
+
+def init_view_mlp(key: jax.Array) -> ViewMlpParams:
+    """Glorot-uniform weights [34, 16], [16, 16], [16, 3] and zero biases, as in JAXNeRF."""
+    glorot = jax.nn.initializers.glorot_uniform()
+    keys = jax.random.split(key, 3)
+    first, second, last = (glorot(k, shape) for k, shape in zip(keys, pairwise(WIDTHS), strict=True))
+    return ViewMlpParams((first, second, last), (jnp.zeros(WIDTHS[1]), jnp.zeros(WIDTHS[2]), jnp.zeros(WIDTHS[3])))
+
+
+def apply_view_mlp(
+    params: ViewMlpParams, diffuse_with_background: jax.Array, features: jax.Array, viewdirs: jax.Array
+) -> jax.Array:
+    """The residual [..., 3] in [0, 1] for diffuse [..., 3], features [..., 4] and unit viewdirs [..., 3].
+
+    The view direction is encoded here, in the training frame. The caller adds the residual to the diffuse
+    colour: unclamped in training (as in the release), clamped to [0, 1] for a picture.
+    """
+    x = jnp.concatenate([encode_viewdirs(viewdirs), diffuse_with_background, features], axis=-1)
+    for weight, bias in zip(params.weights[:-1], params.biases[:-1], strict=True):
+        x = jax.nn.relu(x @ weight + bias)
+    return jax.nn.sigmoid(x @ params.weights[-1] + params.biases[-1])

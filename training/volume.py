@@ -1,0 +1,79 @@
+"""Volume rendering by quadrature (SNeRG equations 1-3, after Max 1995), and the deferred shading of section 4.2.
+
+Notation, per ray, samples k along the last axis but channels:
+    t      [..., K]      positions along the ray, point(t) = origin + t direction
+    delta  [..., K]      length of the interval that sample k stands for, in world units
+    sigma  [..., K]      density per unit of world length, >= 0
+    alpha  [..., K]      1 - exp(-sigma delta)
+    T      [..., K]      transmittance before sample k, exp(-sum over k' < k of sigma delta)
+    weight [..., K]      T alpha, the share of sample k in the pixel
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+
+from training.method import RenderOutput, ViewMlpParams
+from training.view_mlp import apply_view_mlp
+
+LAST_INTERVAL = 1e10  # NeRF lets the last sample stand for the rest of the ray
+
+
+def intervals(t: jax.Array, directions: jax.Array, last: float = LAST_INTERVAL) -> jax.Array:
+    """delta [..., K] of sorted t [..., K] along directions [..., 3], which need not be unit (NDC)."""
+    gaps = jnp.concatenate([jnp.diff(t, axis=-1), jnp.full_like(t[..., :1], last)], axis=-1)
+    return gaps * jnp.linalg.norm(directions, axis=-1, keepdims=True)
+
+
+def alpha_of(sigma: jax.Array, delta: jax.Array | float) -> jax.Array:
+    """Opacity of an interval, 1 - exp(-sigma delta), in [0, 1]; exact for small arguments."""
+    return -jnp.expm1(-sigma * delta)
+
+
+def density_of(alpha: jax.Array, delta: jax.Array | float) -> jax.Array:
+    """The inverse of alpha_of: sigma = -log(1 - alpha) / delta."""
+    return -jnp.log1p(-alpha) / delta
+
+
+def transmittance(sigma_delta: jax.Array) -> jax.Array:
+    """T [..., K] before each sample, from optical depths sigma delta [..., K]. T of the first sample is 1."""
+    before = jnp.cumsum(sigma_delta[..., :-1], axis=-1)
+    return jnp.exp(-jnp.concatenate([jnp.zeros_like(sigma_delta[..., :1]), before], axis=-1))
+
+
+def weights_of(sigma: jax.Array, delta: jax.Array) -> jax.Array:
+    """weight [..., K] = T alpha; they sum to the ray's opacity, at most 1."""
+    return transmittance(sigma * delta) * alpha_of(sigma, delta)
+
+
+def composite(weights: jax.Array, values: jax.Array) -> jax.Array:
+    """Sum over samples of weight [..., K] times values [..., K, C] -> [..., C]."""
+    return jnp.einsum("...k,...kc->...c", weights, values)
+
+
+def over_background(rgb: jax.Array, alpha: jax.Array, background: Sequence[float]) -> jax.Array:
+    """Premultiplied rgb [..., 3] of opacity alpha [...] before a background colour."""
+    return rgb + (1.0 - alpha[..., None]) * jnp.asarray(background, dtype=rgb.dtype)
+
+
+def shade(
+    view: ViewMlpParams | None,
+    diffuse: jax.Array,
+    features: jax.Array,
+    alpha: jax.Array,
+    depth: jax.Array,
+    viewdirs: jax.Array,
+    background: Sequence[float] = (1.0, 1.0, 1.0),
+) -> RenderOutput:
+    """The deferred end of a ray: background, view MLP, sum (equation 8).
+
+    diffuse [..., 3] and features [..., 4] are accumulated and premultiplied, alpha and depth [...],
+    viewdirs [..., 3]. The residual is added at every pixel and nothing is clamped, as in the release's
+    training. No view MLP: diffuse.
+    """
+    diffuse = over_background(diffuse, alpha, background)
+    rgb = diffuse if view is None else diffuse + apply_view_mlp(view, diffuse, features, viewdirs)
+    return RenderOutput(rgb=rgb, diffuse=diffuse, features=features, alpha=alpha, depth=depth)

@@ -1,0 +1,129 @@
+"""Samples of a batch of rays, empty space left out, in one list of fixed length.
+
+Two passes keep it cheap: first one test per BRICK steps against the dilated coarse occupancy, then one test per step
+against exact support. Both compact into lists of fixed size, so nothing recompiles. Nothing is dropped silently: rays
+are taken in order until the list is full, and `complete` says which rays have all their samples.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from training.method import Rays
+from training.voxels.sparse_grid import BRICK
+
+
+class Layout(Protocol):
+    """What the march asks of a grid: the trainer's voxels (training.voxels.sparse_grid) and a baked pack (baker) answer.
+
+    origin [3], voxel [] in world units, dims int32 [3] = (x, y, z) voxels.
+    """
+
+    origin: jax.Array
+    voxel: jax.Array
+    dims: jax.Array
+
+    def has_support(self, g: jax.Array) -> jax.Array:
+        """bool [N]: whether interpolation at grid coordinates g [N, 3] meets anything stored."""
+        ...
+
+    def near_content(self, g: jax.Array) -> jax.Array:
+        """bool [...]: whether anything stored may lie within BRICK/2 voxels of g [..., 3]; False only where none does."""
+        ...
+
+
+class MarchSizes(NamedTuple):
+    """Static sizes: segments tested a ray, coarse list, sample list, most samples a ray may have."""
+
+    segments: int
+    coarse: int
+    samples: int
+    per_ray: int
+
+
+class Samples(NamedTuple):
+    """S samples in ray order. ray int32 [S], rank int32 [S] (k-th sample of its ray), g [S, 3] grid coordinates, t [S]
+    distance in voxels, valid bool [S]. complete bool [N]: all samples of this ray are in the list. counts int32 [N]."""
+
+    ray: jax.Array
+    rank: jax.Array
+    g: jax.Array
+    t: jax.Array
+    valid: jax.Array
+    complete: jax.Array
+    counts: jax.Array
+
+
+class GridRays(NamedTuple):
+    """Rays in grid coordinates: origins, unit directions [N, 3], start and end [N] in voxels, scale [N] voxels per t."""
+
+    origins: jax.Array
+    directions: jax.Array
+    start: jax.Array
+    end: jax.Array
+    scale: jax.Array
+
+
+def to_grid(layout: Layout, rays: Rays) -> GridRays:
+    """Clips rays to the grid's box and measures them in voxels."""
+    origins = (rays.origins - layout.origin) / layout.voxel
+    directions = rays.directions / layout.voxel
+    scale = jnp.linalg.norm(directions, axis=-1)
+    directions = directions / scale[:, None]
+    safe = jnp.where(jnp.abs(directions) < 1e-9, 1e-9, directions)
+    to_low, to_high = -origins / safe, (layout.dims - origins) / safe
+    start = jnp.maximum(jnp.minimum(to_low, to_high).max(-1), rays.near * scale)
+    end = jnp.minimum(jnp.maximum(to_low, to_high).min(-1), rays.far * scale)
+    return GridRays(origins, directions, start, end, scale)
+
+
+def occupied_segments(layout: Layout, rays: GridRays, phase: jax.Array, segments: int, step: float) -> jax.Array:
+    """bool [N, segments]: which runs of BRICK steps may meet content."""
+    middle = rays.start[:, None] + (phase[:, None] + BRICK * jnp.arange(segments) + 0.5 * (BRICK - 1)) * step
+    g = rays.origins[:, None] + middle[..., None] * rays.directions[:, None]
+    ends_after = rays.start[:, None] + BRICK * jnp.arange(segments) * step < rays.end[:, None]
+    return layout.near_content(g) & ends_after
+
+
+def march(layout: Layout, rays: GridRays, phase: jax.Array, sizes: MarchSizes, step: float) -> Samples:
+    """The samples of N rays at start + (phase + k) step, k = 0, 1, …, that have support. step in voxels, at most 1."""
+    count = rays.start.shape[0]
+    coarse = occupied_segments(layout, rays, phase, sizes.segments, step)
+    (picked,) = jnp.nonzero(coarse.ravel(), size=sizes.coarse, fill_value=count * sizes.segments)
+    coarse_overflow = coarse.sum() > sizes.coarse
+    last_coarse = jnp.where(coarse_overflow, picked[-1] // sizes.segments, count)
+
+    ray = jnp.minimum(picked // sizes.segments, count - 1)[:, None]
+    k = (picked % sizes.segments)[:, None] * BRICK + jnp.arange(BRICK)
+    t = rays.start[ray] + (phase[ray] + k) * step
+    g = rays.origins[ray] + t[..., None] * rays.directions[ray]
+    inside = (t < rays.end[ray]) & (picked < count * sizes.segments)[:, None]
+    fine = (inside & layout.has_support(g)).ravel()
+    (chosen,) = jnp.nonzero(fine, size=sizes.samples, fill_value=fine.size)
+    valid = chosen < fine.size
+    chosen = jnp.minimum(chosen, fine.size - 1)
+
+    ray_of = jnp.broadcast_to(ray, k.shape).ravel()
+    counts = jnp.zeros(count, jnp.int32).at[ray_of].add(fine.astype(jnp.int32))
+    first = jnp.cumsum(counts) - counts
+    complete = (first + counts <= sizes.samples) & (jnp.arange(count) < last_coarse) & (counts <= sizes.per_ray)
+    sample_ray = ray_of[chosen]
+    rank = jnp.arange(sizes.samples) - first[sample_ray]
+    valid = valid & complete[sample_ray]
+    return Samples(sample_ray, rank, g.reshape(-1, 3)[chosen], t.ravel()[chosen], valid, complete, counts)
+
+
+def transmittance(samples: Samples, tau: jax.Array, rays: int, per_ray: int) -> tuple[jax.Array, jax.Array]:
+    """T before each sample [S] of optical depth tau [S], and T behind each ray [rays]. Samples not valid count as empty.
+
+    Optical depths are spread into [rays, per_ray] so that the running sum starts afresh for each ray and keeps precision.
+    """
+    tau = jnp.where(samples.valid, tau, 0.0)
+    slot = jnp.where(samples.valid, samples.ray * per_ray + samples.rank, rays * per_ray)
+    spread = jnp.zeros(rays * per_ray, tau.dtype).at[slot].set(tau, mode="drop")
+    depth = jnp.cumsum(spread.reshape(rays, per_ray), axis=1)
+    before = depth.ravel().at[slot].get(mode="fill", fill_value=0.0) - tau
+    return jnp.exp(-before), jnp.exp(-depth[:, -1])

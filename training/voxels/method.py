@@ -1,0 +1,270 @@
+"""The fast method: a sparse voxel grid optimised directly, coarse to fine, behind the same deferred head as the paper's.
+
+Published parts: direct voxel optimisation with total variation and pruning by visible weight (Plenoxels, Fridovich-Keil
+et al. 2022), raw values activated after interpolation and an optimiser that leaves unseen voxels alone (DVGO, Sun et al.
+2022), empty space skipped by an occupancy structure (instant-ngp, Müller et al. 2022). The head, the Cauchy sparsity term
+and the background rule are SNeRG's (sections 4.2 and 4.3).
+
+Per ray i, sample k: raw r(g) interpolated; sigma = softplus(r_0 + shift) / reference; colours and features sigmoid(r_1..7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from training.config import TrainConfig
+from training.dataset import RayDataset
+from training.losses import psnr_of
+from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
+from training.view_mlp import apply_view_mlp, init_view_mlp
+from training.volume import alpha_of
+from training.voxels import stages
+from training.voxels.march import MarchSizes, Samples, march, to_grid, transmittance
+from training.voxels.sparse_grid import CHANNELS, GridLayout, blend, interpolate
+
+ADAM_BETAS = (0.9, 0.99)
+SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
+SHADED_BELOW = 254.0 / 255.0  # as the viewer: the residual is added where T is at most this
+HEAD_BIAS = -3.0  # the view MLP starts near zero, so that diffuse colour settles first
+
+
+class Trainable(NamedTuple):
+    """rows [V + 1, 8] raw values, and the view MLP (None: diffuse)."""
+
+    rows: jax.Array
+    head: ViewMlpParams | None
+
+
+class VoxelState(NamedTuple):
+    """All that changes between steps. first, second: Adam's moments. cells int32 [V + 1]: padded voxel of each row.
+
+    hits int32 [rays]: ids of the training rays that meet content, of which the first hit_count hold. sizes, rays: static.
+    """
+
+    trainable: Trainable
+    first: Trainable
+    second: Trainable
+    updates: jax.Array
+    layout: GridLayout
+    cells: jax.Array
+    hits: jax.Array
+    hit_count: jax.Array
+    sizes: MarchSizes
+    rays: int
+
+
+class Settings(NamedTuple):
+    """Numbers that the compiled step treats as constants."""
+
+    steps: int
+    step_voxels: float
+    shift: float
+    reference: float
+    background: tuple[float, float, float]
+    sparsity_weight: float
+    sparsity_scale: float
+    sparsity_spacing: float
+    rates: tuple[float, float, float]
+    final_rate_factor: float
+    variation: tuple[float, float]
+    variation_share: float
+
+
+def activate(raw: jax.Array, settings: Settings) -> FieldOutput:
+    """Density, diffuse colour and features of raw values [N, 8]."""
+    density = jax.nn.softplus(raw[:, 0] + settings.shift) / settings.reference
+    colours = jax.nn.sigmoid(raw[:, 1:])
+    return FieldOutput(density, colours[:, :3], colours[:, 3:])
+
+
+def render_samples(
+    raw: jax.Array, head: ViewMlpParams | None, layout: GridLayout, samples: Samples, viewdirs: jax.Array,
+    sizes: MarchSizes, settings: Settings,
+) -> tuple[RenderOutput, FieldOutput, jax.Array]:  # fmt: skip
+    """Composites and shades N rays from raw values [S, 8] at their samples; also the field there, and the weights [S].
+
+    Nothing is clamped.
+    """
+    count = viewdirs.shape[0]
+    field = activate(raw, settings)
+    tau = field.density * (settings.step_voxels * layout.voxel)
+    before, behind = transmittance(samples, tau, count, sizes.per_ray)
+    weights = jnp.where(samples.valid, before * alpha_of(tau, 1.0), 0.0)
+    values = jnp.concatenate([field.diffuse, field.features, samples.t[:, None]], axis=-1)
+    sums = jnp.zeros((count, 8)).at[samples.ray].add(weights[:, None] * values)
+    diffuse = sums[:, :3] + behind[:, None] * jnp.asarray(settings.background)
+    rgb = diffuse
+    if head is not None:
+        residual = apply_view_mlp(head, diffuse, sums[:, 3:7], viewdirs)
+        rgb = diffuse + residual * (behind <= SHADED_BELOW)[:, None]
+    output = RenderOutput(rgb=rgb, diffuse=diffuse, features=sums[:, 3:7], alpha=1.0 - behind, depth=sums[:, 7])
+    return output, field, weights
+
+
+def neighbourhood(layout: GridLayout, cells: jax.Array, picked: jax.Array) -> jax.Array:
+    """Rows int32 [P, 4] of the picked voxels and of their neighbours along +x, +y, +z (0 where absent)."""
+    width, height = layout.dims[0] + 2, layout.dims[1] + 2
+    ahead = jnp.stack([jnp.zeros_like(width), jnp.ones_like(width), width, width * height])
+    return layout.lookup[cells[picked][:, None] + ahead]
+
+
+def variation(values: jax.Array, ids: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Total variation of raw density and of raw colours in neighbourhoods [P, 4, 8] of rows ids [P, 4]: mean norms."""
+    change = jnp.square(values[:, 1:] - values[:, :1]) * (ids[:, 1:] > 0)[..., None]
+    norms = jnp.sqrt(change.sum(1) + 1e-6)
+    return norms[:, 0].mean(), norms[:, 1:].sum(-1).mean()
+
+
+@partial(jax.jit, static_argnames=("sizes", "rays", "settings"), donate_argnums=(0, 1, 2))
+def update(
+    trainable: Trainable, first: Trainable, second: Trainable, updates: jax.Array, layout: GridLayout, cells: jax.Array,
+    hits: jax.Array, hit_count: jax.Array, dataset: RayDataset, key: jax.Array, step: jax.Array, progress: jax.Array,
+    *, sizes: MarchSizes, rays: int, settings: Settings,
+) -> tuple[Trainable, Trainable, Trainable, jax.Array, dict[str, jax.Array]]:  # fmt: skip
+    """One step: draw rays, march, render, differentiate, Adam."""
+    ray_key, phase_key, voxel_key = jax.random.split(jax.random.fold_in(key, step), 3)
+    ids = hits[jax.random.randint(ray_key, (rays,), 0, hit_count)]
+    batch, target = dataset.rays_at(ids)
+    samples = march(layout, to_grid(layout, batch), jax.random.uniform(phase_key, (rays,)), sizes, settings.step_voxels)
+    counted = samples.complete & (samples.counts > 0)
+    total = jnp.maximum(counted.sum(), 1)
+    picked = jax.random.randint(
+        voxel_key, (max(int(trainable.rows.shape[0] * settings.variation_share), 1),), 1, trainable.rows.shape[0]
+    )
+
+    sample_ids, sample_weights = layout.corners(samples.g)
+    near_ids = neighbourhood(layout, cells, picked)
+
+    def loss_of(trainable: Trainable) -> tuple[jax.Array, dict[str, jax.Array]]:
+        # One gather for samples and neighbourhoods: its transpose is one scatter into one dense gradient.
+        values = trainable.rows[jnp.concatenate([sample_ids.ravel(), near_ids.ravel()])]
+        at_samples, nearby = values[: sample_ids.size].reshape(-1, 8, CHANNELS), values[sample_ids.size :]
+        raw = blend(at_samples, sample_weights)
+        output, field, _ = render_samples(raw, trainable.head, layout, samples, batch.viewdirs, sizes, settings)
+        error = jnp.square(output.rgb - target).sum(-1)
+        colour = jnp.where(counted, error, 0.0).sum() / total
+        penalty = jnp.where(samples.valid, jnp.log1p(jnp.square(field.density) / settings.sparsity_scale), 0.0).sum()
+        spacing = settings.step_voxels * layout.voxel / settings.sparsity_spacing
+        sparsity = settings.sparsity_weight * spacing * penalty / total
+        rough_density, rough_colour = variation(nearby.reshape(-1, 4, CHANNELS), near_ids)
+        smooth = settings.variation[0] * rough_density + settings.variation[1] * rough_colour
+        mse = jnp.where(counted, jnp.square(jnp.clip(output.rgb, 0, 1) - target).sum(-1), 0.0).sum() / (3 * total)
+        metrics = {"mse": mse, "sparsity": sparsity, "variation": smooth, "rays": total, "samples": samples.valid.sum()}
+        return colour + sparsity + smooth, metrics
+
+    (loss, metrics), gradient = jax.value_and_grad(loss_of, has_aux=True)(trainable)
+    trainable, first, second = adam(trainable, gradient, first, second, updates, progress, settings)
+    metrics |= {"loss": loss, "psnr": psnr_of(metrics["mse"])}
+    return trainable, first, second, updates + 1, metrics
+
+
+def adam(
+    trainable: Trainable, gradient: Trainable, first: Trainable, second: Trainable, updates: jax.Array,
+    progress: jax.Array, settings: Settings,
+) -> tuple[Trainable, Trainable, Trainable]:  # fmt: skip
+    """Adam; voxels without a gradient are left alone, moments included (DVGO's masked Adam)."""
+    beta1, beta2 = ADAM_BETAS
+    decay = settings.final_rate_factor**progress
+    density_rate, colour_rate, head_rate = (rate * decay for rate in settings.rates)
+    row_rates = jnp.concatenate([density_rate[None], jnp.full(CHANNELS - 1, colour_rate)])
+    count = (updates + 1).astype(jnp.float32)
+    correction = jnp.sqrt(1 - beta2**count) / (1 - beta1**count)
+
+    def move(value, slope, one, two, rate, masked):
+        new_one = beta1 * one + (1 - beta1) * slope
+        new_two = beta2 * two + (1 - beta2) * jnp.square(slope)
+        new_value = value - rate * correction * new_one / (jnp.sqrt(new_two) + 1e-10)
+        if not masked:
+            return new_value, new_one, new_two
+        seen = slope[:, :1] != 0
+        return tuple(jnp.where(seen, new, old) for new, old in ((new_value, value), (new_one, one), (new_two, two)))
+
+    slope_rows = gradient.rows.at[0].set(0.0)  # row 0 stands for absent voxels and never learns
+    rows = move(trainable.rows, slope_rows, first.rows, second.rows, row_rates, True)
+    if trainable.head is None:
+        return tuple(Trainable(array, None) for array in rows)  # type: ignore[return-value]
+    leaves, tree = jax.tree.flatten(trainable.head)
+    parts = [
+        move(*args, head_rate, False)
+        for args in zip(leaves, *(jax.tree.leaves(t.head) for t in (gradient, first, second)), strict=True)
+    ]
+    heads = [jax.tree.unflatten(tree, [part[i] for part in parts]) for i in range(3)]
+    return tuple(Trainable(array, head) for array, head in zip(rows, heads, strict=True))  # type: ignore[return-value]
+
+
+class VoxelMethod:
+    """The fast field behind training.method.Method."""
+
+    def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
+        self.config, self.dataset, self.voxels = config, dataset, config.voxels
+        self.box = np.asarray(dataset.aabb, np.float64)
+        extent = (self.box[1] - self.box[0]).max()
+        coarse, fine = extent / self.voxels.resolutions[0], extent / self.voxels.resolutions[-1]
+        optical_depth = -np.log1p(-self.voxels.initial_alpha) * fine / coarse
+        self.settings = Settings(
+            steps=config.steps,
+            step_voxels=self.voxels.step_voxels,
+            shift=float(np.log(np.expm1(optical_depth))),
+            reference=float(fine),
+            background=tuple(float(c) for c in dataset.background),
+            sparsity_weight=config.sparsity_weight,
+            sparsity_scale=config.sparsity_scale,
+            sparsity_spacing=float(dataset.far - dataset.near) / SPARSITY_SAMPLES,
+            rates=(self.voxels.density_rate, self.voxels.colour_rate, self.voxels.head_rate),
+            final_rate_factor=self.voxels.final_rate_factor,
+            variation=(self.voxels.density_variation, self.voxels.colour_variation),
+            variation_share=self.voxels.variation_share,
+        )
+        self.key = jax.random.key(config.seed)
+        self.schedule = stages.schedule(self.voxels, config.steps)
+
+    def start(self, key: jax.Array) -> VoxelState:
+        head = None
+        if self.voxels.view_dependence:
+            head = init_view_mlp(key)
+            head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
+        return stages.dense_start(self, head)
+
+    def step(self, state: VoxelState, step: int) -> tuple[VoxelState, dict[str, jax.Array]]:
+        if step in self.schedule and step > 0:
+            state = stages.refine(self, state, self.schedule[step])
+        *new, metrics = update(
+            state.trainable, state.first, state.second, state.updates, state.layout, state.cells, state.hits,
+            state.hit_count, self.dataset, self.key, jnp.int32(step), jnp.float32(step / max(self.config.steps, 1)),
+            sizes=state.sizes, rays=state.rays, settings=self.settings,
+        )  # fmt: skip
+        return state._replace(trainable=new[0], first=new[1], second=new[2], updates=new[3]), metrics
+
+    def render(self, state: VoxelState, rays: Rays) -> RenderOutput:
+        return stages.render_all(self, state, rays)
+
+    def query(self, state: VoxelState, points: jax.Array) -> FieldOutput:
+        return query(state.trainable.rows, state.layout, points, self.settings)
+
+    def may_hold(self, state: VoxelState, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """bool [N]: whether boxes from low to high [N, 3], training frame, meet any present voxel's support."""
+        return stages.boxes_with_voxels(state.layout, low, high)
+
+    def view_mlp(self, state: VoxelState) -> ViewMlpParams | None:
+        return state.trainable.head
+
+    def save(self, state: VoxelState) -> dict[str, np.ndarray]:
+        return stages.save(state)
+
+    def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
+        return stages.restore(self, arrays)
+
+
+@partial(jax.jit, static_argnames="settings")
+def query(rows: jax.Array, layout: GridLayout, points: jax.Array, settings: Settings) -> FieldOutput:
+    """The field at world points [N, 3]; density 0 outside the box and where no voxel is present."""
+    g = (points - layout.origin) / layout.voxel
+    inside = jnp.all((g >= 0) & (g <= layout.dims), axis=-1)
+    field = activate(interpolate(rows, layout, g), settings)
+    return field._replace(density=jnp.where(inside & layout.has_support(g), field.density, 0.0))
