@@ -1,0 +1,101 @@
+"""`snerg-make SCENE --out DIR`: photographs to fly-through in one line (CONTRACT section 4)."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from math import ceil
+from pathlib import Path
+from typing import Literal
+
+from console import UserError, run_command
+
+DESCRIPTION = (
+    "Photographs to a scene you can fly through: trains, bakes, and opens the viewer where there is a display."
+)
+# The paper bakes at slightly more voxels than its photographs have pixels (section 6). `cpu` shrinks photographs first.
+RESOLUTION = {"cpu": 512, "fast": 1000, "paper": 1000, "small": 512, "tiny": 96}
+LONGEST_SIDE = {"cpu": 256}
+
+
+def snerg_make(
+    scene: Path,
+    /,
+    out: Path,
+    preset: Literal["cpu", "fast", "paper", "small", "tiny"] = "cpu",
+    downscale: int | None = None,
+    steps: int | None = None,
+    resolution: int | None = None,
+    seed: int = 0,
+    no_view: bool = False,
+) -> None:
+    """Trains, bakes and opens the viewer. Stopped half-way, the same line goes on where it was.
+
+    Args:
+        scene: Folder of posed photographs.
+        out: Folder for the results: DIR/run, then DIR/pack.
+        preset: cpu (minutes on two cores), fast (a GPU), paper (the paper's numbers, days), small, tiny (tests).
+        downscale: Divide the photographs' sides by this whole number; by default 1, and with `cpu` as much as brings the
+            longer side to 256 pixels or fewer.
+        steps: Training steps; by default the preset's.
+        resolution: Voxels along the longest side of the baked grid; by default the preset's.
+        seed: Seed of everything random.
+        no_view: Do not open the viewer at the end; without a display it is not opened anyway.
+    """
+    from baker.bake import BakeConfig, bake
+    from baker.commands.bake import describe_pack
+    from scenepack import check_target, save_pack
+    from training.config import PRESETS
+    from training.loop import train
+    from training.run import is_run, read_description
+    from training.scenes import load_scene
+
+    run_path, pack_path = out / "run", out / "pack"
+    check_target(pack_path)
+    config = dataclasses.replace(PRESETS[preset], seed=seed)
+    if steps is not None:
+        config = dataclasses.replace(config, steps=steps)
+    started = time.monotonic()
+    resume = is_run(run_path)
+    if resume:
+        stored = read_description(run_path)
+        if stored.scene != scene.resolve():
+            raise UserError("holds a run of another scene", where=run_path, expected=scene, found=stored.scene,
+                            remedy="choose another --out")  # fmt: skip
+        config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
+    else:
+        downscale = downscale or suggested_downscale(load_scene(scene), preset)
+    run = train(scene, run_path, config, downscale=downscale or 1, resume=resume)
+    trained = time.monotonic()
+    pack = bake(run, BakeConfig(resolution=resolution or RESOLUTION[preset]))
+    save_pack(pack, pack_path)
+    print(describe_pack(pack, pack_path))
+    baked = time.monotonic()
+    print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
+    if not no_view and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("darwin", "win32")):
+        # A process of its own: JAX holds most of a GPU's memory until this one ends.
+        subprocess.Popen([sys.executable, "-m", "viewer.commands.view", str(pack_path)])
+
+
+def suggested_downscale(scene, preset: str) -> int:
+    """The whole number that makes training on these photographs as quick as the preset promises."""
+    camera = scene.splits["train"][0].camera
+    return ceil(max(camera.width, camera.height) / LONGEST_SIDE[preset]) if preset in LONGEST_SIDE else 1
+
+
+def minutes(seconds: float) -> str:
+    """Seconds in words: "9 min 12 s"."""
+    return f"{int(seconds) // 60} min {int(seconds) % 60} s" if seconds >= 60 else f"{seconds:.0f} s"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    return run_command(snerg_make, prog="snerg-make", description=DESCRIPTION, args=args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,176 @@
+"""Which macroblocks are worth storing (SNeRG section 5.4): those with opacity, and seen by some training camera.
+
+Notation: tau_alpha, tau_vis the thresholds; v the voxel size in the field's frame; a cell is CELL³ voxels, the unit of
+the visibility test (the release, too, tests on a grid of half the resolution).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from baker.field_query import FieldQuery, Occupied
+from baker.grid import BakeGrid, to_training
+from training.dataset import RayDataset
+from training.method import Rays
+from training.voxels.march import MarchSizes, march, to_grid, transmittance
+from training.voxels.sparse_grid import BRICK, GridLayout, build_layout
+from training.voxels.stages import dilate
+
+TAU_ALPHA = 0.005
+TAU_VIS = 0.01
+CELL = 2
+BOX_PROBE = 256  # most cells a side when looking for the box around the content
+BOX_MARGIN = 1.0  # probe cells added on every side of it
+VISIBILITY_RAYS = 1_000_000  # training rays marched; with 100 views of 200 × 200 every fourth
+CHUNK_RAYS, CHUNK_SAMPLES = 4096, 131_072
+DILATION = 2  # cells: what lies this near to a visible cell counts as visible
+
+Tick = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Culling:
+    """kept bool [blocks z, y, x]; cells bool [z, y, x]: cells of kept blocks that hold opacity or touch one that does.
+
+    opaque: number of macroblocks with opacity; hidden: how many of these no camera sees.
+    """
+
+    kept: np.ndarray
+    cells: np.ndarray
+    opaque: int
+    hidden: int
+
+
+def content_box(query: FieldQuery, low: np.ndarray, high: np.ndarray, resolution: int, worldspace_T_opengl: np.ndarray,
+                tau_alpha: float = TAU_ALPHA) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
+    """The part of the box (low, high), grid frame, that holds opacity; None where nothing does.
+
+    The field is probed on a grid of at most BOX_PROBE cells a side, at one random place per cell, with opacities as a voxel
+    of the final resolution would have.
+    """
+    probes = min(resolution, BOX_PROBE)
+    cell = (high - low).max() / probes
+    counts = np.maximum(np.ceil((high - low) / cell - 1e-6).astype(int), 1)
+    length = (high - low).max() / resolution
+    rng = np.random.default_rng(0)
+    found_low, found_high = np.full(3, np.inf), np.full(3, -np.inf)
+    y, x = np.meshgrid(np.arange(counts[1]), np.arange(counts[0]), indexing="ij")
+    for z in range(counts[2]):
+        cells = np.stack([x, y, np.full_like(x, z)], -1).reshape(-1, 3)
+        points = low + (cells + rng.random(cells.shape)) * cell
+        density = query(to_training(worldspace_T_opengl, points)).density
+        hit = points[1 - np.exp(-np.asarray(density) * length) >= tau_alpha]
+        if len(hit):
+            found_low, found_high = np.minimum(found_low, hit.min(0)), np.maximum(found_high, hit.max(0))
+    if not np.isfinite(found_low).all():
+        return None
+    margin = BOX_MARGIN * cell
+    return np.maximum(found_low - margin, low), np.minimum(found_high + margin, high)
+
+
+def cull(query: FieldQuery, grid: BakeGrid, dataset: RayDataset, *, occupied: Occupied | None = None, tau_alpha: float = TAU_ALPHA,
+         tau_vis: float = TAU_VIS, on_blocks: Tick | None = None, on_rays: Tick | None = None) -> Culling:  # fmt: skip
+    """Both tests of section 5.4. occupied: spares asking the field where it is surely empty (baker.field_query).
+
+    on_blocks, on_rays are told the share done of either.
+    """
+    opaque, density = _opacity(query, occupied, grid, tau_alpha, on_blocks)
+    cells = density > 0
+    seen = _visibility(density, grid, dataset, on_rays) >= tau_vis
+    for _ in range(DILATION):
+        seen = dilate(seen)
+    per_block = grid.block_size // CELL
+    kept = opaque & _any_in_blocks(seen & cells, per_block)
+    inside = np.repeat(np.repeat(np.repeat(kept, per_block, 0), per_block, 1), per_block, 2)
+    return Culling(kept, dilate(cells) & inside, int(opaque.sum()), int((opaque & ~kept).sum()))
+
+
+def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
+    z, y, x = (n // per_block for n in cells.shape)
+    return cells.reshape(z, per_block, y, per_block, x, per_block).any(axis=(1, 3, 5))
+
+
+def _opacity(
+    query: FieldQuery, occupied: Occupied | None, grid: BakeGrid, tau_alpha: float, tick: Tick | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """bool [blocks] with some voxel's alpha >= tau_alpha, and the cells' mean density [cells], 0 where below it.
+
+    The field is asked at every voxel centre, macroblock by macroblock; only the coarser cells are kept.
+    """
+    size, per_block = grid.block_size, grid.block_size // CELL
+    bx, by, bz = grid.blocks
+    opaque = np.zeros((bz, by, bx), bool)
+    density = np.zeros((bz * per_block, by * per_block, bx * per_block), np.float32)
+    z, y, x = np.meshgrid(*(np.arange(size) + 0.5,) * 3, indexing="ij")
+    centres = np.stack([x, y, z], -1).reshape(-1, 3)
+    blocks = [(k, j, i) for k in range(bz) for j in range(by) for i in range(bx)]
+    if occupied is not None:
+        corners = np.array([(i, j, k) for k, j, i in blocks]) * size
+        ends = grid.training_points(corners), grid.training_points(corners + size)
+        holds = occupied(np.minimum(*ends), np.maximum(*ends))
+        blocks = [block for block, some in zip(blocks, holds, strict=True) if some]
+    group = max(131_072 * 4 // size**3, 1)
+    for start in range(0, len(blocks), group):
+        part = blocks[start : start + group]
+        points = np.concatenate([centres + np.array([i, j, k]) * size for k, j, i in part])
+        sigma = np.asarray(query(grid.training_points(points)).density).reshape(len(part), *(per_block, CELL) * 3)
+        for (k, j, i), values in zip(part, sigma, strict=True):
+            alpha = 1 - np.exp(-values.max(axis=(1, 3, 5)) * grid.voxel_size)
+            opaque[k, j, i] = alpha.max() >= tau_alpha
+            at = tuple(slice(b * per_block, (b + 1) * per_block) for b in (k, j, i))
+            density[at] = np.where(alpha >= tau_alpha, values.mean(axis=(1, 3, 5)), 0)
+        if tick:
+            tick(min(start + group, len(blocks)) / len(blocks))
+    return opaque, density
+
+
+def _visibility(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick | None) -> np.ndarray:
+    """float32 [cells]: the largest transmittance with which any of many training rays reaches the cell; 0 in empty cells."""
+    present = density > 0
+    if not present.any():
+        return np.zeros(density.shape, np.float32)
+    layout = build_layout(present, grid.min_xyz, grid.voxel_size * CELL)
+    rows = jnp.asarray(np.concatenate([[0.0], density[present]]).astype(np.float32))
+    segments = int(np.ceil(np.linalg.norm(density.shape) / BRICK)) + 1
+    sizes = MarchSizes(segments, CHUNK_SAMPLES // BRICK * 2, CHUNK_SAMPLES, segments * BRICK)
+    ids = np.random.default_rng(0).permutation(dataset.count)[:VISIBILITY_RAYS].astype(np.int32)
+    best, done = jnp.zeros(len(rows)), 0
+    grid_T_training = jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32)
+    while done < len(ids):
+        part = jnp.asarray(np.resize(ids[done : done + CHUNK_RAYS], CHUNK_RAYS))
+        best, complete = _reach(best, rows, layout, dataset, part, grid_T_training, sizes)
+        ready = np.asarray(complete)
+        done += CHUNK_RAYS if ready.all() else max(int(ready.argmin()), 1)
+        if tick:
+            tick(min(done, len(ids)) / len(ids))
+    visible = np.zeros(density.shape, np.float32)
+    visible[present] = np.asarray(best)[1:]
+    return visible
+
+
+@partial(jax.jit, static_argnames="sizes")
+def _reach(
+    best: jax.Array, rows: jax.Array, layout: GridLayout, dataset: RayDataset, ids: jax.Array,
+    grid_T_training: jax.Array, sizes: MarchSizes,
+) -> tuple[jax.Array, jax.Array]:  # fmt: skip
+    """Raises best [V + 1] to the transmittance of rays `ids` at the voxels they meet."""
+    rays = in_grid_frame(dataset.rays_at(ids)[0], grid_T_training)
+    samples = march(layout, to_grid(layout, rays), jnp.full(ids.shape[0], 0.5), sizes, 1.0)
+    cell = jnp.clip(jnp.floor(samples.g).astype(jnp.int32) + 1, 0, layout.dims + 1)
+    row = layout.lookup[(cell[:, 2] * (layout.dims[1] + 2) + cell[:, 1]) * (layout.dims[0] + 2) + cell[:, 0]]
+    before, _ = transmittance(samples, rows[row] * layout.voxel, ids.shape[0], sizes.per_ray)
+    return best.at[row].max(jnp.where(samples.valid, before, 0.0)), samples.complete
+
+
+def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
+    """Rays moved from the training frame to the pack's grid frame; viewdirs stay, the view MLP wants them as they are."""
+    rotation = grid_T_training[:3, :3]
+    return rays._replace(
+        origins=rays.origins @ rotation.T + grid_T_training[:3, 3], directions=rays.directions @ rotation.T
+    )

@@ -1,0 +1,157 @@
+"""A baked pack as JAX arrays, marched as the viewer marches it (CONTRACT section 2).
+
+Notation: B = block_size + 2; slots number the occupied macroblocks; `voxels` uint8 [slots B³, 8] holds their padded copies
+as rgb, alpha, features, each premultiplied by alpha. Grid coordinates g are in voxels from the grid's corner.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scenepack.blocks import block_copy
+from scenepack.constants import ALPHA_CONTRIBUTES, FEATURES, TRANSMITTANCE_STOP
+from scenepack.pack import Pack
+from training.method import Rays
+from training.voxels.march import MarchSizes, Samples, march, to_grid, transmittance
+from training.voxels.sparse_grid import BRICK, blend, trilinear_weights
+
+MAX_ALPHA = 1 - 1e-6  # keeps the optical depth of opaque samples finite
+
+
+class PackLayout(NamedTuple):
+    """Where voxels are: a training.voxels.march.Layout over macroblocks.
+
+    blocks int32 [bz by bx]: slot of each macroblock, -1 empty; block_dims int32 [3]; block_size int32.
+    support uint8 [slots B³]: 1 where interpolation from this voxel and the next along each axis meets alpha > 0.
+    bricks uint8, brick_dims: as in training.voxels.sparse_grid.
+    """
+
+    origin: jax.Array
+    voxel: jax.Array
+    dims: jax.Array
+    blocks: jax.Array
+    block_dims: jax.Array
+    block_size: jax.Array
+    support: jax.Array
+    bricks: jax.Array
+    brick_dims: jax.Array
+
+    def _lower(self, g: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Slot [N] (-1 empty), lowest of the 8 voxels within the padded copy int32 [N, 3], fractions [N, 3]."""
+        block = jnp.clip((g / self.block_size).astype(jnp.int32), 0, self.block_dims - 1)
+        slot = self.blocks[(block[:, 2] * self.block_dims[1] + block[:, 1]) * self.block_dims[0] + block[:, 0]]
+        local = g - block * self.block_size + 0.5  # + 1 for the padding, - 0.5 for the centre
+        lower = jnp.clip(jnp.floor(local), 0, self.block_size)
+        return slot, lower.astype(jnp.int32), local - lower
+
+    def _flat(self, slot: jax.Array, cell: jax.Array) -> jax.Array:
+        side = self.block_size + 2
+        return ((jnp.maximum(slot, 0) * side + cell[:, 2]) * side + cell[:, 1]) * side + cell[:, 0]
+
+    def has_support(self, g: jax.Array) -> jax.Array:
+        """bool [..]: whether any of the 8 voxels around g [.., 3] within its macroblock's copy has alpha."""
+        slot, lower, _ = self._lower(g.reshape(-1, 3))
+        return ((slot >= 0) & (self.support[self._flat(slot, lower)] > 0)).reshape(g.shape[:-1])
+
+    def near_content(self, g: jax.Array) -> jax.Array:
+        """bool [...]: whether content may lie within BRICK/2 voxels of g [..., 3]."""
+        brick = jnp.clip((g * (1.0 / BRICK)).astype(jnp.int32), 0, self.brick_dims - 1)
+        x, y = self.brick_dims[0], self.brick_dims[1]
+        return self.bricks[(brick[..., 2] * y + brick[..., 1]) * x + brick[..., 0]] > 0
+
+    def corners(self, g: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Rows of `voxels` int32 [N, 8] around g [N, 3], and trilinear weights [N, 8]."""
+        slot, lower, fraction = self._lower(g)
+        side = self.block_size + 2
+        offsets = jnp.stack([(dz * side + dy) * side + dx for dz in (0, 1) for dy in (0, 1) for dx in (0, 1)])
+        return self._flat(slot, lower)[:, None] + offsets, trilinear_weights(fraction)
+
+
+class Accumulated(NamedTuple):
+    """What the march leaves of N rays: colour [N, 3] and features [N, 4], premultiplied; T [N] behind the last sample."""
+
+    colour: jax.Array
+    features: jax.Array
+    transmittance: jax.Array
+
+
+def pack_layout(pack: Pack) -> tuple[PackLayout, jax.Array]:
+    """The layout of a pack and its voxels uint8 [slots B³, 8]."""
+    blocks = np.argwhere(pack.occupied)
+    size, side = pack.block_size, pack.padded_block_size
+    voxels = np.zeros((max(len(blocks), 1), side, side, side, 4 + FEATURES), np.uint8)
+    slots = np.full(pack.occupied.shape, -1, np.int32)
+    bricks = np.zeros([-(-n * size // BRICK) for n in pack.occupied.shape], np.uint8)
+    support = np.zeros(voxels.shape[:4], np.uint8)
+    for slot, block in enumerate(map(tuple, blocks)):
+        slots[block] = slot
+        voxels[slot, ..., :4] = block_copy(pack, pack.atlas_rgba, block)
+        if pack.atlas_features is not None:
+            voxels[slot, ..., 4:] = block_copy(pack, pack.atlas_features, block)
+        some = voxels[slot, ..., 3] > 0
+        for axis in range(3):
+            some = some | np.roll(some, -1, axis)  # the last cell along an axis is never a lower corner
+        support[slot] = some
+        _mark_bricks(bricks, some[: size + 1, : size + 1, : size + 1], np.array(block) * size)
+    width, height, depth = pack.grid_size
+    layout = PackLayout(
+        origin=jnp.asarray(pack.min_xyz, jnp.float32),
+        voxel=jnp.float32(pack.voxel_size),
+        dims=jnp.asarray([width, height, depth], jnp.int32),
+        blocks=jnp.asarray(slots.ravel()),
+        block_dims=jnp.asarray(slots.shape[::-1], jnp.int32),
+        block_size=jnp.int32(size),
+        support=jnp.asarray(support.ravel()),
+        bricks=jnp.asarray(bricks.ravel()),
+        brick_dims=jnp.asarray(bricks.shape[::-1], jnp.int32),
+    )
+    return layout, jnp.asarray(voxels.reshape(-1, 4 + FEATURES))
+
+
+def _mark_bricks(bricks: np.ndarray, some: np.ndarray, start: np.ndarray) -> None:
+    """Sets the bricks within BRICK/2 + 1 voxels of the supported cells `some` [z, y, x] of a macroblock at `start`."""
+    reach = BRICK // 2 + 1
+    where = np.argwhere(some) + start - 1  # a cell's samples lie within g = cell - 1/2 ... cell + 1/2 of the grid
+    for shift in np.stack(np.meshgrid(*((-reach, 0, reach + 1),) * 3, indexing="ij"), -1).reshape(-1, 3):
+        at = np.clip((where + shift) // BRICK, 0, np.array(bricks.shape) - 1)
+        bricks[tuple(at.T)] = 1
+
+
+def pack_sizes(pack: Pack, samples: int) -> MarchSizes:
+    """List sizes for marching a pack: `samples` in all, and room for the longest ray."""
+    segments = int(np.ceil(np.linalg.norm(pack.grid_size) / BRICK)) + 1
+    return MarchSizes(segments, samples // 2, samples, segments * BRICK)
+
+
+def composite(samples: Samples, values: jax.Array, rays: int, per_ray: int) -> Accumulated:
+    """Front-to-back compositing of interpolated premultiplied values [S, 8] in [0, 1], by the rules of CONTRACT section 2."""
+    alpha = jnp.where(samples.valid & (values[:, 3] > ALPHA_CONTRIBUTES), values[:, 3], 0.0)
+    tau = -jnp.log1p(-jnp.minimum(alpha, MAX_ALPHA))
+    before, _ = transmittance(samples, tau, rays, per_ray)
+    taken = (alpha > 0) & (before > TRANSMITTANCE_STOP)
+    weight = jnp.where(taken, before, 0.0)[:, None]
+    sums = (
+        jnp.zeros((rays, 8))
+        .at[samples.ray]
+        .add(
+            jnp.concatenate(
+                [values[:, :3] * weight, values[:, 4:] * weight, jnp.where(taken, tau, 0.0)[:, None]], axis=-1
+            )
+        )
+    )
+    return Accumulated(sums[:, :3], sums[:, 3:7], jnp.exp(-sums[:, 7]))
+
+
+@partial(jax.jit, static_argnames="sizes")
+def accumulate(layout: PackLayout, voxels: jax.Array, rays: Rays, sizes: MarchSizes) -> tuple[Accumulated, jax.Array]:
+    """Marches rays given in the grid frame; also bool [N]: which rays were marched whole (see march)."""
+    count = rays.near.shape[0]
+    samples = march(layout, to_grid(layout, rays), jnp.full(count, 0.5), sizes, 1.0)
+    ids, weights = layout.corners(samples.g)
+    values = blend(voxels[ids].astype(jnp.float32) * (1 / 255), weights)
+    return composite(samples, values, count, sizes.per_ray), samples.complete

@@ -1,0 +1,191 @@
+"""Photographs to pictures through the real commands, on a tiny scene; and what each command says of bad input."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from baker.commands.bake import main as snerg_bake
+from baker.commands.evaluate import main as snerg_eval
+from baker.commands.make import main as snerg_make
+from scenepack import check_pack, load_pack
+from scenepack.commands import main as snerg_pack
+from training.commands.train import main as snerg_train
+from training.scenes.procedural import write_procedural_scene
+from viewer.commands.bench import main as snerg_bench
+from viewer.commands.render import main as snerg_render
+from viewer.commands.view import main as snerg_view
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_procedural_scene(tmp_path_factory.mktemp("scene"), size=48, views=12, subpixels=2)
+
+
+@pytest.fixture(scope="module")
+def made(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What snerg-make leaves: run/ and pack/."""
+    out = tmp_path_factory.mktemp("made") / "out"
+    assert snerg_make([str(scene), "--out", str(out), "--preset", "tiny", "--resolution", "64", "--no-view"]) == 0
+    return out
+
+
+def test_photographs_become_a_pack_whose_pictures_are_near_the_photographs(made: Path, scene: Path, tmp_path: Path) -> None:
+    scores = {}
+    for subject in ("run", "pack"):
+        report = tmp_path / f"{subject}.json"
+        assert snerg_eval([str(made / subject), "--scene", str(scene), "--json", str(report)]) == 0
+        scores[subject] = json.loads(report.read_text())
+    assert scores["pack"]["width"] == 48 and len(scores["pack"]["views"]) >= 2
+    assert scores["run"]["psnr"] > 13 and scores["pack"]["psnr"] > 13
+    assert abs(scores["run"]["psnr"] - scores["pack"]["psnr"]) < 1.5, "little is lost in baking"
+
+
+def test_the_pack_is_sound_and_says_where_it_comes_from(made: Path, scene: Path) -> None:
+    pack = load_pack(made / "pack")
+    assert [f for f in check_pack(pack) if f.severity == "error"] == []
+    assert pack.metadata["provenance"]["scene"] == str(scene.resolve())
+    cameras = pack.metadata["cameras"]
+    assert sum(camera["split"] == "train" for camera in cameras) == 12
+    assert pack.block_size == 30 and pack.view_mlp is not None
+    assert snerg_pack(["check", str(made / "pack")]) == 0
+
+
+def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene: Path, capsys) -> None:
+    before = (made / "run" / "config.json").stat().st_mtime_ns
+    arguments = ["--preset", "tiny", "--resolution", "40", "--no-view"]
+    assert snerg_make([str(scene), "--out", str(made), *arguments]) == 0
+    assert load_pack(made / "pack").grid_size[0] <= 60
+    assert before <= (made / "run" / "config.json").stat().st_mtime_ns
+    assert snerg_bake([str(made / "run"), "--out", str(made / "pack"), "--resolution", "64"]) == 0
+
+
+def test_a_view_can_be_rendered_and_timed(made: Path, scene: Path, tmp_path: Path) -> None:
+    picture, report = tmp_path / "view.png", tmp_path / "bench.json"
+    line = [str(made / "pack"), "--scene", str(scene), "--split", "test", "--index", "0", "--out", str(picture)]
+    assert snerg_render(line) == 0
+    with Image.open(picture) as opened:
+        assert opened.size == (48, 48) and np.asarray(opened.convert("L")).std() > 10
+    line = [str(made / "pack"), "--frames", "3", "--size", "96x64", "--compare", "paper", "--json", str(report)]
+    assert snerg_bench(line) == 0
+    figures = json.loads(report.read_text())
+    assert figures["frames"] == 3 and figures["width"] == 96 and figures["ms_p50"] > 0
+    assert figures["compare"]["paper"]["ms_mean"] > 0 and figures["compare"]["ratio"] > 0
+
+
+Command = Callable[[list[str]], int]
+
+
+def one_line(capsys: pytest.CaptureFixture[str], command: Command, arguments: list[str]) -> str:
+    """The single line that a command prints when it refuses its input; asserts status 2."""
+    capsys.readouterr()
+    assert command(arguments) == 2
+    errors = [line for line in capsys.readouterr().err.splitlines() if line]
+    assert len(errors) == 1, errors
+    return errors[0]
+
+
+@pytest.mark.parametrize("broken", ["missing", "empty", "no frames", "no json", "truncated picture", "other size", "nan pose"])
+def test_a_bad_scene_gives_one_line_from_every_command_that_reads_scenes(
+    broken: str, made: Path, scene: Path, tmp_path: Path, capsys
+) -> None:
+    bad = tmp_path / "bad"
+    expected = spoil_scene(broken, scene, bad)
+    out = str(tmp_path / "out")
+    lines = [
+        one_line(capsys, snerg_train, [str(bad), "--out", out, "--preset", "tiny"]),
+        one_line(capsys, snerg_make, [str(bad), "--out", out, "--preset", "tiny"]),
+        one_line(capsys, snerg_eval, [str(made / "pack"), "--scene", str(bad), "--split", "train"]),
+    ]
+    for line in lines:
+        assert expected in line, line
+        assert str(bad) in line
+    assert not (tmp_path / "out" / "pack").exists()
+
+
+def spoil_scene(how: str, scene: Path, bad: Path) -> str:
+    """Writes a spoilt copy of the scene; returns words that the complaint must hold."""
+    if how == "missing":
+        return "no such"
+    if how == "empty":
+        bad.mkdir()
+        return "empty"
+    shutil.copytree(scene, bad)
+    transforms, picture = bad / "transforms_train.json", bad / "train" / "r_3.png"
+    document = json.loads(transforms.read_text())
+    if how == "no frames":
+        document["frames"] = []
+        transforms.write_text(json.dumps(document))
+        return "frames"
+    if how == "no json":
+        transforms.write_text("{ this is not JSON")
+        return "JSON"
+    if how == "nan pose":
+        document["frames"][2]["transform_matrix"][0][0] = float("nan")
+        transforms.write_text(json.dumps(document))
+        return "transform_matrix"
+    if how == "truncated picture":
+        picture.write_bytes(picture.read_bytes()[:600])
+        return "r_3.png"
+    Image.new("RGBA", (40, 30)).save(picture)
+    return "40"
+
+
+@pytest.mark.parametrize("broken", ["missing", "empty", "truncated picture", "no json", "nan weights", "sizes disagree"])
+def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(
+    broken: str, made: Path, scene: Path, tmp_path: Path, capsys
+) -> None:
+    bad = tmp_path / "bad"
+    spoil_pack(broken, made / "pack", bad)
+    picture = str(tmp_path / "x.png")
+    for command, arguments in (
+        (snerg_pack, ["info", str(bad)]),
+        (snerg_pack, ["check", str(bad)]),
+        (snerg_eval, [str(bad), "--scene", str(scene)]),
+        (snerg_render, [str(bad), "--out", picture, "--orbit", "1"]),
+        (snerg_bench, [str(bad)]),
+        (snerg_view, [str(bad)]),
+    ):
+        line = one_line(capsys, command, arguments)
+        assert str(bad) in line, line
+    assert not Path(picture).exists()
+
+
+def spoil_pack(how: str, pack: Path, bad: Path) -> None:
+    if how == "missing":
+        return
+    if how == "empty":
+        bad.mkdir()
+        return
+    shutil.copytree(pack, bad)
+    params = bad / "scene_params.json"
+    document = json.loads(params.read_text())
+    if how == "truncated picture":
+        data = (bad / "rgba_000.png").read_bytes()
+        (bad / "rgba_000.png").write_bytes(data[: len(data) // 2])
+    elif how == "no json":
+        params.write_text("[1, 2")
+    elif how == "nan weights":
+        document["0_weights"][0][0] = float("nan")
+        params.write_text(json.dumps(document))
+    else:
+        document["atlas_width"] += 32
+        params.write_text(json.dumps(document))
+
+
+def test_a_folder_that_is_no_run_cannot_be_baked(tmp_path: Path, scene: Path, capsys) -> None:
+    assert "no such run" in one_line(capsys, snerg_bake, [str(tmp_path / "none"), "--out", str(tmp_path / "pack")])
+    assert "not a run" in one_line(capsys, snerg_bake, [str(scene), "--out", str(tmp_path / "pack")])
+    assert not (tmp_path / "pack").exists()
+
+
+def test_photographs_are_never_overwritten_by_a_pack(made: Path, scene: Path, capsys) -> None:
+    before = sorted(path.name for path in scene.rglob("*"))
+    assert str(scene) in one_line(capsys, snerg_bake, [str(made / "run"), "--out", str(scene)])
+    assert sorted(path.name for path in scene.rglob("*")) == before
