@@ -27,6 +27,7 @@ TAU_VIS = 0.01
 CELL = 2
 BOX_PROBE = 256  # most cells a side when looking for the box around the content
 BOX_MARGIN = 1.0  # probe cells added on every side of it
+BOX_TAIL, BOX_GROWTH = 0.0005, 1.1  # share of the opacity cut off at either end of an axis; what the rest is grown by
 VISIBILITY_RAYS = 1_000_000  # training rays marched; with 100 views of 200 × 200 every fourth
 CHUNK_RAYS, CHUNK_SAMPLES = 4096, 131_072
 DILATION = 2  # cells: what lies this near to a visible cell counts as visible
@@ -47,31 +48,49 @@ class Culling:
     hidden: int
 
 
-def content_box(query: FieldQuery, low: np.ndarray, high: np.ndarray, resolution: int, worldspace_T_opengl: np.ndarray,
-                tau_alpha: float = TAU_ALPHA) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
-    """The part of the box (low, high), grid frame, that holds opacity; None where nothing does.
+def content_box(
+    query: FieldQuery,
+    low: np.ndarray,
+    high: np.ndarray,
+    resolution: int,
+    worldspace_T_opengl: np.ndarray,
+    tau_alpha: float = TAU_ALPHA,
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """The part of the box (low, high), grid frame, that holds the content; None where nothing is opaque.
 
-    The field is probed on a grid of at most BOX_PROBE cells a side, at one random place per cell, with opacities as a voxel
-    of the final resolution would have.
+    The field is probed on a grid of at most BOX_PROBE cells a side, at one random place per cell, with opacities as a
+    voxel of the final resolution would have. As in the release, thin tails of the opacity along each axis are cut off (a
+    few floating specks must not halve the resolution of all the rest), and the box is then grown by a tenth.
     """
     probes = min(resolution, BOX_PROBE)
     cell = (high - low).max() / probes
     counts = np.maximum(np.ceil((high - low) / cell - 1e-6).astype(int), 1)
     length = (high - low).max() / resolution
     rng = np.random.default_rng(0)
-    found_low, found_high = np.full(3, np.inf), np.full(3, -np.inf)
+    mass = [np.zeros(n) for n in counts]
     y, x = np.meshgrid(np.arange(counts[1]), np.arange(counts[0]), indexing="ij")
     for z in range(counts[2]):
         cells = np.stack([x, y, np.full_like(x, z)], -1).reshape(-1, 3)
         points = low + (cells + rng.random(cells.shape)) * cell
-        density = query(to_training(worldspace_T_opengl, points)).density
-        hit = points[1 - np.exp(-np.asarray(density) * length) >= tau_alpha]
-        if len(hit):
-            found_low, found_high = np.minimum(found_low, hit.min(0)), np.maximum(found_high, hit.max(0))
-    if not np.isfinite(found_low).all():
+        alpha = 1 - np.exp(-np.asarray(query(to_training(worldspace_T_opengl, points)).density) * length)
+        alpha[alpha < tau_alpha] = 0
+        for axis in range(3):
+            mass[axis] += np.bincount(cells[:, axis], alpha, minlength=counts[axis])
+    if not mass[0].any():
         return None
-    margin = BOX_MARGIN * cell
-    return np.maximum(found_low - margin, low), np.minimum(found_high + margin, high)
+    found = np.array([_without_tails(m) for m in mass])
+    first, last = found[:, 0], found[:, 1] + 1
+    grow = BOX_MARGIN + 0.5 * (BOX_GROWTH - 1) * (last - first)
+    occupied = np.array([np.flatnonzero(m)[[0, -1]] for m in mass])
+    first = np.maximum(first - grow, occupied[:, 0] - BOX_MARGIN)
+    last = np.minimum(last + grow, occupied[:, 1] + 1 + BOX_MARGIN)
+    return np.maximum(low + first * cell, low), np.minimum(low + last * cell, high)
+
+
+def _without_tails(mass: np.ndarray) -> tuple[int, int]:
+    """First and last cell of an axis between tails of BOX_TAIL of the mass each."""
+    share = np.cumsum(mass) / mass.sum()
+    return int(np.searchsorted(share, BOX_TAIL)), int(np.searchsorted(share, 1 - BOX_TAIL))
 
 
 def cull(query: FieldQuery, grid: BakeGrid, dataset: RayDataset, *, occupied: Occupied | None = None, tau_alpha: float = TAU_ALPHA,

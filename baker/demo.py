@@ -16,7 +16,7 @@ from pathlib import Path
 
 from console import run_command
 
-SIZE, VIEWS, STEPS, RESOLUTION = 200, 60, 4000, 240
+SIZE, VIEWS, STEPS, RESOLUTION = 200, 60, 4000, 210
 
 
 def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: int = RESOLUTION) -> None:

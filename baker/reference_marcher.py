@@ -21,6 +21,7 @@ from scenepack.constants import (
     VIEW_FREQUENCIES,
 )
 from scenepack.pack import Pack, ViewMlp
+from training.scenes.rays import undistort
 from viewer.camera import ViewCamera
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -84,7 +85,8 @@ def render_reference(
 def pixel_directions(camera: ViewCamera) -> np.ndarray:
     """Unit directions [H W, 3] in camera axes (x right, y up, z back), through pixel centres, row by row from the top."""
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
-    directions = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -np.ones_like(x)], axis=-1)
+    a, b = undistort((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
+    directions = np.stack([a, -b, -np.ones_like(a)], axis=-1)
     directions = directions.reshape(-1, 3)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as json_text
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,9 +76,9 @@ def _write_json(path: Path | None, value: dict[str, Any]) -> bool:
     return False
 
 
-def main() -> int:
+def main(args: Sequence[str] | None = None) -> int:
     """Entry point of `snerg-pack`."""
-    return run_command({"info": info, "check": check}, prog="snerg-pack", description=DESCRIPTION)
+    return run_command({"info": info, "check": check}, prog="snerg-pack", description=DESCRIPTION, args=args)
 
 
 if __name__ == "__main__":

@@ -46,6 +46,17 @@ def test_the_content_box_fits_the_ball_within_a_probe_cell() -> None:
     assert content_box(nothing, LOW, HIGH, 64, BLENDER_FRAME) is None
 
 
+def test_a_floating_speck_does_not_stretch_the_box() -> None:
+    def with_speck(points: np.ndarray):
+        field = ball(points)
+        speck = np.linalg.norm(points - np.array([1.4, 1.4, 1.4]), axis=-1) < 0.03
+        return field._replace(density=field.density + 400.0 * speck)
+
+    box = content_box(with_speck, LOW, HIGH, 120, BLENDER_FRAME)
+    assert box is not None and np.all(box[1] < 1.2 * RADIUS) and np.all(box[0] > -1.2 * RADIUS)
+    assert np.all(box[1] >= RADIUS - 0.03) and np.all(box[0] <= -RADIUS + 0.03)
+
+
 def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_middle(dataset) -> None:
     grid = make_grid(LOW * 0.7, HIGH * 0.7, 360, 30, BLENDER_FRAME)  # 12 blocks a side; the ball's radius is 4.6 blocks
     culling = cull(ball, grid, dataset)

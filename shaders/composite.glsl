@@ -1,0 +1,73 @@
+// Front-to-back compositing of samples (CONTRACT section 2; SNeRG paper, section 5.2 and appendix C.3).
+//
+// Content is premultiplied: with the sample's colour c, features f and opacity a, and transmittance T so far,
+//   C += T c,   F += T f,   T *= 1 - a     where a > ALPHA_CONTRIBUTES, until T <= TRANSMITTANCE_STOP.
+// Inputs: atlas_rgba, atlas_features: trilinear, filtered in floating point.
+// Options: ACCUMULATE_DEPTH, COUNT_COST: what the depth and cost modes need.
+
+struct Marched {
+    vec3 rgb;             // C
+    vec4 features;        // F
+    float transmittance;  // T
+    float depth;          // sum of T a t
+    float fetched;        // samples fetched from the atlas
+    float jumps;          // steps over empty space
+    vec3 block;           // macroblock of the first sample that contributed, or -1
+};
+
+Marched nothing_yet() {
+    return Marched(vec3(0.0), vec4(0.0), 1.0, 0.0, 0.0, 0.0, vec3(-1.0));
+}
+
+#if MARCHER == MARCHER_PAPER
+uniform sampler3D atlas_alpha;
+uniform sampler3D atlas_rgb;
+#else
+uniform sampler3D atlas_rgba;
+#endif
+uniform sampler3D atlas_features;
+
+#ifdef VIEW_MLP
+#if MARCHER == MARCHER_PAPER
+#include "view_mlp_textures.glsl"
+#else
+#include "view_mlp.glsl"
+#endif
+#endif
+
+vec4 fetch_features(vec3 coordinates) {
+#ifdef FEATURES_STORED
+    return textureLod(atlas_features, coordinates, 0.0);
+#else
+    return vec4(0.0);
+#endif
+}
+
+// Adds one sample that contributes. t: its distance along the ray.
+void composite(inout Marched marched, vec4 rgba, vec3 coordinates, float t, vec3 block, vec3 viewdir) {
+#ifdef VIEW_MLP_PER_SAMPLE
+    vec4 features = fetch_features(coordinates) / rgba.a;
+    rgba.rgb += rgba.a * view_residual(viewdir, rgba.rgb / rgba.a, features);
+#elif defined(ACCUMULATE_FEATURES)
+    marched.features += marched.transmittance * fetch_features(coordinates);
+#endif
+    marched.rgb += marched.transmittance * rgba.rgb;
+#ifdef ACCUMULATE_DEPTH
+    marched.depth += marched.transmittance * rgba.a * t;
+#endif
+#ifdef FIRST_BLOCK
+    marched.block = marched.block.x < 0.0 ? block : marched.block;
+#endif
+    marched.transmittance *= 1.0 - rgba.a;
+}
+
+// Baking forward-facing scenes loses some opacity; this gives it back (appendix C.3).
+void partially_unpremultiply(inout Marched marched) {
+    float alpha = 1.0 - marched.transmittance;
+    if (alpha > 0.0) {
+        float saturated = min(1.0, UNPREMULTIPLY_GAIN * alpha);
+        marched.rgb *= saturated / alpha;
+        marched.features *= saturated / alpha;
+        marched.transmittance = 1.0 - saturated;
+    }
+}

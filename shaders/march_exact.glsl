@@ -1,0 +1,61 @@
+// Takes exactly the samples that could contribute, and jumps over all others in whole steps.
+//
+// Source: CONTRACT section 2. Where the paper tests one byte of raw opacity before each fetch (appendix A), this reads
+// one byte that says how far the nearest content is, so that it both decides the fetch and gives the length of a jump,
+// and needs no indirection: see viewer/skip_grid.py, which also shows why no cell without content can hide any.
+// Inputs: skip_grid: per cell of the whole grid the Chebyshev distance in cells to the nearest one with content (0: this
+//   one has). Cell i spans CELL * i - 0.5 to CELL * (i + 1) - 0.5. content_min, content_max: the box around all content.
+// Options: CELL: voxels a side. SAMPLES_A_TEST: consecutive samples to fetch once content is found, before asking again.
+// The phase is kept: k only ever grows by whole numbers, and a position is always computed from k afresh.
+// SKIP_SLACK: a sample this close before an empty cube's far side is looked at, not jumped, whatever the rounding. The
+//   other way, content reaching this far over its cell's edge stays below ALPHA_CONTRIBUTES.
+
+#define SKIP_SLACK 1e-3
+
+uniform usampler3D skip_grid;
+uniform vec3 content_min;
+uniform vec3 content_max;
+
+Marched march(Ray ray) {
+    Marched marched = nothing_yet();
+    vec2 content = box_interval(ray.origin, ray.inverse, content_min, content_max);
+    float k = max(floor(content.x), 0.0);
+    float end = min(ceil(content.y) + 1.0, ray.samples);
+    vec3 cell_origin = (ray.origin + 0.5) / float(CELL);
+    vec3 cell_step = ray.direction / float(CELL);
+    vec3 cell_inverse = ray.inverse * float(CELL);
+    vec3 ahead = vec3(lessThan(ray.direction, vec3(0.0)));  // from a cell's lower corner to the far side of distance 0
+    while (k < end) {
+        // Advance to the next sample with content around it. Two loops instead of one with a branch: a processor that
+        // runs many rays in lockstep then fetches only once most of them have found something to fetch.
+        while (k < end) {
+            vec3 point = cell_origin + k * cell_step;
+            vec3 cell = floor(point);
+            float distance = float(texelFetch(skip_grid, ivec3(cell), 0).r);
+            if (distance == 0.0) break;
+            // The empty cube around, (2 distance - 1) cells wide, is left after as many steps along each axis.
+            vec3 leave = (ahead - (point - cell)) * cell_inverse + distance * abs(cell_inverse);
+            k += max(ceil(min(min(leave.x, leave.y), leave.z) - SKIP_SLACK), 1.0);
+#ifdef COUNT_COST
+            marched.jumps += 1.0;
+#endif
+        }
+        if (k >= end) break;
+        for (int i = 0; i < SAMPLES_A_TEST; ++i) {
+            vec3 position = ray.origin + k * ray.direction;
+            vec3 block = block_of(position);
+            uvec4 entry = indirection_of(block);
+            vec3 coordinates = atlas_coordinates(entry, position - block * float(BLOCK_SIZE));
+            vec4 rgba = textureLod(atlas_rgba, coordinates, 0.0);
+#ifdef COUNT_COST
+            marched.fetched += 1.0;
+#endif
+            bool marching = i == 0 || (k < end && marched.transmittance > TRANSMITTANCE_STOP);
+            if (rgba.a > ALPHA_CONTRIBUTES && entry.a == 0u && marching)
+                composite(marched, rgba, coordinates, ray.start + k, block, ray.viewdir);
+            k += 1.0;
+        }
+        if (marched.transmittance <= TRANSMITTANCE_STOP) break;
+    }
+    return marched;
+}

@@ -1,0 +1,15 @@
+"""Options that all tests share."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("golden pictures")
+    group.addoption("--regenerate-golden", action="store_true", help="rewrite tests/golden from what is rendered now")
+    group.addoption(
+        "--require-golden",
+        action="store_true",
+        help="fail where golden pictures or real data cannot be compared, instead of skipping; always on where CI is set",
+    )

@@ -1,0 +1,71 @@
+"""A small glossy scene, the same each time: a shell, a ring, thin rods and a checkered plate with some fog above.
+
+Everything comes from formulas, so that golden pictures do not depend on a random generator's version.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from scenepack.blocks import atlas_from_dense
+from scenepack.constants import VIEW_MLP_WIDTHS
+from scenepack.pack import Pack, ViewMlp
+
+BLENDER_FRAME = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
+NDC_FRAME = np.diag([1.0, 1.0, -1.0, 1.0])
+
+
+def glossy_mlp() -> ViewMlp:
+    """A view MLP with visible highlights; its weights are scrambled sines, spread evenly about zero."""
+    weights, biases = [], []
+    for layer, (inputs, outputs) in enumerate(pairwise(VIEW_MLP_WIDTHS)):
+        i, j = np.indices((inputs + 1, outputs))
+        scrambled = 2.0 * np.modf(np.abs(np.sin(12.9898 * i + 78.233 * j + 37.719 * layer)) * 43758.5453)[0] - 1.0
+        weights.append((scrambled[:-1] * 2.6 / np.sqrt(inputs)).astype(np.float32))
+        biases.append((0.3 * scrambled[-1] - (0.8 if layer == 2 else 0.0)).astype(np.float32))
+    return ViewMlp((weights[0], weights[1], weights[2]), (biases[0], biases[1], biases[2]))
+
+
+def opacity(x: np.ndarray, y: np.ndarray, z: np.ndarray, voxel: float) -> np.ndarray:
+    """Opacity a voxel of the scene within [-1, 1]^3; surfaces are about two voxels thick."""
+    shell = np.abs(np.sqrt((x - 0.25) ** 2 + (y - 0.1) ** 2 + (z - 0.1) ** 2) - 0.36)
+    ring = np.abs(np.hypot(np.hypot(x + 0.4, z + 0.3) - 0.36, y - 0.0) - 0.12)
+    rods = np.minimum(np.hypot(x + 0.75, z - 0.7), np.hypot(y - 0.6, z - 0.7)) - 0.02
+    rods = np.maximum(rods, np.maximum(np.abs(x), np.abs(y)) - 0.8)
+    plate = np.maximum(np.abs(y + 0.6) - 0.05, np.maximum(np.abs(x), np.abs(z)) - 0.9)
+    distance = np.minimum.reduce([shell, ring, np.maximum(rods, 0), np.abs(plate)])
+    solid = np.clip(1.4 - distance / voxel, 0, 1) ** 2
+    fog = 0.02 * (np.abs(y + 0.4) < 0.08) * (np.hypot(x + 0.5, z - 0.4) < 0.3)
+    return np.maximum(solid, fog)
+
+
+def shapes_pack(side: int = 70, block_size: int = 14, *, ndc: bool = False, diffuse: bool = False) -> Pack:
+    """The scene as a pack of side^3 voxels over [-1, 1]^3; ndc: taken as the warped space of a forward-facing pack."""
+    voxel = 2.0 / side
+    centres = (np.arange(side) + 0.5) * voxel - 1.0
+    x, y, z = centres[None, None, :], centres[None, :, None], centres[:, None, None]
+    alpha = opacity(x, y, z, voxel)
+    checks = 0.3 + 0.5 * ((np.floor(x * 5) + np.floor(z * 5) + np.floor(y * 5)) % 2)
+    colour = np.stack(np.broadcast_arrays(checks, 0.5 + 0.3 * np.sin(5 * y), 0.5 + 0.3 * np.cos(4 * z + x)), axis=-1)
+    features = np.stack(
+        np.broadcast_arrays(0.5 + 0.5 * np.sin(3 * x), 0.5 + 0.5 * np.cos(3 * y), 0.5 + 0.5 * np.sin(4 * z), 0.5),
+        axis=-1,
+    )
+    levels = np.rint(255 * alpha)[..., None]
+    rgba = np.concatenate([np.rint(0.7 * colour * levels), levels], axis=-1).astype(np.uint8)
+    atlas = atlas_from_dense(rgba, None if diffuse else np.rint(features * levels).astype(np.uint8), block_size)
+    camera = {"ndc": True, "input_width": 160.0, "input_height": 120.0, "input_focal": 140.0} if ndc else {}
+    return Pack(
+        voxel_size=voxel,
+        min_xyz=np.full(3, -1.0),
+        grid_size=(side, side, side),
+        block_size=block_size,
+        atlas_indices=atlas[0],
+        atlas_rgba=atlas[1],
+        atlas_features=atlas[2],
+        view_mlp=None if diffuse else glossy_mlp(),
+        worldspace_T_opengl=NDC_FRAME.copy() if ndc else BLENDER_FRAME.copy(),
+        **camera,
+    )

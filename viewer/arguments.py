@@ -1,0 +1,48 @@
+"""Words of the command line that several commands understand."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from console import UserError
+
+MAX_SIDE = 16384
+
+
+def parse_size(text: str, where: str = "--size") -> tuple[int, int]:
+    """ "800x600" as (width, height). UserError for anything else."""
+    match = re.fullmatch(r"(\d+)[x×](\d+)", text.strip())
+    size = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not all(1 <= side <= MAX_SIDE for side in size):
+        raise UserError("is no size in pixels", where=where, expected="WxH such as 800x600", found=repr(text))
+    return size
+
+
+def parse_numbers(text: str, count: int, where: str) -> tuple[float, ...]:
+    """ "1,2,3" as `count` finite numbers. UserError for anything else."""
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not all(abs(number) < 1e30 for number in numbers):
+        example = ",".join("123456"[:count])
+        raise UserError("is no list of numbers", where=where, expected=f"{count} such as {example}", found=repr(text))
+    return numbers
+
+
+def parse_point(text: str, where: str) -> tuple[float, float, float]:
+    """ "x,y,z" as three finite numbers. UserError for anything else."""
+    x, y, z = parse_numbers(text, 3, where)
+    return x, y, z
+
+
+def join_negative_values(words: Sequence[str], options: Sequence[str]) -> list[str]:
+    """`--eye -1,2,3` as `--eye=-1,2,3`: otherwise the value would be taken for an option."""
+    joined: list[str] = []
+    for word in words:
+        if joined and joined[-1] in options and re.match(r"-[\d.]", word):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined

@@ -1,0 +1,162 @@
+"""Cameras of the renderer, and the paths that benchmarks and turntables fly.
+
+Notation: the grid frame is the pack's OpenGL frame (y up), in the pack's world units; camera axes are x right, y up,
+z back. A pixel (x, y) is looked through at (x + 0.5, y + 0.5), y down. In forward-facing (NDC) packs the camera stands
+in the scene before the warp, and the grid frame is that scene's frame with worldspace_T_opengl undone (z mirrored).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import cos, radians, sin, tan
+
+import numpy as np
+
+from scenepack.pack import Pack
+from training.scenes.scene import Camera
+
+ORBIT_ELEVATION = 30.0  # degrees above the horizon
+FORWARD_FACING_RADIUS = 0.15  # of the circle flown in the camera plane; photographs lie within about half a unit
+FORWARD_FACING_FOCUS = 4.0  # distance of the point looked at; the nearest content of such scenes is at 4 / 3
+
+
+@dataclass(frozen=True)
+class ViewCamera:
+    """A pinhole camera, or one with a lens, posed in the grid frame.
+
+    grid_T_camera: float64 [4, 4]. fx, fy, cx, cy: pixels of a picture of width × height. near: nothing closer than this
+    along the optical axis is shown, in units of the grid frame. distortion: OpenCV's k1, k2, p1, p2 on normalised image
+    coordinates, y down, as in training.scenes.scene.Camera.
+    """
+
+    grid_T_camera: np.ndarray
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    near: float = 0.0
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: tuple[float, float, float] | np.ndarray,
+        target: tuple[float, float, float] | np.ndarray,
+        up: tuple[float, float, float] | np.ndarray = (0.0, 1.0, 0.0),
+        fov_degrees: float = 39.0,
+        size: tuple[int, int] = (800, 800),
+        *,
+        near: float = 0.0,
+        mirrored: bool = False,
+    ) -> ViewCamera:
+        """A camera at `eye` that looks at `target`; all three vectors in the grid frame.
+
+        fov_degrees: vertical. size: width, height in pixels. mirrored: the grid frame is left-handed towards the scene
+        (see `is_mirrored`), so that the picture comes out the right way round. ValueError where eye is target.
+        """
+        eye, target, up = (np.asarray(v, np.float64) for v in (eye, target, up))
+        back = eye - target
+        if not np.linalg.norm(back) > 0:
+            raise ValueError("the camera's eye and target are the same point")
+        back = back / np.linalg.norm(back)
+        right = np.cross(up, back)
+        if np.linalg.norm(right) < 1e-9 * max(np.linalg.norm(up), 1e-30):  # looking straight along up
+            right = np.cross(np.roll(up, 1) + 1e-3, back)
+        right = right / np.linalg.norm(right) * (-1.0 if mirrored else 1.0)
+        grid_T_camera = np.eye(4)
+        grid_T_camera[:3, 0] = right
+        grid_T_camera[:3, 1] = np.cross(back, right) * (-1.0 if mirrored else 1.0)
+        grid_T_camera[:3, 2] = back
+        grid_T_camera[:3, 3] = eye
+        width, height = size
+        focal = 0.5 * height / tan(0.5 * radians(fov_degrees))
+        return cls(grid_T_camera, focal, focal, 0.5 * width, 0.5 * height, width, height, near)
+
+    @classmethod
+    def from_scene_camera(cls, pack: Pack, camera: Camera, near: float = 0.0) -> ViewCamera:
+        """The view of a photograph's camera, distorted as its lens did."""
+        grid_T_camera = np.linalg.inv(pack.worldspace_T_opengl) @ np.asarray(camera.world_T_camera, np.float64)
+        size = int(camera.width), int(camera.height)
+        return cls(grid_T_camera, camera.fx, camera.fy, camera.cx, camera.cy, *size, near, camera.distortion)
+
+    @classmethod
+    def orbit(
+        cls,
+        pack: Pack,
+        azimuth: float,
+        elevation: float = ORBIT_ELEVATION,
+        distance: float | None = None,
+        fov_degrees: float = 39.0,
+        size: tuple[int, int] = (800, 800),
+    ) -> ViewCamera:
+        """A camera that circles the pack's content about the grid's y axis; angles in degrees.
+
+        distance: from the middle of the content, in grid units; by default just far enough to see all of it.
+        """
+        low, high = content_box(pack)
+        middle = 0.5 * (low + high)
+        if distance is None:
+            width, height = size
+            narrower = tan(0.5 * radians(fov_degrees)) * min(1.0, width / height)
+            distance = float(0.5 * np.linalg.norm(high - low) / sin(np.arctan(narrower)))
+        a, e = radians(azimuth), radians(elevation)
+        eye = middle + distance * np.array([cos(e) * sin(a), sin(e), cos(e) * cos(a)])
+        return cls.look_at(eye, middle, fov_degrees=fov_degrees, size=size, mirrored=is_mirrored(pack))
+
+    def resized(self, width: int, height: int) -> ViewCamera:
+        """The same view as a picture of another size."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy
+        )
+
+    @property
+    def position(self) -> np.ndarray:
+        """float64 [3] in the grid frame."""
+        return self.grid_T_camera[:3, 3]
+
+
+def is_mirrored(pack: Pack) -> bool:
+    """True where the grid frame is a mirror image of the training frame, as in forward-facing packs."""
+    return bool(np.linalg.det(pack.worldspace_T_opengl[:3, :3]) < 0)
+
+
+def content_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (float64 [3] each, grid frame) of the box around the occupied macroblocks; the grid where there are none."""
+    blocks = np.argwhere(pack.occupied)[:, ::-1]
+    low, high = np.zeros(3), np.asarray(pack.grid_size, np.float64)
+    if len(blocks):
+        low, high = blocks.min(0) * pack.block_size, np.minimum((blocks.max(0) + 1) * pack.block_size, high)
+    return pack.min_xyz + pack.voxel_size * low, pack.min_xyz + pack.voxel_size * high
+
+
+def orbit_path(
+    pack: Pack,
+    frames: int,
+    fov_degrees: float = 39.0,
+    size: tuple[int, int] = (800, 800),
+    elevation: float = ORBIT_ELEVATION,
+) -> list[ViewCamera]:
+    """One turn around the content; forward-facing packs are flown along a circle in the camera plane instead."""
+    if pack.ndc:
+        return forward_facing_path(pack, frames, fov_degrees, size)
+    return [
+        ViewCamera.orbit(pack, 360.0 * i / frames, elevation, fov_degrees=fov_degrees, size=size) for i in range(frames)
+    ]
+
+
+def forward_facing_path(
+    pack: Pack, frames: int, fov_degrees: float = 53.0, size: tuple[int, int] = (1006, 756)
+) -> list[ViewCamera]:
+    """A circle within the camera plane, looking at one point of the scene (SNeRG paper, appendix B)."""
+    grid_R_training = np.linalg.inv(pack.worldspace_T_opengl[:3, :3])
+    target = grid_R_training @ np.array([0.0, 0.0, -FORWARD_FACING_FOCUS])
+    up = grid_R_training @ np.array([0.0, 1.0, 0.0])
+    cameras = []
+    for i in range(frames):
+        turn = radians(360.0 * i / frames)
+        eye = grid_R_training @ (FORWARD_FACING_RADIUS * np.array([cos(turn), sin(turn), 0.0]))
+        cameras.append(ViewCamera.look_at(eye, target, up, fov_degrees, size, mirrored=is_mirrored(pack)))
+    return cameras

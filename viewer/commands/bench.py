@@ -1,0 +1,149 @@
+"""snerg-bench: the paper's measurement of frame times (CONTRACT section 4; SNeRG paper, appendix B)."""
+
+from __future__ import annotations
+
+import json as json_text
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from rich.console import Console
+from rich.table import Table
+
+from console import UserError, run_command
+from scenepack import Pack, load_pack
+from viewer.arguments import parse_size
+from viewer.benchmark import PROTOCOLS, Contender, Measurement, measure
+from viewer.settings import RenderSettings
+
+DESCRIPTION = "Measures frame times along a camera path, as the paper does; offscreen, without waiting for a display."
+
+
+def bench(
+    pack: Path,
+    /,
+    protocol: Literal["auto", "synthetic", "forward-facing", "real360"] = "auto",
+    frames: int = 150,
+    size: str | None = None,
+    fov: float | None = None,
+    compare: Literal["paper"] | None = None,
+    ablations: bool = False,
+    json: Path | None = None,
+) -> None:
+    """Measures frame times along a camera path.
+
+    Args:
+        pack: Folder or .zip of a baked scene.
+        protocol: synthetic: 39 degrees, 800x800, orbit; forward-facing: 53 degrees, 1006x756, within the camera plane;
+            real360: 53 degrees, 990x773, orbit; auto: forward-facing for such packs, else synthetic.
+        frames: Of the path, after a warm-up.
+        size: WIDTHxHEIGHT in pixels instead of the protocol's.
+        fov: Vertical field of view in degrees instead of the protocol's.
+        compare: Draw each frame with the paper's marcher, too.
+        ablations: Measure the rows of the paper's table as well: without view MLP, view MLP at every sample.
+        json: Write the figures to this file, too.
+    """
+    if frames < 1:
+        raise UserError("needs at least one frame", where="--frames", found=frames)
+    if fov is not None and not 0.1 <= fov < 179:
+        raise UserError("is no field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
+    pixels = parse_size(size) if size else None
+    loaded = load_pack(pack)
+    if protocol == "auto":
+        protocol = "forward-facing" if loaded.ndc else "synthetic"
+    if (protocol == "forward-facing") != loaded.ndc:
+        kind = "forward-facing (NDC)" if loaded.ndc else "not forward-facing"
+        raise UserError(f"does not suit this pack, which is {kind}", where=f"--protocol {protocol}")
+    chosen = PROTOCOLS[protocol]
+    width, height = pixels or chosen.size
+    cameras = chosen.path(loaded, frames, fov or chosen.fov, (width, height))
+    measurement = measure(loaded, cameras, _contenders(loaded, compare is not None, ablations))
+    result = {
+        "renderer": measurement.renderer,
+        "width": width,
+        "height": height,
+        "frames": frames,
+        "protocol": protocol,
+        "fov": fov or chosen.fov,
+        "clock": measurement.clock,
+        **figures(measurement),
+    }
+    _print_table(result, measurement)
+    if json is not None:
+        json.parent.mkdir(parents=True, exist_ok=True)
+        json.write_text(json_text.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
+    contenders = [Contender("exact", RenderSettings())]
+    if paper:
+        contenders.append(Contender("paper", RenderSettings(marcher="paper")))
+    if ablations:
+        contenders.append(Contender("no skipping: every sample", RenderSettings(marcher="brute")))
+        if pack.view_mlp is not None:
+            contenders.append(Contender("exact, no view MLP", RenderSettings(mode="diffuse")))
+            contenders.append(Contender("exact, view MLP at every sample", RenderSettings(view_mlp_per_sample=True)))
+    return contenders
+
+
+def figures(measurement: Measurement) -> dict[str, Any]:
+    """The measured part of the JSON that CONTRACT section 4 promises, and the ablations."""
+    ours, *others = measurement.contenders
+    result: dict[str, Any] = {
+        **ours.statistics(),
+        "gpu_bytes": measurement.gpu_bytes[ours.name],
+        "watts": measurement.watts,
+    }
+    for other in others:
+        statistics = {**other.statistics(), "gpu_bytes": measurement.gpu_bytes[other.name]}
+        if other.name == "paper":
+            psnr = measurement.psnr["paper"]
+            result["compare"] = {
+                "paper": statistics,
+                "ratio": statistics["ms_p50"] / result["ms_p50"],
+                "psnr": psnr if math.isfinite(psnr) else None,  # JSON knows no infinity
+            }
+        else:
+            result.setdefault("ablations", {})[other.name] = statistics
+    return result
+
+
+def _print_table(result: dict[str, Any], measurement: Measurement) -> None:
+    ours = measurement.contenders[0]
+    table = Table(title=f"{result['width']}x{result['height']}, {result['frames']} frames, {result['protocol']}")
+    table.add_column("")
+    for heading in ("ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU MiB"):
+        table.add_column(heading, justify="right")
+    base = ours.statistics()["ms_p50"]
+    for contender in measurement.contenders:
+        s = contender.statistics()
+        table.add_row(
+            contender.name,
+            f"{s['ms_mean']:.2f} ± {s['ms_std']:.2f}",
+            *(f"{s[key]:.2f}" for key in ("ms_p50", "ms_p95", "ms_p99")),
+            f"{s['fps']:.1f}",
+            f"{s['ms_p50'] / base:.2f}",
+            f"{measurement.gpu_bytes[contender.name] / 2**20:.1f}",
+        )
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    console.print(table)
+    console.print(f"{measurement.renderer}; {measurement.clock}", highlight=False)
+    if measurement.watts is not None:
+        console.print(f"{measurement.watts:.1f} W, {result['fps'] / measurement.watts:.3f} FPS/W", highlight=False)
+    if "compare" in result:
+        psnr = measurement.psnr["paper"]
+        console.print(
+            f"exact is {result['compare']['ratio']:.2f} times as fast as paper; PSNR between them {psnr:.1f} dB",
+            highlight=False,
+        )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point of snerg-bench; returns the exit status."""
+    return run_command(bench, prog="snerg-bench", description=DESCRIPTION, args=args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

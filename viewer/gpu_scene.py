@@ -1,0 +1,228 @@
+"""A pack on the graphics card: textures for the marchers, in the tightest atlas that the driver's limits allow.
+
+Notation: B = padded block size; n = occupied macroblocks; a slot is a macroblock's place in the repacked atlas, (x, y, z).
+The pack's own atlas layout is not kept: occupied macroblocks are copied, in the grid's order, into an atlas with next to
+no empty slots. Two layouts of textures, for the marchers that need them:
+  exact, brute: indirection (RGBA8UI), skip distances (R8UI), rgba, features
+  paper:        indirection, alpha (R8), rgb (RGB8), features, and the view MLP's weights (SNeRG paper, appendix A)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+
+import moderngl
+import numpy as np
+
+from console import UserError
+from scenepack.pack import Pack
+from viewer.skip_grid import chebyshev_distances, content_bounds, content_cells
+
+MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
+TOLERATED_WASTE = 1.01  # empty slots that are worth a layout with better locality
+
+Triple = tuple[int, int, int]
+
+
+@dataclass
+class GpuScene:
+    """Textures by the name of their sampler in the shaders, samplers likewise, and what the uniforms must know.
+
+    atlas_size: voxels (x, y, z). content_min, content_max: float64 [3], voxels, the box around all content.
+    """
+
+    textures: dict[str, moderngl.Texture | moderngl.Texture3D]
+    samplers: dict[str, moderngl.Sampler]
+    atlas_size: Triple
+    content_min: np.ndarray
+    content_max: np.ndarray
+    gpu_bytes: int
+
+    def bind(self, program: moderngl.Program) -> None:
+        """Binds every texture that `program` samples, and its sampler, to a unit of its own."""
+        unit = 0
+        for name, texture in self.textures.items():
+            if name in program:
+                program[name] = unit
+                texture.use(unit)
+                self.samplers[name].use(unit)
+                unit += 1
+
+    def unbind(self, ctx: moderngl.Context) -> None:
+        """Takes our samplers off the texture units, which imgui uses too."""
+        ctx.clear_samplers(0, len(self.textures))
+
+    def release(self) -> None:
+        """Frees the textures and samplers."""
+        for thing in {id(thing): thing for thing in (*self.textures.values(), *self.samplers.values())}.values():
+            thing.release()
+        self.textures, self.samplers = {}, {}
+
+
+def tightest_atlas(count: int, padded_block_size: int, max_side: int) -> Triple:
+    """Slots (x, y, z) for `count` macroblocks, within a hundredth of the fewest, narrowest in x, then in y.
+
+    Narrow, because drivers that do not tile 3D textures (Mesa's software one) store them x fastest: a macroblock's rows
+    then lie side by side, which is worth a tenth of a frame. max_side: voxels, GL_MAX_3D_TEXTURE_SIZE.
+    UserError where `count` do not fit.
+    """
+    side = min(max_side // padded_block_size, MAX_SLOTS)
+    count = max(count, 1)
+    layouts = [(x, y, ceil(count / (x * y))) for x in range(1, side + 1) for y in range(1, side + 1)]
+    layouts = [layout for layout in layouts if layout[2] <= side]
+    if not layouts:
+        raise UserError(
+            "the pack is too large for this graphics driver",
+            expected=f"at most {side**3} occupied macroblocks of {padded_block_size}³ voxels",
+            found=str(count),
+            remedy="bake at a lower resolution",
+        )
+    fewest = min(x * y * z for x, y, z in layouts)
+    return min((x, y, z) for x, y, z in layouts if x * y * z <= TOLERATED_WASTE * fewest)
+
+
+class _Uploader:
+    """Creates textures and counts their bytes; every allocation is checked, for moderngl does not."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self.ctx, self.bytes = ctx, 0
+        self.made: list[moderngl.Texture | moderngl.Texture3D] = []
+        while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
+            pass
+
+    def check(self, what: str, size: int) -> None:
+        error = self.ctx.error
+        if error != "GL_NO_ERROR":
+            raise UserError(
+                f"the graphics driver has no room for {what}",
+                expected=f"{size / 2**20:.0f} MiB of texture memory",
+                found=error,
+                remedy="close other programs, or bake at a lower resolution",
+            )
+
+    def volume(self, what: str, size: tuple[int, int, int], channels: int, dtype: str = "f1") -> moderngl.Texture3D:
+        """An uninitialised 3D texture of size (x, y, z)."""
+        bytes_ = int(np.prod(size)) * channels
+        texture = self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
+        self.made.append(texture)
+        self.check(f"the {what} texture", bytes_)
+        self.bytes += bytes_
+        return texture
+
+    def filled(self, what: str, data: np.ndarray, dtype: str = "u1") -> moderngl.Texture3D:
+        """A 3D texture from data [z, y, x, channels]."""
+        z, y, x, channels = data.shape
+        texture = self.volume(what, (x, y, z), channels, dtype)
+        texture.write(np.ascontiguousarray(data), alignment=1)
+        return texture
+
+    def weights(self, matrix: np.ndarray) -> moderngl.Texture:
+        """weights [inputs, outputs] as float RGBA texels, outputs padded to whole texels."""
+        inputs, outputs = matrix.shape
+        padded = np.zeros((inputs, -(-outputs // 4) * 4), np.float32)
+        padded[:, :outputs] = matrix
+        texture = self.ctx.texture((padded.shape[1] // 4, inputs), 4, padded.tobytes(), dtype="f4")
+        self.made.append(texture)
+        self.check("the view MLP's weights", padded.nbytes)
+        self.bytes += padded.nbytes
+        return texture
+
+    def give_up(self) -> None:
+        """Frees what was made so far."""
+        for texture in self.made:
+            texture.release()
+
+
+def float_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
+    """Trilinear filtering in floating point.
+
+    Mesa's software rasteriser blends 8-bit texels in 8-bit arithmetic, except where the wrap mode is an unusual one;
+    asking for a border colour (which no fetch of ours ever reaches) costs a fifth more there and nothing elsewhere.
+    """
+    sampler = ctx.sampler(filter=(moderngl.LINEAR, moderngl.LINEAR))
+    sampler.border_color = (0.0, 0.0, 0.0, 0.0)
+    return sampler
+
+
+def plain_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
+    """Trilinear filtering as a driver does it by itself; for the baseline."""
+    return ctx.sampler(filter=(moderngl.LINEAR, moderngl.LINEAR), repeat_x=False, repeat_y=False, repeat_z=False)
+
+
+def nearest_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
+    """Unfiltered, clamped to the edge."""
+    return ctx.sampler(filter=(moderngl.NEAREST, moderngl.NEAREST), repeat_x=False, repeat_y=False, repeat_z=False)
+
+
+class _AtlasWriter:
+    """Repacks a pack's macroblocks into textures of one layout."""
+
+    def __init__(self, uploader: _Uploader, pack: Pack, max_side: int) -> None:
+        self.uploader, self.block = uploader, pack.padded_block_size
+        self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
+        self.slots = tightest_atlas(len(self.places), self.block, max_side)
+        self.size = (self.slots[0] * self.block, self.slots[1] * self.block, self.slots[2] * self.block)
+
+    def indirection(self, occupied: np.ndarray) -> np.ndarray:
+        """uint8 [z + 2, y + 2, x + 2, 4]: slot (x, y, z) and 0, or 1 in the last for empty, as the border is."""
+        nx, ny, _ = self.slots
+        order = np.arange(len(self.places))
+        grid = np.zeros((*occupied.shape, 4), np.uint8)
+        grid[..., 3] = ~occupied
+        grid[occupied, :3] = np.stack([order % nx, order // nx % ny, order // (nx * ny)], axis=1)
+        grid = np.pad(grid, ((1, 1), (1, 1), (1, 1), (0, 0)))
+        grid[..., 3] |= ~np.pad(occupied, 1)
+        return grid
+
+    def texture(self, name: str, atlas: np.ndarray, channels: slice = slice(None)) -> moderngl.Texture3D:
+        """A texture of the `channels` of the pack's `atlas`, written one layer of slots at a time."""
+        count = len(range(atlas.shape[3])[channels])
+        texture = self.uploader.volume(name, self.size, count)
+        (nx, ny, nz), size = self.slots, self.block
+        for layer in range(nz):
+            volume = np.zeros((size, ny * size, nx * size, count), np.uint8)
+            for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : (layer + 1) * nx * ny].tolist()):
+                to_x, to_y = slot % nx * size, slot // nx * size
+                block = atlas[z : z + size, y : y + size, x : x + size, channels]
+                volume[:, to_y : to_y + size, to_x : to_x + size] = block
+            texture.write(volume, viewport=(0, 0, layer * size, nx * size, ny * size, size), alignment=1)
+        self.uploader.check(f"the {name} texture", int(np.prod(self.size)) * count)
+        return texture
+
+
+def upload(ctx: moderngl.Context, pack: Pack, layout: str) -> GpuScene:
+    """Puts `pack` on the card for the marchers of `layout`, "exact" or "paper". UserError where it does not fit."""
+    uploader = _Uploader(ctx)
+    try:
+        return _upload(uploader, pack, layout)
+    except BaseException:
+        uploader.give_up()
+        raise
+
+
+def _upload(uploader: _Uploader, pack: Pack, layout: str) -> GpuScene:
+    ctx = uploader.ctx
+    writer = _AtlasWriter(uploader, pack, ctx.info["GL_MAX_3D_TEXTURE_SIZE"])
+    linear = plain_sampler(ctx) if layout == "paper" else float_sampler(ctx)
+    nearest = nearest_sampler(ctx)
+    textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {
+        "indirection": uploader.filled("indirection", writer.indirection(pack.occupied))
+    }
+    content_min = content_max = np.zeros(3)
+    if layout == "paper":
+        textures["atlas_alpha"] = writer.texture("alpha", pack.atlas_rgba, slice(3, 4))
+        textures["atlas_alpha_nearest"] = textures["atlas_alpha"]
+        textures["atlas_rgb"] = writer.texture("rgb", pack.atlas_rgba, slice(0, 3))
+        for layer, matrix in enumerate(pack.view_mlp.weights if pack.view_mlp else ()):
+            textures[f"weights_{layer}"] = uploader.weights(matrix)
+    else:
+        content = content_cells(pack)
+        content_min, content_max = content_bounds(content)
+        textures["skip_grid"] = uploader.filled("skip distance", chebyshev_distances(content)[..., None])
+        textures["atlas_rgba"] = writer.texture("rgba", pack.atlas_rgba)
+    if pack.atlas_features is not None and pack.view_mlp is not None:
+        textures["atlas_features"] = writer.texture("feature", pack.atlas_features)
+    filtered = ("atlas_alpha", "atlas_rgb", "atlas_rgba", "atlas_features")
+    samplers = {name: linear if name in filtered else nearest for name in textures}
+    return GpuScene(textures, samplers, writer.size, content_min, content_max, uploader.bytes)

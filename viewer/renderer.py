@@ -1,0 +1,177 @@
+"""Draws a pack into a framebuffer that the caller hands in: window, screenshot, benchmark and test run this code.
+
+Every GL state that drawing relies on is set in each call, since imgui shares the context.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from scenepack.pack import Pack
+from viewer.camera import ViewCamera
+from viewer.gpu_scene import GpuScene, upload
+from viewer.ray_frame import RayFrame
+from viewer.settings import MARCHERS, MODES, RenderSettings
+from viewer.shader_source import assemble, compile_program
+from viewer.skip_grid import CELL
+from viewer.view_mlp_source import view_mlp_biases, view_mlp_weights
+
+GL_FRAMEBUFFER_SRGB = 0x8DB9
+GL_DEPTH_CLAMP = 0x864F
+SHADED_MODES = ("normal", "view-dependent")
+MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks")  # the others are black where there is nothing
+
+
+def _layout(marcher: str) -> str:
+    return "paper" if marcher == "paper" else "exact"
+
+
+class Renderer:
+    """A pack on the card and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
+
+    ctx: an OpenGL 3.3 context, current. marcher: uploaded at once. Raises UserError where the pack does not fit.
+    """
+
+    def __init__(self, ctx: moderngl.Context, pack: Pack, marcher: str = "exact") -> None:
+        self.ctx, self.pack = ctx, pack
+        self._ray_frame = RayFrame(pack)
+        self._scenes: dict[str, GpuScene] = {}
+        self._programs: dict[tuple[Any, ...], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self.scene(marcher)
+
+    def scene(self, marcher: str) -> GpuScene:
+        """The textures of `marcher`, uploaded if they are not yet."""
+        layout = _layout(marcher)
+        if layout not in self._scenes:
+            self._scenes[layout] = upload(self.ctx, self.pack, layout)
+        return self._scenes[layout]
+
+    def gpu_bytes(self, marcher: str = "exact") -> int:
+        """Bytes of texture memory that `marcher` uses."""
+        return self.scene(marcher).gpu_bytes
+
+    def render(
+        self,
+        framebuffer: moderngl.Framebuffer,
+        camera: ViewCamera,
+        settings: RenderSettings | None = None,
+        viewport: tuple[int, int, int, int] | None = None,
+    ) -> None:
+        """Draws the view of `camera` into `framebuffer`, over whatever was there.
+
+        viewport: x, y, width, height in pixels from the lower left corner; by default camera.width × camera.height at
+        (0, 0). A viewport of another size than the camera's shows the camera's picture scaled to it.
+        """
+        settings = settings or RenderSettings()
+        viewport = viewport or (0, 0, camera.width, camera.height)
+        if viewport[2:] != (camera.width, camera.height):
+            camera = camera.resized(*viewport[2:])
+        scene = self.scene(settings.marcher)
+        program, vertices = self._program(settings, camera)
+        self._set_uniforms(program, scene, camera, settings, viewport)
+        ctx = self.ctx
+        framebuffer.use()
+        framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
+        framebuffer.viewport = viewport
+        framebuffer.color_mask = (True, True, True, True)
+        framebuffer.depth_mask = False
+        ctx.enable_only(moderngl.NOTHING)
+        ctx.disable_direct(GL_FRAMEBUFFER_SRGB)
+        ctx.wireframe = False
+        scene.bind(program)
+        if self._draws_content_box(settings, camera):
+            empty = settings.background if settings.mode in MODES_OVER_BACKGROUND else (0.0, 0.0, 0.0)
+            framebuffer.clear(*empty, 1.0, viewport=viewport)
+            ctx.enable_direct(GL_DEPTH_CLAMP)
+            ctx.enable_only(moderngl.CULL_FACE)
+            ctx.cull_face = "front"
+            ctx.front_face = "ccw" if np.linalg.det(camera.grid_T_camera[:3, :3]) > 0 else "cw"
+            vertices.render(moderngl.TRIANGLE_STRIP, vertices=14)
+            ctx.enable_only(moderngl.NOTHING)
+            ctx.disable_direct(GL_DEPTH_CLAMP)
+            ctx.cull_face, ctx.front_face = "back", "ccw"
+        else:
+            vertices.render(moderngl.TRIANGLES, vertices=3)
+        scene.unbind(ctx)
+
+    def release(self) -> None:
+        """Frees textures and programs; the renderer cannot be used afterwards."""
+        for scene in self._scenes.values():
+            scene.release()
+        for program, triangle in self._programs.values():
+            triangle.release()
+            program.release()
+        self._scenes, self._programs = {}, {}
+
+    def _program(self, settings: RenderSettings, camera: ViewCamera) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        key = (settings.marcher, settings.mode, settings.view_mlp_per_sample, any(camera.distortion))
+        if key not in self._programs:
+            program = compile_program(
+                self.ctx,
+                assemble("content_box.vert" if self._draws_content_box(settings, camera) else "fullscreen.vert"),
+                assemble("snerg.frag", self._defines(settings, camera), self._generated()),
+            )
+            self._programs[key] = program, self.ctx.vertex_array(program, [])
+        return self._programs[key]
+
+    def _draws_content_box(self, settings: RenderSettings, camera: ViewCamera) -> bool:
+        """Whether only the pixels that see the box around all content are shaded; bent rays see no box."""
+        return settings.marcher == "exact" and not self.pack.ndc and not any(camera.distortion)
+
+    def _defines(self, settings: RenderSettings, camera: ViewCamera) -> dict[str, object]:
+        """Structure of the shader; see shaders/snerg.frag for the names."""
+        pack, mode = self.pack, settings.mode
+        shaded = mode in SHADED_MODES and pack.view_mlp is not None
+        defines: dict[str, object] = {f"MARCHER_{name.upper()}": i for i, name in enumerate(MARCHERS)}
+        defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
+        stored = pack.view_mlp is not None and pack.atlas_features is not None
+        accumulates_features = stored and (shaded or mode == "features")
+        return defines | {
+            "MARCHER": MARCHERS.index(settings.marcher),
+            "MODE": MODES.index(mode),
+            "BLOCK_SIZE": pack.block_size,
+            "PADDED_BLOCK_SIZE": pack.padded_block_size,
+            "CELL": CELL,
+            # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much.
+            "SAMPLES_A_TEST": 1 if accumulates_features else 2,
+            "NDC": pack.ndc,
+            "DISTORTION": any(camera.distortion),
+            "FEATURES_STORED": stored,
+            "ACCUMULATE_FEATURES": accumulates_features,
+            "VIEW_MLP": shaded,
+            "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
+            "ACCUMULATE_DEPTH": mode == "depth",
+            "FIRST_BLOCK": mode == "macroblocks",
+            "COUNT_COST": mode in ("samples", "jumps"),
+        }
+
+    def _generated(self) -> dict[str, str]:
+        mlp = self.pack.view_mlp
+        if mlp is None:
+            return {"view_mlp_weights": "", "view_mlp_biases": ""}
+        return {"view_mlp_weights": view_mlp_weights(mlp), "view_mlp_biases": view_mlp_biases(mlp)}
+
+    def _set_uniforms(
+        self,
+        program: moderngl.Program,
+        scene: GpuScene,
+        camera: ViewCamera,
+        settings: RenderSettings,
+        viewport: tuple[int, int, int, int],
+    ) -> None:
+        values = self._ray_frame.uniforms(camera, settings)
+        values |= {
+            "viewport_origin": viewport[:2],
+            "atlas_texel": 1.0 / np.asarray(scene.atlas_size),
+            "content_min": scene.content_min,
+            "content_max": scene.content_max,
+            "background": settings.background,
+            "cost_scale": settings.cost_scale,
+        }
+        for name, value in values.items():
+            uniform = program.get(name, None)  # one that a variant does not use vanishes when it is linked
+            if isinstance(uniform, moderngl.Uniform):
+                uniform.write(np.asarray(value, "f4").T.tobytes())  # GLSL's matrices are column-major
