@@ -1,0 +1,322 @@
+"""The viewer without its window: all state, and everything it can do.
+
+Panels read it and call it; the window calls `tick` once a frame and draws while `wants_frame`. What needs OpenGL (the
+picture itself) is behind `Stage`, which viewer.canvas implements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from math import atan, degrees
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from scenepack.pack import Pack
+from viewer.app.comparison import Comparison
+from viewer.app.files import FileRequest, kind_of, pack_in
+from viewer.app.filming import Filming
+from viewer.app.forward_facing import rig_for
+from viewer.app.library import Preferences
+from viewer.app.loading import Loading
+from viewer.app.log import Dialog, Messages
+from viewer.app.pose import pose_from_text, pose_to_text
+from viewer.app.resolution import Governor
+from viewer.app.rig import CameraRig
+from viewer.app.timing import FrameTimes
+from viewer.camera import ViewCamera
+from viewer.settings import RenderSettings
+
+FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
+BACKGROUNDS: dict[str, tuple[float, float, float]] = {
+    "White": (1.0, 1.0, 1.0),
+    "Light": (0.82, 0.85, 0.89),
+    "Dark": (0.09, 0.11, 0.14),
+    "Black": (0.0, 0.0, 0.0),
+}
+
+
+class Stage(Protocol):
+    """What draws packs. Only the main thread calls it."""
+
+    def show(self, pack: Pack | None) -> None:
+        """Puts another pack on the card; raises UserError and keeps the old one where it does not fit."""
+
+    def show_other(self, pack: Pack | None) -> None:
+        """Puts a second pack on the card, to compare with; None takes it off."""
+
+    def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
+        """Distance (grid units) along the ray through pixel (x, y) to the surface; None where there is none."""
+
+    def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """The picture, uint8 [height, width, 3]."""
+        ...
+
+    @property
+    def gpu_bytes(self) -> int:
+        """Texture memory in use."""
+        ...
+
+
+@dataclass
+class OpenScene:
+    """A pack that is shown. name: what the title bar says."""
+
+    path: Path
+    name: str
+    pack: Pack
+    rig: CameraRig
+
+
+@dataclass
+class Interface:
+    """What the panels remember."""
+
+    page: str = "view"
+    panels_shown: bool = True
+    help_shown: bool = False
+    full_screen: bool = False
+    v_sync: bool = True
+
+
+class Clipboard:
+    """The system's clipboard; a plain variable until a window brings the real one."""
+
+    text = ""
+
+    def get(self) -> str:
+        return self.text
+
+    def set(self, text: str) -> None:
+        self.text = text
+
+
+@dataclass
+class Viewport:
+    """Where the picture is: position and size in window units, and pixels per unit."""
+
+    x: float = 0.0
+    y: float = 0.0
+    width: float = 1.0
+    height: float = 1.0
+    pixels_per_unit: float = 1.0
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Width and height in framebuffer pixels, at least 1."""
+        scale = self.pixels_per_unit
+        return max(1, round(self.width * scale)), max(1, round(self.height * scale))
+
+
+def name_of(path: Path) -> str:
+    """What a pack is called: its file's or folder's name, or that of the folder around it where it is just "pack"."""
+    path = path.resolve()
+    name = path.stem if path.suffix.lower() == ".zip" else path.name
+    return path.parent.name if name == "pack" and path.parent.name else name
+
+
+@dataclass(repr=False)
+class App:
+    """State and commands; see viewer.app.commands for the list that keys and menus use."""
+
+    stage: Stage | None = None
+    scene: OpenScene | None = None
+    settings: RenderSettings = field(default_factory=RenderSettings)
+    governor: Governor = field(default_factory=Governor)
+    times: FrameTimes = field(default_factory=FrameTimes)
+    messages: Messages = field(default_factory=Messages)
+    interface: Interface = field(default_factory=Interface)
+    viewport: Viewport = field(default_factory=Viewport)
+    filming: Filming = field(default_factory=Filming)
+    comparison: Comparison = field(default_factory=Comparison)
+    preferences: Preferences = field(default_factory=Preferences)
+    clipboard: Clipboard = field(default_factory=Clipboard)
+    file_request: FileRequest | None = None
+    demo: Path | None = None  # the bundled pack, where there is one
+    loading: Loading | None = None
+    loading_other: bool = False  # what is being read shall be compared with, not shown instead
+    quitting: bool = False
+    frames_owed: int = FRAMES_AFTER_EVENT
+
+    # Opening
+
+    def show(self, pack: Pack, path: Path, name: str | None = None) -> None:
+        """Shows a pack that was read. Raises UserError, with the old scene kept, where the card refuses it."""
+        if self.stage is not None:
+            self.stage.show(pack)
+        self.scene = OpenScene(path, name or name_of(path), pack, rig_for(pack))
+        if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
+            self.settings = replace(self.settings, mode="normal")
+        self.settings = replace(self.settings, crop=None, near=0.0)
+        if self.filming.export is not None:
+            self.filming.cancel(self)
+        self.filming = Filming(size=self.filming.size, fps=self.filming.fps)
+        self.comparison.scene_changed(pack)
+        if path.exists():
+            self.preferences.opened(path)
+        self.messages.log(f"{name} is open, from {path}")
+        self.touch()
+
+    def close(self) -> None:
+        """Back to the start page."""
+        if self.filming.export is not None:
+            self.filming.cancel(self)
+        self.comparison.drop_other(self)
+        self.comparison.stop()
+        if self.stage is not None:
+            self.stage.show(None)
+        self.scene, self.filming = None, Filming(size=self.filming.size, fps=self.filming.fps)
+        self.touch()
+
+    def use(self, preferences: Preferences) -> None:
+        """Takes over what was remembered."""
+        self.preferences = preferences
+        self.interface.page = preferences.page
+        self.settings = replace(self.settings, background=preferences.background)
+        self.governor.target_fps, self.governor.enabled = preferences.target_fps, preferences.dynamic_resolution
+        self.governor.rest_scale = preferences.rest_scale
+
+    def remembered(self) -> Preferences:
+        """What is to be remembered."""
+        return replace(
+            self.preferences,
+            page=self.interface.page,
+            background=self.settings.background,
+            target_fps=self.governor.target_fps,
+            dynamic_resolution=self.governor.enabled,
+            rest_scale=self.governor.rest_scale,
+        )
+
+    def open(self, path: Path, *, other: bool = False) -> None:
+        """Starts to read a pack; what comes of it shows itself in later ticks. other: to compare with it."""
+        self.cancel_loading()
+        self.loading, self.loading_other = Loading(path), other
+        self.touch()
+
+    def drop(self, paths: list[Path]) -> None:
+        """Files were dropped on the window: a pack is opened, a scene or a run gets advice on how to make one."""
+        if not paths:
+            return
+        path = paths[0]
+        kind = kind_of(path)
+        if kind in ("scene", "run"):
+            command = f'snerg-make "{path}" --out "{path.name}-pack"'
+            if kind == "run":
+                command = f'snerg-bake "{path}" --out "{path.name}-pack"'
+            what = "a scene of photographs" if kind == "scene" else "a training run"
+            self.clipboard.set(command)
+            text = f"It is {what}. This makes a pack of it, and is on the clipboard now: {command}"
+            self.messages.dialogs.append(Dialog(f"{path.name} is not baked yet", text))
+            self.touch()
+        else:
+            self.open(pack_in(path))
+
+    def cancel_loading(self) -> None:
+        """Gives up reading; the scene that is open stays."""
+        if self.loading is not None:
+            self.loading.cancel()
+            self.messages.log(f"{self.loading.path}: opening was cancelled")
+            self.loading = None
+            self.touch()
+
+    def _take_loaded(self) -> None:
+        loading = self.loading
+        if loading is None or not loading.finished:
+            return
+        self.loading = None
+        for note in loading.notes:
+            self.messages.log(note, "warning")
+        try:
+            if loading.error is not None:
+                raise loading.error
+            if loading.pack is not None:
+                if self.loading_other and self.scene is not None:
+                    self.comparison.with_pack(self, loading.pack, loading.path)
+                else:
+                    self.show(loading.pack, loading.path)
+        except Exception as error:  # a dialog, and the program goes on
+            self.messages.fail(f"{loading.path.name} cannot be opened", error)
+        self.touch()
+
+    # Each frame
+
+    def tick(self, seconds: float) -> None:
+        """Time passes: cameras glide, threads report."""
+        if self.loading is not None:
+            self._take_loaded()
+            self.touch(1)
+        if self.scene is not None and self.scene.rig.update(seconds):
+            self.touch(2)
+        self.filming.tick(self, seconds)
+        self.comparison.tick(self, seconds)
+
+    def touch(self, frames: int = FRAMES_AFTER_EVENT) -> None:
+        """Something changed: the next frames must be drawn."""
+        self.frames_owed = max(self.frames_owed, frames)
+
+    @property
+    def wants_frame(self) -> bool:
+        return self.frames_owed > 0 or self.messages.toast_left > 0
+
+    def drew(self) -> None:
+        """The window drew a frame."""
+        self.frames_owed = max(0, self.frames_owed - 1)
+
+    # Looking
+
+    def camera(self) -> ViewCamera | None:
+        """The camera of this moment, for the whole viewport at full resolution."""
+        if self.scene is None:
+            return None
+        return self.scene.rig.camera(self.viewport.pixels, self.settings.near)
+
+    @property
+    def fov(self) -> float:
+        """Vertical field of view of what is shown, degrees."""
+        if self.scene is None:
+            return 0.0
+        held = self.scene.rig.held
+        return self.scene.rig.fov if held is None else degrees(2 * atan(0.5 * held.height / held.fy))
+
+    def copy_pose(self) -> None:
+        """Puts the camera's pose on the clipboard, as one line of JSON."""
+        if self.scene is not None:
+            self.clipboard.set(pose_to_text(self.scene.rig.matrix, self.fov))
+            self.messages.say("The pose is on the clipboard")
+
+    def paste_pose(self, text: str | None = None) -> None:
+        """Goes to a pose that was copied (or given as text). ValueError, told plainly, where it is none."""
+        if self.scene is not None:
+            self.scene.rig.set_matrix(*pose_from_text(self.clipboard.get() if text is None else text))
+            self.touch()
+
+    def set(self, **fields: object) -> None:
+        """Changes render settings."""
+        changed = replace(self.settings, **fields)  # type: ignore[arg-type]
+        if changed != self.settings:
+            self.settings = changed
+            self.touch()
+
+    def set_fov(self, degrees: float) -> None:
+        """Vertical field of view."""
+        if self.scene is not None:
+            self.scene.rig.take_over()
+            self.scene.rig.fov = min(max(degrees, 5.0), 150.0)
+            self.touch()
+
+    def pivot_at(self, x: float, y: float) -> bool:
+        """Makes the surface under a point of the viewport (window units from its corner) the pivot; False for none."""
+        camera = self.camera()
+        if camera is None or self.stage is None or self.scene is None or self.scene.rig.bounded:
+            return False
+        scale = self.viewport.pixels_per_unit
+        px, py = x * scale, y * scale
+        distance = self.stage.distance_at(camera, self.settings, px, py)
+        if distance is None:
+            return False
+        ray = np.array([(px - camera.cx) / camera.fx, -(py - camera.cy) / camera.fy, -1.0])
+        ray = camera.grid_T_camera[:3, :3] @ (ray / np.linalg.norm(ray))
+        self.scene.rig.set_pivot(camera.position + distance * ray)
+        self.touch()
+        return True

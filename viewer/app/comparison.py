@@ -1,0 +1,136 @@
+"""Looking at two things in one place: the picture against a photograph, or against another pack."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from PIL import Image
+
+from scenepack.pack import Pack
+from viewer.app.photographs import Photographs, psnr
+from viewer.app.rig import fitted
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+Against = Literal["", "photograph", "pack"]
+How = Literal["wipe", "flip", "difference"]
+FLIP_S = 0.7
+PSNR_BUDGET_MS = 400.0  # what the figure may cost; the photograph is shrunk on slow cards
+
+
+@dataclass
+class Comparison:
+    """against: what the picture is compared with. how: beside, in turn, or subtracted.
+
+    split: 0 … 1, where the wipe's edge is. gain: how much a difference is amplified. photograph: index into the shots.
+    """
+
+    against: Against = ""
+    how: How = "wipe"
+    split: float = 0.5
+    gain: float = 4.0
+    photographs: Photographs | None = None
+    photograph: int | None = None
+    frusta: bool = False
+    split_shown: str = ""  # only frusta of this split; "" = all
+    pixels: np.ndarray | None = None
+    other: Pack | None = None
+    other_path: Path | None = None
+    psnr_db: float | None = None
+    psnr_size: tuple[int, int] = (0, 0)
+    clock: float = 0.0
+    _measured: tuple[object, ...] = field(default=())
+
+    def scene_changed(self, pack: Pack) -> None:
+        """Another pack is shown: its photographs are others."""
+        self.photographs = Photographs(pack)
+        self.stop()
+        self.frusta = False
+
+    def stop(self) -> None:
+        """Shows the picture alone."""
+        self.against, self.photograph, self.pixels, self.psnr_db, self._measured = "", None, None, None, ()
+
+    def stand_in(self, app: App, index: int) -> None:
+        """Puts the camera where a photograph was taken, and the photograph beside the picture if it can be read."""
+        if app.scene is None or self.photographs is None:
+            return
+        shot = self.photographs.shots[index]
+        app.scene.rig.hold(shot.view, remember=True)
+        self.photograph, self.psnr_db, self._measured, self.pixels = index, None, (), None
+        app.touch()
+        self.against = ""
+        self.pixels = self.photographs.pixels(index)
+        self.against = "photograph"
+
+    def step(self, app: App, by: int) -> None:
+        """Stands in the next photograph, or the one before."""
+        if self.photographs is not None and len(self.photographs):
+            start = self.photograph if self.photograph is not None else -1 if by > 0 else 0
+            self.stand_in(app, (start + by) % len(self.photographs))
+
+    def with_pack(self, app: App, pack: Pack, path: Path) -> None:
+        """Compares with another pack under the same camera. UserError where the card has no room for both."""
+        if app.stage is not None:
+            app.stage.show_other(pack)
+        self.other, self.other_path = pack, path
+        self.against, self.photograph, self.pixels, self.psnr_db = "pack", None, None, None
+        app.touch()
+
+    def drop_other(self, app: App) -> None:
+        """Ends the comparison with another pack."""
+        if app.stage is not None:
+            app.stage.show_other(None)
+        self.other = self.other_path = None
+        if self.against == "pack":
+            self.stop()
+        app.touch()
+
+    @property
+    def other_side(self) -> bool:
+        """Whether a flip shows the other picture at this moment."""
+        return int(self.clock / FLIP_S) % 2 == 1
+
+    def tick(self, app: App, seconds: float) -> None:
+        """Time passes. Moving away from a photograph's place ends the comparison with it."""
+        if self.against == "photograph" and (app.scene is None or app.scene.rig.held is None):
+            self.stop()
+            app.touch()
+        if self.against and self.how == "flip":
+            side = self.other_side
+            self.clock += seconds
+            app.touch(1 if side == self.other_side else 3)
+
+    def box(self, app: App) -> tuple[float, float, float, float]:
+        """Where the photograph lies on the viewport: x0, y0, x1, y1 in 0 … 1 from the top left."""
+        if self.against != "photograph" or self.pixels is None:
+            return 0.0, 0.0, 1.0, 1.0
+        width, height = app.viewport.pixels
+        h, w = self.pixels.shape[:2]
+        scale = min(width / w, height / h)
+        x, y = 0.5 * (1 - scale * w / width), 0.5 * (1 - scale * h / height)
+        return x, y, 1 - x, 1 - y
+
+    def measure(self, app: App) -> None:
+        """Brings the PSNR against the photograph up to date; call while nothing moves."""
+        if self.against != "photograph" or self.pixels is None or app.stage is None or app.scene is None:
+            return
+        held = app.scene.rig.held
+        key = (self.photograph, app.settings, id(held))
+        if held is None or key == self._measured:
+            return
+        self._measured = key
+        h, w = self.pixels.shape[:2]
+        speed = app.governor.pixels_per_ms or 1000.0
+        scale = min(1.0, (PSNR_BUDGET_MS * speed / (w * h)) ** 0.5)
+        size = max(1, round(w * scale)), max(1, round(h * scale))
+        photograph = self.pixels
+        if size != (w, h):
+            photograph = np.asarray(Image.fromarray(photograph).resize(size, Image.Resampling.BOX))
+        picture = app.stage.snapshot(fitted(held, size, app.settings.near), app.settings)
+        self.psnr_db, self.psnr_size = psnr(picture, photograph), size
+        app.touch()

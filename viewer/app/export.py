@@ -1,0 +1,177 @@
+"""Pictures and films written to disk while the window stays alive.
+
+An Export is stepped by the main thread (it needs OpenGL): each step renders tiles for a few milliseconds. Files are
+written aside and renamed when they are whole; what is cancelled or fails leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from console import UserError
+from viewer.app.resolution import tiles
+from viewer.camera import ViewCamera
+from viewer.settings import RenderSettings
+
+Snapshot = Callable[[ViewCamera, RenderSettings], np.ndarray]
+FILM_SUFFIX, STILL_SUFFIX = ".mp4", ".png"
+
+
+def films_possible() -> bool:
+    """Whether PyAV is installed, without which there are only picture sequences."""
+    try:
+        import av  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+@dataclass
+class Export:
+    """cameras: one a frame. target: a .png (one frame), an .mp4, or a folder for numbered PNGs.
+
+    tile_side: pixels a side of what is rendered at once.
+    """
+
+    cameras: list[ViewCamera]
+    settings: RenderSettings
+    target: Path
+    snapshot: Snapshot
+    fps: float = 30.0
+    tile_side: int = 256
+
+    def __post_init__(self) -> None:
+        if not self.cameras:
+            raise UserError("there is nothing to export", where=self.target)
+        self.done_tiles = 0
+        self.started = time.monotonic()
+        self.finished = False
+        width, height = self.cameras[0].width, self.cameras[0].height
+        self._boxes = tiles(width, height, self.tile_side)
+        self._frame = np.zeros((height, width, 3), np.uint8)
+        self._sink: Any = None
+
+    @property
+    def share(self) -> float:
+        """0 … 1 of the work is done."""
+        return self.done_tiles / (len(self._boxes) * len(self.cameras))
+
+    @property
+    def seconds_left(self) -> float | None:
+        """An estimate; None while it is too early for one."""
+        passed = time.monotonic() - self.started
+        return passed * (1 / self.share - 1) if self.share > 0 and passed > 0.5 else None
+
+    def step(self, seconds: float) -> None:
+        """Works for about `seconds`. Raises OSError (a full disk) or UserError after cleaning up."""
+        end = time.monotonic() + seconds
+        try:
+            if self._sink is None:
+                self._sink = _sink(self.target, self._frame.shape[1], self._frame.shape[0], self.fps)
+            while not self.finished:
+                self._next_tile()
+                if time.monotonic() >= end:
+                    break
+        except BaseException:
+            self.cancel()
+            raise
+
+    def _next_tile(self) -> None:
+        frame, tile = divmod(self.done_tiles, len(self._boxes))
+        camera = self.cameras[frame]
+        x, y, w, h = self._boxes[tile]
+        part = replace(camera, width=w, height=h, cx=camera.cx - x, cy=camera.cy - y)
+        self._frame[y : y + h, x : x + w] = self.snapshot(part, self.settings)
+        self.done_tiles += 1
+        if tile == len(self._boxes) - 1:
+            self._sink.add(self._frame)
+        if self.done_tiles == len(self._boxes) * len(self.cameras):
+            self._sink.finish()
+            self.finished = True
+
+    def cancel(self) -> None:
+        """Stops, and removes what was written so far."""
+        if self._sink is not None and not self.finished:
+            self._sink.discard()
+        self.finished = True
+
+
+def _sink(target: Path, width: int, height: int, fps: float):
+    target.parent.mkdir(parents=True, exist_ok=True)
+    suffix = target.suffix.lower()
+    if suffix == STILL_SUFFIX:
+        return _Still(target)
+    return _Film(target, width, height, fps) if suffix == FILM_SUFFIX else _Sequence(target)
+
+
+class _Still:
+    def __init__(self, target: Path) -> None:
+        self.target, self.aside = target, target.with_name(f".{target.name}.part")
+
+    def add(self, picture: np.ndarray) -> None:
+        Image.fromarray(picture).save(self.aside, format="PNG")
+
+    def finish(self) -> None:
+        self.aside.replace(self.target)
+
+    def discard(self) -> None:
+        self.aside.unlink(missing_ok=True)
+
+
+class _Sequence:
+    def __init__(self, target: Path) -> None:
+        if target.exists() and (not target.is_dir() or any(target.iterdir())):
+            raise UserError("is not empty", where=target, remedy="choose a new folder for the pictures")
+        self.target, self.aside, self.count = target, target.with_name(f".{target.name}.part"), 0
+        shutil.rmtree(self.aside, ignore_errors=True)
+        self.aside.mkdir()
+
+    def add(self, picture: np.ndarray) -> None:
+        Image.fromarray(picture).save(self.aside / f"frame_{self.count:05d}.png", compress_level=4)
+        self.count += 1
+
+    def finish(self) -> None:
+        if self.target.exists():
+            self.target.rmdir()
+        self.aside.replace(self.target)
+
+    def discard(self) -> None:
+        shutil.rmtree(self.aside, ignore_errors=True)
+
+
+class _Film:
+    def __init__(self, target: Path, width: int, height: int, fps: float) -> None:
+        try:
+            import av
+        except ImportError as error:
+            raise UserError(
+                "films need PyAV", where=target, remedy="pip install 'snerg[video]', or export a PNG sequence"
+            ) from error
+        if width % 2 or height % 2:
+            raise UserError("H.264 films have even sides", where=target, found=f"{width}x{height}")
+        self.av, self.target, self.aside = av, target, target.with_name(f".{target.stem}.part{FILM_SUFFIX}")
+        self.container = av.open(str(self.aside), "w")
+        self.stream = self.container.add_stream("libx264", rate=round(fps), options={"crf": "16", "preset": "medium"})
+        self.stream.width, self.stream.height, self.stream.pix_fmt = width, height, "yuv420p"
+
+    def add(self, picture: np.ndarray) -> None:
+        self.container.mux(self.stream.encode(self.av.VideoFrame.from_ndarray(picture, format="rgb24")))
+
+    def finish(self) -> None:
+        self.container.mux(self.stream.encode())
+        self.container.close()
+        self.aside.replace(self.target)
+
+    def discard(self) -> None:
+        with contextlib.suppress(Exception):  # e.g. the disk is full: it cannot write its end either
+            self.container.close()
+        self.aside.unlink(missing_ok=True)

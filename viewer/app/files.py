@@ -1,0 +1,62 @@
+"""What lies at a path that was dropped or chosen: a pack, a run, a scene, or nothing of ours; and asking for paths."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from scenepack.files import PARAMS_NAME
+
+Kind = Literal["pack", "run", "scene", "unknown"]
+RUN_FILES = ("config.json", "run.json")
+SCENE_FILES = ("transforms_train.json", "transforms.json", "poses_bounds.npy", "sparse/0/cameras.bin")
+
+
+@dataclass(frozen=True)
+class FileRequest:
+    """A path that the user is asked for. kind: an existing file, a folder, or a file to write.
+
+    suffixes: such as (".zip",). then: called with the path that was chosen.
+    """
+
+    title: str
+    kind: Literal["open", "folder", "save"]
+    then: Callable[[Path], object]
+    suffixes: tuple[str, ...] = ()
+    suggestion: str = ""
+
+
+def kind_of(path: Path) -> Kind:
+    """What is at `path`, told by names alone."""
+    if path.is_file():
+        return "pack" if path.suffix.lower() == ".zip" and _holds_params(path) else "unknown"
+    if (path / PARAMS_NAME).is_file() or (any(path.glob(f"*/{PARAMS_NAME}")) and not _is_scene(path)):
+        return "pack"
+    if _is_scene(path):
+        return "scene"
+    if any((path / name).is_file() for name in RUN_FILES):
+        return "run"
+    return "unknown"
+
+
+def pack_in(path: Path) -> Path:
+    """`path`, or the folder just below it that holds a pack (snerg-make writes one beside its run)."""
+    if path.is_dir() and not (path / PARAMS_NAME).is_file():
+        for found in sorted(path.glob(f"*/{PARAMS_NAME}")):
+            return found.parent
+    return path
+
+
+def _is_scene(path: Path) -> bool:
+    return any((path / name).is_file() for name in SCENE_FILES)
+
+
+def _holds_params(path: Path) -> bool:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(name.rsplit("/", 1)[-1] == PARAMS_NAME for name in archive.namelist())
+    except (OSError, zipfile.BadZipFile):
+        return True  # let the reader say what is wrong with it

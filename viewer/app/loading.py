@@ -1,0 +1,64 @@
+"""Opening a pack in a thread, so that the window stays alive and the old scene stays until the new one is good."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from pathlib import Path
+
+from console import UserError
+from scenepack.pack import Pack
+from scenepack.reader import load_pack
+
+
+class Cancelled(Exception):
+    """Loading was given up by the user."""
+
+
+class Loading:
+    """A pack that is being read. Poll `finished` from the main thread, then take `pack` or `error`.
+
+    share: 0 … 1 of its images are decoded. error: a UserError or a bug's exception, None where all went well or it was
+    cancelled. notes: what was mended while it was read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self.share = 0.0
+        self.pack: Pack | None = None
+        self.error: Exception | None = None
+        self.notes: list[str] = []
+        self.cancelled = False
+        self._thread = threading.Thread(target=self._run, name="snerg-load", daemon=True)
+        self._thread.start()
+
+    @property
+    def finished(self) -> bool:
+        return not self._thread.is_alive()
+
+    def cancel(self) -> None:
+        """Gives up at the next image."""
+        self.cancelled = True
+
+    def wait(self, seconds: float | None = None) -> None:
+        """For tests and for quitting: until the thread has ended."""
+        self._thread.join(seconds)
+
+    def _run(self) -> None:
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                pack = load_pack(self.path, on_progress=self._progress)
+            self.notes = [str(warning.message) for warning in caught]
+            self.pack = None if self.cancelled else pack
+        except Cancelled:
+            pass
+        except MemoryError as error:
+            self.error = UserError("not enough free memory to open it", where=self.path, found=str(error) or None)
+        except Exception as error:  # shown in a dialog; the program goes on
+            self.error = error
+
+    def _progress(self, done: int, total: int) -> None:
+        self.share = done / max(total, 1)
+        if self.cancelled:
+            raise Cancelled

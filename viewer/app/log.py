@@ -1,0 +1,63 @@
+"""What the program has to say: a log of lines, short-lived toasts, and dialogs that wait for the user."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+KEPT_LINES = 500
+TOAST_S = 4.0
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """level: "info", "warning" or "error"; when: wall-clock seconds since the epoch."""
+
+    level: str
+    text: str
+    when: float
+
+    @property
+    def clock(self) -> str:
+        return time.strftime("%H:%M:%S", time.localtime(self.when))
+
+
+@dataclass(frozen=True)
+class Dialog:
+    """A message to be answered. details: the whole story, for those who want it. buttons: labels and command ids."""
+
+    title: str
+    text: str
+    details: str = ""
+    buttons: tuple[tuple[str, str], ...] = (("OK", ""),)
+
+
+@dataclass
+class Messages:
+    """All that was said so far."""
+
+    lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=KEPT_LINES))
+    dialogs: list[Dialog] = field(default_factory=list)
+    toast: str = ""
+    toast_until: float = 0.0  # time.monotonic()
+
+    def log(self, text: str, level: str = "info") -> None:
+        """Adds a line to the log."""
+        self.lines.append(LogLine(level, " ".join(text.split()), time.time()))
+
+    def say(self, text: str) -> None:
+        """Shows `text` for a few seconds, and logs it."""
+        self.log(text)
+        self.toast, self.toast_until = text, time.monotonic() + TOAST_S
+
+    def fail(self, title: str, error: BaseException | str, details: str = "") -> None:
+        """Opens a dialog, and logs it."""
+        text = str(error) or type(error).__name__
+        self.log(f"{title}: {text}", "error")
+        self.dialogs.append(Dialog(title, text, details))
+
+    @property
+    def toast_left(self) -> float:
+        """Seconds that the toast stays; 0 where there is none."""
+        return max(0.0, self.toast_until - time.monotonic()) if self.toast else 0.0

@@ -1,0 +1,136 @@
+"""The photographs that a pack was made from: where they were taken, and their pixels while the scene is on disk.
+
+Poses come with the pack (metadata "cameras"); pictures are read from the scene folder that its provenance names, or
+from another that the user chooses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from console import UserError
+from scenepack.pack import Pack
+from training.scenes import load_scene
+from training.scenes.scene import Camera, Photograph
+from viewer.camera import ViewCamera
+
+LONGEST_SIDE = 1600  # pixels; larger photographs are shown smaller
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One photograph's camera. camera: in the training frame. view: the same as the renderer wants it."""
+
+    name: str
+    split: str
+    camera: Camera
+    view: ViewCamera
+
+
+class Photographs:
+    """Shots of a pack. folder: the scene's, None where it is not known."""
+
+    def __init__(self, pack: Pack) -> None:
+        self.shots = shots_of(pack)
+        provenance = pack.metadata.get("provenance")
+        scene = provenance.get("scene") if isinstance(provenance, dict) else None
+        self.folder = Path(scene) if isinstance(scene, str) and scene else None
+        self._found: dict[tuple[str, str], Photograph] | None = None
+        self._background: tuple[float, ...] = (1.0, 1.0, 1.0)
+        self._cache: dict[int, np.ndarray] = {}
+
+    def __len__(self) -> int:
+        return len(self.shots)
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """Names of the splits, in the order of the shots."""
+        return tuple(dict.fromkeys(shot.split for shot in self.shots))
+
+    def look_in(self, folder: Path) -> None:
+        """Takes pictures from another folder from now on. UserError where it is no scene."""
+        self._found, self._cache = None, {}
+        self._read(folder)
+        self.folder = folder
+
+    def pixels(self, index: int) -> np.ndarray:
+        """The photograph over the scene's background, uint8 [h, w, 3], at most LONGEST_SIDE. UserError where it is not there."""
+        if index not in self._cache:
+            shot = self.shots[index]
+            if self._found is None:
+                if self.folder is None:
+                    raise UserError("the pack does not say where its photographs are", remedy="choose the scene folder")
+                self._read(self.folder)
+            assert self._found is not None
+            photograph = self._found.get((shot.split, shot.name)) or self._found.get(("", shot.name))
+            if photograph is None:
+                raise UserError("has no such photograph", where=self.folder, expected=f"{shot.split} {shot.name}")
+            rgba = photograph.load()
+            rgb = rgba[..., :3] * rgba[..., 3:] + np.asarray(self._background) * (1 - rgba[..., 3:])
+            picture = Image.fromarray(np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8))
+            picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
+            if len(self._cache) > 32:
+                self._cache.pop(next(iter(self._cache)))
+            self._cache[index] = np.asarray(picture)
+        return self._cache[index]
+
+    def _read(self, folder: Path) -> None:
+        scene = load_scene(folder)
+        self._background = scene.background
+        self._found = {}
+        for split, photographs in scene.splits.items():
+            for photograph in photographs:
+                self._found[(split, photograph.name)] = photograph
+                self._found.setdefault(("", photograph.name), photograph)
+
+    def nearest(self, camera: ViewCamera) -> int | None:
+        """The shot that was taken most nearly from where `camera` is, looking the same way."""
+        if not self.shots:
+            return None
+        ahead = camera.grid_T_camera[:3, 2]
+        spread = np.ptp([shot.view.position for shot in self.shots], axis=0).max() or 1.0
+        costs = [
+            float(np.linalg.norm(shot.view.position - camera.position)) / spread
+            + 1.0
+            - float(shot.view.grid_T_camera[:3, 2] @ ahead)
+            for shot in self.shots
+        ]
+        return int(np.argmin(costs))
+
+
+def shots_of(pack: Pack) -> list[Shot]:
+    """The cameras in the pack's metadata; entries that make no sense are left out."""
+    entries = pack.metadata.get("cameras")
+    shots = []
+    for entry in entries if isinstance(entries, list) else []:
+        camera = _camera(entry)
+        if camera is not None:
+            view = ViewCamera.from_scene_camera(pack, camera)
+            shots.append(Shot(str(entry.get("name", len(shots))), str(entry.get("split", "train")), camera, view))
+    return shots
+
+
+def _camera(entry: Any) -> Camera | None:
+    try:
+        matrix = np.asarray(entry["world_T_camera"], np.float64)
+        numbers = [float(entry[name]) for name in ("fx", "fy", "cx", "cy")]
+        width, height = int(entry["width"]), int(entry["height"])
+        distortion = tuple(float(v) for v in entry.get("distortion") or (0.0,) * 4)
+        good = matrix.shape == (4, 4) and np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-9
+        if not (good and width > 0 and height > 0 and min(numbers[:2]) > 0 and np.isfinite(numbers).all()):
+            return None
+        k1, k2, p1, p2 = distortion
+        return Camera(matrix, width, height, *numbers, distortion=(k1, k2, p1, p2))
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    """Peak signal-to-noise ratio (dB) of two pictures of one shape, uint8; infinite where they are the same."""
+    error = float(np.mean((a.astype(np.float64) - b.astype(np.float64)) ** 2)) / 255.0**2
+    return float("inf") if error == 0 else float(-10.0 * np.log10(error))

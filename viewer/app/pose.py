@@ -1,0 +1,156 @@
+"""Turntable poses: where a camera stands, told by what it looks at.
+
+Notation: pivot, the point looked at; azimuth and elevation (degrees) of the camera as seen from the pivot; distance
+from it. At azimuth 0 and elevation 0 the camera stands on the `front` axis. Everything is in the pack's grid frame.
+With up = y, azimuth 0 looks from +z and azimuth 90 from +x.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from math import asin, atan2, cos, degrees, radians, sin, tan
+
+import numpy as np
+
+from viewer.camera import ViewCamera
+
+# right, up and front of each choice of the up axis; front = right × up
+UP_AXES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
+    "y": ((1, 0, 0), (0, 1, 0)),
+    "z": ((1, 0, 0), (0, 0, 1)),
+    "x": ((0, 1, 0), (1, 0, 0)),
+    "-y": ((1, 0, 0), (0, -1, 0)),
+    "-z": ((1, 0, 0), (0, 0, -1)),
+    "-x": ((0, 1, 0), (-1, 0, 0)),
+}
+MAX_ELEVATION = 89.9
+
+
+@dataclass(frozen=True)
+class Turntable:
+    """The frame that azimuth and elevation are counted in.
+
+    up: a key of UP_AXES. mirrored: the grid frame is a mirror image of the world, as in forward-facing packs.
+    """
+
+    up: str = "y"
+    mirrored: bool = False
+
+    @property
+    def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """right, up, front: float64 [3] each."""
+        right, up = (np.asarray(axis, np.float64) for axis in UP_AXES[self.up])
+        return right, up, np.cross(right, up)
+
+    def rotation(self, azimuth: float, elevation: float) -> np.ndarray:
+        """grid_R_camera, float64 [3, 3]: columns right, up, back of a level camera; angles in degrees."""
+        right0, up0, front0 = self.axes
+        a, e = radians(azimuth), radians(elevation)
+        back = cos(e) * (sin(a) * right0 + cos(a) * front0) + sin(e) * up0
+        right = cos(a) * right0 - sin(a) * front0
+        up = np.cross(back, right)  # the level camera's up, the same whether mirrored or not
+        return np.stack([-right if self.mirrored else right, up, back], axis=1)
+
+    def angles(self, back: np.ndarray) -> tuple[float, float]:
+        """Azimuth and elevation (degrees) of a camera whose back axis is `back` (float [3], any length)."""
+        right0, up0, front0 = self.axes
+        back = np.asarray(back, np.float64) / np.linalg.norm(back)
+        elevation = degrees(asin(float(np.clip(back @ up0, -1.0, 1.0))))
+        return degrees(atan2(float(back @ right0), float(back @ front0))), elevation
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A camera on the turntable; see the module's notation. pivot: grid frame; distance: grid units, above 0."""
+
+    pivot: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    azimuth: float = 0.0
+    elevation: float = 0.0
+    distance: float = 1.0
+
+    def rotation(self, table: Turntable) -> np.ndarray:
+        """grid_R_camera, float64 [3, 3]."""
+        return table.rotation(self.azimuth, self.elevation)
+
+    def eye(self, table: Turntable) -> np.ndarray:
+        """Position of the camera, float64 [3], grid frame."""
+        return np.asarray(self.pivot) + self.distance * self.rotation(table)[:, 2]
+
+    def matrix(self, table: Turntable) -> np.ndarray:
+        """grid_T_camera, float64 [4, 4]."""
+        grid_T_camera = np.eye(4)
+        grid_T_camera[:3, :3] = self.rotation(table)
+        grid_T_camera[:3, 3] = self.eye(table)
+        return grid_T_camera
+
+    def seen_from(self, eye: np.ndarray, table: Turntable) -> Pose:
+        """The same angles and distance with the camera at `eye` (float [3]); the pivot moves along."""
+        pivot = np.asarray(eye, np.float64) - self.distance * self.rotation(table)[:, 2]
+        return replace(self, pivot=triple(pivot))
+
+    @classmethod
+    def from_matrix(cls, grid_T_camera: np.ndarray, distance: float, table: Turntable) -> Pose:
+        """The level pose nearest to a camera; roll is lost. distance: to the point it shall turn about."""
+        azimuth, elevation = table.angles(grid_T_camera[:3, 2])
+        pose = cls((0.0, 0.0, 0.0), azimuth, float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION)), distance)
+        return pose.seen_from(grid_T_camera[:3, 3], table)
+
+
+def triple(vector: np.ndarray) -> tuple[float, float, float]:
+    """float [3] as a hashable tuple of Python floats."""
+    x, y, z = (float(v) for v in vector)
+    return x, y, z
+
+
+def view_camera(grid_T_camera: np.ndarray, fov: float, size: tuple[int, int], near: float = 0.0) -> ViewCamera:
+    """The renderer's camera. fov: vertical, degrees; size: width, height in pixels; near: grid units."""
+    width, height = size
+    focal = 0.5 * height / tan(0.5 * radians(fov))
+    return ViewCamera(grid_T_camera, focal, focal, 0.5 * width, 0.5 * height, width, height, near)
+
+
+def shortest_turn(degrees_from: float, degrees_to: float) -> float:
+    """Degrees in -180 … 180 that lead from one azimuth to the other."""
+    return (degrees_to - degrees_from + 180.0) % 360.0 - 180.0
+
+
+def pose_to_text(grid_T_camera: np.ndarray, fov: float) -> str:
+    """A pose as one line of JSON: eye, target (one unit ahead), up, all in the grid frame, and fov (vertical degrees)."""
+    eye, back, up = grid_T_camera[:3, 3], grid_T_camera[:3, 2], grid_T_camera[:3, 1]
+    values = {"eye": eye, "target": eye - back, "up": up}
+    rounded = {name: [round(float(v), 6) for v in vector] for name, vector in values.items()}
+    return json.dumps({**rounded, "fov": round(fov, 4)})
+
+
+def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
+    """grid_T_camera (float64 [4, 4], not mirrored) and fov of a pose written by pose_to_text.
+
+    `up` may be missing (y). Also taken: six bare numbers, eye and target. ValueError, told plainly, for the rest.
+    """
+    try:
+        values = json.loads(text)
+    except ValueError:
+        values = text.replace(";", " ").replace(",", " ").split()
+    try:
+        if isinstance(values, dict):
+            eye, target = values["eye"], values["target"]
+            up, fov = values.get("up", (0.0, 1.0, 0.0)), values.get("fov")
+        else:
+            numbers = [float(v) for v in values]
+            if len(numbers) != 6:
+                raise ValueError
+            eye, target, up, fov = numbers[:3], numbers[3:], (0.0, 1.0, 0.0), None
+        eye, target, up = (np.asarray(v, np.float64) for v in (eye, target, up))
+        if any(v.shape != (3,) or not np.isfinite(v).all() for v in (eye, target, up)):
+            raise ValueError
+        camera = ViewCamera.look_at(eye, target, up)
+        fov = None if fov is None else float(fov)
+        if fov is not None and not 1.0 <= fov <= 170.0:
+            raise ValueError
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(
+            'this is no pose: expected {"eye": [x, y, z], "target": [x, y, z]} with "up" and "fov" if wanted, '
+            "or six numbers x,y,z,x,y,z"
+        ) from None
+    return camera.grid_T_camera, fov

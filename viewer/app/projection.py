@@ -1,0 +1,46 @@
+"""From the grid frame to the picture: points, frusta, boxes, and dragging along an axis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from viewer.camera import ViewCamera
+
+BOX_EDGES = tuple((a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1)
+FRUSTUM_EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
+
+
+def project(camera: ViewCamera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (float [n, 2]) of points (float [n, 3], grid frame), and whether each is before the camera (bool [n])."""
+    camera_T_grid = np.linalg.inv(camera.grid_T_camera)
+    local = points @ camera_T_grid[:3, :3].T + camera_T_grid[:3, 3]
+    before = local[:, 2] < -1e-6
+    depth = np.where(before, -local[:, 2], 1.0)
+    x = camera.cx + camera.fx * local[:, 0] / depth
+    y = camera.cy - camera.fy * local[:, 1] / depth
+    return np.stack([x, y], axis=1), before
+
+
+def frustum_points(camera: ViewCamera, depth: float) -> np.ndarray:
+    """float64 [5, 3]: a camera's eye and the corners of its picture at `depth` (grid units) ahead; see FRUSTUM_EDGES."""
+    corners = [(0, 0), (camera.width, 0), (camera.width, camera.height), (0, camera.height)]
+    rays = [((x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -1.0) for x, y in corners]
+    points = np.vstack([np.zeros(3), depth * np.asarray(rays)])
+    return points @ camera.grid_T_camera[:3, :3].T + camera.grid_T_camera[:3, 3]
+
+
+def box_points(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """float64 [8, 3]: corners of a box; bit k of the index tells low or high along axis k. See BOX_EDGES."""
+    return np.array([[(high if i >> k & 1 else low)[k] for k in range(3)] for i in range(8)], np.float64)
+
+
+def along_axis(camera: ViewCamera, at: np.ndarray, axis: int, moved: tuple[float, float]) -> float:
+    """How far (grid units) a point at `at` moves along an axis when it is dragged by `moved` pixels."""
+    unit = np.zeros(3)
+    unit[axis] = 1e-3 * max(float(np.linalg.norm(at - camera.position)), 1e-6)
+    pixels, before = project(camera, np.stack([at, at + unit]))
+    direction = (pixels[1] - pixels[0]) / unit[axis]
+    length = float(direction @ direction)
+    if not before.all() or length < 1e-6:
+        return 0.0
+    return float(np.asarray(moved) @ direction) / length

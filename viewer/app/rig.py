@@ -1,0 +1,279 @@
+"""The camera under the user's hands: turntable, pan, dolly and fly, with damping and undo.
+
+`goal` is where the hands want the camera, `shown` follows it smoothly, and `held` is an exact camera (a photograph's, a
+keyframe's) that is shown instead until the hands move again. Mouse distances are in units of the picture's height, y
+down, so that behaviour does not depend on resolution. Cursor positions are (x, y) in -1 … 1, y up, x scaled by aspect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import exp, log, radians, tan
+
+import numpy as np
+
+from scenepack.pack import Pack
+from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, shortest_turn, triple, view_camera
+from viewer.camera import ViewCamera, content_box, is_mirrored
+
+DEFAULT_FOV = 35.0  # degrees, vertical; the published viewer's
+TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height
+DOLLY_STEP = 0.9  # of the distance, per notch of the wheel
+SETTLE_S = 0.07  # time constant of the damping
+HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the published viewer, a little aside
+UNDO_DEPTH = 100
+
+_Place = tuple[Pose, ViewCamera | None, float]  # goal, held, fov
+
+
+class CameraRig:
+    """An orbiting and flying camera for a pack that can be walked around."""
+
+    bounded = False  # forward-facing packs are only seen from about where they were photographed
+
+    def __init__(self, pack: Pack, fov: float = DEFAULT_FOV) -> None:
+        self.table = Turntable(mirrored=is_mirrored(pack))
+        low, high = content_box(pack)
+        self.middle, self.radius = 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-6)
+        self.home_fov = self.fov = fov
+        self.flying = False
+        self.speed = 0.5 * self.radius  # grid units per second
+        self.home_pose = self._first_pose()
+        self.goal = self.shown = self.home_pose
+        self.held: ViewCamera | None = None
+        self._anchor_eye = False  # what the damping keeps straight: the eye's way (flying) or the pivot's
+        self._undo: list[_Place] = []
+        self._redo: list[_Place] = []
+
+    def _first_pose(self) -> Pose:
+        return Pose(triple(self.middle), *HOME_ANGLES, self._framing_distance())
+
+    def _framing_distance(self) -> float:
+        return self.radius / float(np.sin(np.arctan(tan(radians(self.fov) / 2)))) * 0.92
+
+    # What the picture is drawn with
+
+    def camera(self, size: tuple[int, int], near: float = 0.0) -> ViewCamera:
+        """The camera of this moment for a picture of `size` (width, height, pixels)."""
+        if self.held is not None:
+            return fitted(self.held, size, near)
+        return view_camera(self.shown.matrix(self.table), self.fov, size, near)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """grid_T_camera of this moment, float64 [4, 4]."""
+        return self.held.grid_T_camera if self.held is not None else self.shown.matrix(self.table)
+
+    def update(self, seconds: float) -> bool:
+        """Lets `shown` follow `goal` for `seconds`; True while it has not arrived."""
+        if self.shown == self.goal:
+            return False
+        share = 1.0 - exp(-seconds / SETTLE_S)
+        shown, goal = self.shown, self.goal
+        turn = shortest_turn(shown.azimuth, goal.azimuth)
+        pose = Pose(
+            shown.pivot,
+            shown.azimuth + share * turn,
+            shown.elevation + share * (goal.elevation - shown.elevation),
+            exp(log(shown.distance) + share * log(goal.distance / shown.distance)),
+        )
+        if self._anchor_eye:
+            start, end = shown.eye(self.table), goal.eye(self.table)
+            pose = pose.seen_from(start + share * (end - start), self.table)
+        else:
+            pivot, end = np.asarray(shown.pivot), np.asarray(goal.pivot)
+            pose = replace(pose, pivot=triple(pivot + share * (end - pivot)))
+        off = np.linalg.norm(pose.eye(self.table) - goal.eye(self.table)) / goal.distance
+        angles_off = max(abs(shortest_turn(pose.azimuth, goal.azimuth)), abs(pose.elevation - goal.elevation))
+        self.shown = goal if off < 2e-4 and angles_off < 0.02 else pose
+        return True
+
+    def settle(self) -> None:
+        """Arrives at once."""
+        self.shown = self.goal
+
+    # What hands do
+
+    def take_over(self) -> None:
+        """Leaves a held camera, from exactly there (but level): the next movement starts from what is seen."""
+        if self.held is not None:
+            distance = self._distance_to_middle(self.held.grid_T_camera)
+            self.goal = self.shown = self._bounded(Pose.from_matrix(self.held.grid_T_camera, distance, self.table))
+            self.held = None
+
+    def orbit(self, dx: float, dy: float) -> None:
+        """Turns about the pivot, or where the camera stands when flying."""
+        self.take_over()
+        sign = -1.0 if self.table.mirrored else 1.0
+        if self.flying:
+            eye = self.goal.eye(self.table)
+            turned = self._turned(-0.6 * sign * dx, 0.6 * dy)
+            self._anchor_eye = True
+            self.goal = turned.seen_from(eye, self.table)
+        else:
+            self._anchor_eye = False
+            self.goal = self._turned(-sign * dx, dy)
+
+    def _turned(self, dx: float, dy: float) -> Pose:
+        elevation = self.goal.elevation + TURN_PER_HEIGHT * dy
+        elevation = float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))
+        return replace(self.goal, azimuth=self.goal.azimuth + TURN_PER_HEIGHT * dx, elevation=elevation)
+
+    def pan(self, dx: float, dy: float) -> None:
+        """Slides parallel to the picture, so that what lies at the pivot's depth stays under the cursor."""
+        self.take_over()
+        height = 2.0 * self.goal.distance * tan(radians(self.fov) / 2)
+        rotation = self.goal.rotation(self.table)
+        self._shift(height * (-dx * rotation[:, 0] + dy * rotation[:, 1]))
+
+    def _shift(self, by: np.ndarray) -> None:
+        self.goal = self._bounded(replace(self.goal, pivot=triple(np.asarray(self.goal.pivot) + by)))
+
+    def dolly(self, notches: float, cursor: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Moves towards (notches > 0) what lies under the cursor at the pivot's depth, or away from it."""
+        self.take_over()
+        self._anchor_eye = False
+        smallest, largest = self._distance_limits()
+        distance = float(np.clip(self.goal.distance * DOLLY_STEP**notches, smallest, largest))
+        half_height = tan(radians(self.fov) / 2)
+        rotation = self.goal.rotation(self.table)
+        offset = half_height * (cursor[0] * rotation[:, 0] + cursor[1] * rotation[:, 1])
+        shift = (self.goal.distance - distance) * offset
+        self.goal = replace(self.goal, distance=distance)
+        self._shift(shift)
+
+    def _distance_limits(self) -> tuple[float, float]:
+        return 1e-3 * self.radius, 20.0 * self.radius
+
+    def fly(self, right: float, up: float, forward: float, seconds: float) -> None:
+        """Moves for `seconds` at the rig's speed; the three are -1 … 1 along the camera's axes."""
+        self.take_over()
+        self._anchor_eye = True
+        rotation = self.goal.rotation(self.table)
+        self._shift(self.speed * seconds * (rotation @ np.array([right, up, -forward])))
+
+    def faster(self, notches: float) -> None:
+        """Changes the flying speed, by a fifth per notch."""
+        self.speed = float(np.clip(self.speed * 1.2**notches, 1e-3 * self.radius, 10.0 * self.radius))
+
+    # Commands
+
+    def go(self, pose: Pose, *, remember: bool = True) -> None:
+        """Flies smoothly to `pose`."""
+        if remember:
+            self.remember()
+        self.take_over()
+        self._anchor_eye = False
+        self.goal = self._bounded(pose)
+
+    def home(self) -> None:
+        """Back to the first view."""
+        self.fov = self.home_fov
+        self.go(self.home_pose)
+
+    def frame(self) -> None:
+        """Shows the whole scene, from where the camera looks now."""
+        self.go(replace(self.goal, pivot=triple(self.middle), distance=self._framing_distance()))
+
+    def look_along(self, azimuth: float, elevation: float) -> None:
+        """An axis view; degrees."""
+        self.go(replace(self.goal, azimuth=azimuth, elevation=float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))))
+
+    def set_pivot(self, point: np.ndarray) -> None:
+        """Turns to look at `point` (float [3], grid frame) from where the camera is, and orbits it from now on."""
+        self.remember()
+        self.take_over()
+        eye = self.goal.eye(self.table)
+        back = eye - np.asarray(point, np.float64)
+        distance = float(np.linalg.norm(back))
+        if distance < 1e-9:
+            return
+        azimuth, elevation = self.table.angles(back)
+        self._anchor_eye = True
+        elevation = float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))
+        self.goal = self._bounded(Pose(triple(point), azimuth, elevation, distance))
+
+    def set_up(self, up: str) -> None:
+        """Another axis points up from now on; the camera keeps its place and is levelled."""
+        matrix = self.matrix
+        distance = self.goal.distance
+        self.remember()
+        self.held = None
+        self.table = replace(self.table, up=up)
+        self.goal = self.shown = Pose.from_matrix(matrix, distance, self.table)
+
+    def set_matrix(self, grid_T_camera: np.ndarray, fov: float | None = None) -> None:
+        """Goes to a camera at once; roll is lost."""
+        self.remember()
+        self.held = None
+        if fov is not None:
+            self.fov = fov
+        distance = self._distance_to_middle(grid_T_camera)
+        self.goal = self.shown = self._bounded(Pose.from_matrix(grid_T_camera, distance, self.table))
+
+    def hold(self, camera: ViewCamera | None, *, remember: bool = False) -> None:
+        """Shows exactly `camera` until the next movement; None lets go of it."""
+        if remember:
+            self.remember()
+        if camera is None:
+            self.take_over()
+        self.held = camera
+
+    def _distance_to_middle(self, grid_T_camera: np.ndarray) -> float:
+        """How far ahead of the camera the scene's middle lies: a good distance to turn about."""
+        ahead = float((self.middle - grid_T_camera[:3, 3]) @ -grid_T_camera[:3, 2])
+        return float(np.clip(ahead, 0.2 * self.radius, 20.0 * self.radius))
+
+    def _bounded(self, pose: Pose) -> Pose:
+        return pose
+
+    # Undo
+
+    def remember(self) -> None:
+        """Marks the present camera as a place to come back to; call before each gesture."""
+        now = (self.goal, self.held, self.fov)
+        if not self._undo or not _same(self._undo[-1], now):
+            self._undo = [*self._undo[1 - UNDO_DEPTH :], now]
+        self._redo = []
+
+    def undo(self) -> bool:
+        """Back to before the last gesture; False where there is none."""
+        return self._swap(self._undo, self._redo)
+
+    def redo(self) -> bool:
+        """Forward again; False where there is nothing."""
+        return self._swap(self._redo, self._undo)
+
+    def _swap(self, take: list[_Place], give: list[_Place]) -> bool:
+        now = (self.goal, self.held, self.fov)
+        while take and _same(take[-1], now):
+            take.pop()
+        if not take:
+            return False
+        give.append(now)
+        self.goal, self.held, self.fov = take.pop()
+        return True
+
+    @property
+    def can_undo(self) -> bool:
+        return any(not _same(entry, (self.goal, self.held, self.fov)) for entry in self._undo)
+
+
+def _same(a: _Place, b: _Place) -> bool:
+    return a[0] == b[0] and a[1] is b[1] and a[2] == b[2]
+
+
+def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera:
+    """A photograph's camera for a picture of another size and shape: all of the photograph is seen, in the middle."""
+    width, height = size
+    scale = min(width / camera.width, height / camera.height)
+    return ViewCamera(
+        camera.grid_T_camera,
+        camera.fx * scale,
+        camera.fy * scale,
+        0.5 * width + scale * (camera.cx - 0.5 * camera.width),
+        0.5 * height + scale * (camera.cy - 0.5 * camera.height),
+        width,
+        height,
+        near,
+    )

@@ -1,0 +1,67 @@
+"""Failures in plain words, one at a time, in the middle of the window."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.panels import theme
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import coloured, font, main_button, px
+
+NAME = "##dialog"
+
+
+def show(app: App, size: ImVec2, fonts: Fonts) -> None:
+    """Draws the oldest dialog that is not answered; Enter and Escape answer it with its first button."""
+    if not app.messages.dialogs:
+        return
+    dialog = app.messages.dialogs[0]
+    if not imgui.is_popup_open(NAME):
+        imgui.open_popup(NAME)
+    imgui.set_next_window_pos(ImVec2(0.5 * size.x, 0.45 * size.y), imgui.Cond_.always, ImVec2(0.5, 0.5))
+    imgui.set_next_window_size(ImVec2(min(px(480), size.x - px(32)), 0))
+    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(24), px(22)))
+    shown = imgui.begin_popup_modal(NAME, None, flags | imgui.WindowFlags_.always_auto_resize)[0]
+    imgui.pop_style_var()
+    if not shown:
+        return
+    with font(fonts.bold, 18.0):
+        with coloured(text=theme.WARN):
+            imgui.text_unformatted(fa.ICON_FA_TRIANGLE_EXCLAMATION)
+        imgui.same_line(0, px(10))
+        imgui.push_text_wrap_pos(0.0)
+        imgui.text_unformatted(dialog.title)
+        imgui.pop_text_wrap_pos()
+    imgui.dummy(ImVec2(0, px(2)))
+    with coloured(text=theme.MUTED):
+        imgui.push_text_wrap_pos(0.0)
+        imgui.text_unformatted(dialog.text)
+        imgui.pop_text_wrap_pos()
+    imgui.dummy(ImVec2(0, px(6)))
+    answer = _buttons(dialog.buttons)
+    if imgui.is_key_pressed(imgui.Key.enter, False) or imgui.is_key_pressed(imgui.Key.escape, False):
+        answer = answer or ("" if imgui.is_key_pressed(imgui.Key.escape, False) else dialog.buttons[0][1])
+    if answer is not None:
+        app.messages.dialogs.pop(0)
+        imgui.close_current_popup()
+        app.touch()
+        if answer:
+            run(app, answer)
+    imgui.end_popup()
+
+
+def _buttons(buttons: tuple[tuple[str, str], ...]) -> str | None:
+    """Draws them from the right; the command id of the one that was pressed, "" for none to run."""
+    width, answer = px(104), None
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(24) - len(buttons) * (width + px(8)) + px(8))
+    for i, (text, command) in enumerate(reversed(buttons)):
+        if i:
+            imgui.same_line()
+        last = i == len(buttons) - 1
+        if main_button(text, width) if last else imgui.button(text, ImVec2(width, px(34))):
+            answer = command
+    return answer

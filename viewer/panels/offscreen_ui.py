@@ -1,0 +1,133 @@
+"""The interface in a framebuffer, without a window: for pictures of it and for tests that press its buttons."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import moderngl
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+
+from viewer.app.application import App
+from viewer.canvas import Canvas
+from viewer.panels import theme
+from viewer.panels.ui import Ui
+from viewer.presenting import present, unfinished
+
+FRAME_S = 1.0 / 60.0
+
+
+class OffscreenUi:
+    """An App with its panels in a framebuffer of `size` (width, height in units) × `density` pixels per unit."""
+
+    def __init__(
+        self, ctx: moderngl.Context, app: App, size: tuple[int, int] = (1180, 760), density: float = 1.0
+    ) -> None:
+        self.ctx, self.app, self.canvas = ctx, app, Canvas(ctx)
+        app.stage = self.canvas
+        self.ui = Ui()
+        self.density = density
+        self.framebuffer: moderngl.Framebuffer | None = None
+        self.resize(*size)
+
+    def resize(self, width: int, height: int) -> None:
+        """Another size of the pretended window, in units."""
+        self.size = (width, height)
+        old = self.framebuffer
+        pixels = (round(width * self.density), round(height * self.density))
+        self.framebuffer = self.ctx.simple_framebuffer(pixels)
+        self.framebuffer.use()
+        if old is not None:
+            for texture in old.color_attachments:
+                texture.release()
+            old.release()
+
+    @property
+    def io(self) -> imgui.IO:
+        """Feed events here: add_mouse_pos_event and its like."""
+        imgui.set_current_context(self.ui.context)
+        return imgui.get_io()
+
+    def frame(self, seconds: float = FRAME_S) -> None:
+        """One frame: time passes, panels see the events, the picture and the panels are drawn."""
+        assert self.framebuffer is not None
+        io = self.io
+        io.display_size = ImVec2(float(self.size[0]), float(self.size[1]))
+        io.display_framebuffer_scale = ImVec2(self.density, self.density)
+        io.delta_time = seconds
+        self.app.tick(seconds)
+        self.canvas.sweep()
+        self.ui.frame(self.app, self.canvas)
+        drawn = present(self.app, self.canvas, wait=False)
+        if drawn:
+            self.app.times.add(self.canvas.scene_ms, max(self.canvas.scene_ms, 1000.0 * seconds))
+        self.framebuffer.use()
+        self.framebuffer.viewport = (0, 0, *self.framebuffer.size)
+        self.framebuffer.clear(*(theme.rgb(theme.BASE).x, theme.rgb(theme.BASE).y, theme.rgb(theme.BASE).z, 1.0))
+        self.ui.draw()
+        self.app.drew()
+
+    def settle(self, most: int = 400) -> None:
+        """Frames until the picture is whole and nothing moves."""
+        for _ in range(3):
+            self.frame()
+        for _ in range(most):
+            self.frame()
+            if not unfinished(self.app, self.canvas) and not self.app.frames_owed:
+                break
+        for _ in range(2):  # the layers of the last tile reach the screen with the frame after
+            self.frame()
+
+    def picture(self) -> np.ndarray:
+        """What the window would show, uint8 [height, width, 3]."""
+        assert self.framebuffer is not None
+        pixels = np.frombuffer(self.framebuffer.read(components=3, alignment=1), np.uint8)
+        width, height = self.framebuffer.size
+        return pixels.reshape(height, width, 3)[::-1].copy()
+
+    def click(self, x: float, y: float, button: int = 0) -> None:
+        """Presses and lets go of a mouse button at a point (units), with the frames that imgui needs."""
+        for down in (None, True, False):
+            self.io.add_mouse_pos_event(x, y)
+            if down is not None:
+                self.io.add_mouse_button_event(button, down)
+            self.frame()
+        self.frame()
+
+    def drag(self, points: Iterable[tuple[float, float]], button: int = 0) -> None:
+        """Drags through points (units) with a button held."""
+        points = list(points)
+        self.io.add_mouse_pos_event(*points[0])
+        self.frame()
+        self.io.add_mouse_button_event(button, True)
+        self.frame()
+        for point in points[1:]:
+            self.io.add_mouse_pos_event(*point)
+            self.frame()
+        self.io.add_mouse_button_event(button, False)
+        self.frame()
+
+    def wheel(self, notches: float, x: float, y: float) -> None:
+        """Turns the wheel over a point (units)."""
+        self.io.add_mouse_pos_event(x, y)
+        self.frame()
+        self.io.add_mouse_wheel_event(0.0, notches)
+        self.frame()
+
+    def key(self, *keys: imgui.Key) -> None:
+        """Presses keys together and lets go of them: modifiers first."""
+        for down in (True, False):
+            for key in keys:
+                self.io.add_key_event(key, down)
+            self.frame()
+        self.frame()
+
+    def release(self) -> None:
+        """Ends the interface; the context stays."""
+        self.canvas.close()
+        self.ui.release()
+        if self.framebuffer is not None:
+            if self.ctx.extra is None:
+                self.ctx.extra = self.ctx.simple_framebuffer((1, 1))
+            self.ctx.extra.use()
+            self.framebuffer.release()

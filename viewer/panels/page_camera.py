@@ -1,0 +1,67 @@
+"""Where the camera is and how it sees."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.app.pose import UP_AXES
+from viewer.canvas import Canvas
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import card, figure, hint, label, px, segments, switch, tip
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    if app.scene is None:
+        return
+    rig = app.scene.rig
+    with card("go", fonts, "Go to"):
+        width = (imgui.get_content_region_avail().x - px(8)) / 2
+        if imgui.button(f"{fa.ICON_FA_HOUSE}  First view", ImVec2(width, 0)):
+            run(app, "home")
+        imgui.same_line()
+        if imgui.button(f"{fa.ICON_FA_EXPAND}  Whole scene", ImVec2(width, 0)):
+            run(app, "frame")
+        if not rig.bounded:
+            picked = segments("axis", ["front", "right", "top"], "", {"front": "Front", "right": "Right", "top": "Top"})
+            if picked:
+                run(app, picked)
+            label("Fly")
+            if switch("fly", rig.flying) != rig.flying:
+                run(app, "fly")
+            if rig.flying:
+                hint("W A S D to move, Q and E down and up, Shift faster, drag to look, wheel for the speed.")
+    with card("lens", fonts, "Lens"):
+        label("Field of view")
+        changed, value = imgui.slider_float("##fov", rig.fov, 10.0, 110.0, "%.0f°")
+        tip("Vertical angle; Ctrl+click to type")
+        if changed:
+            app.set_fov(value)
+        if not rig.bounded:
+            label("Near plane")
+            changed, value = imgui.slider_float("##near", app.settings.near, 0.0, 3.0 * rig.radius, "%.3f")
+            tip("Nothing closer than this is shown, in units of the grid")
+            if changed:
+                app.set(near=value)
+            label("Up")
+            picked = segments("up", list(UP_AXES), rig.table.up)
+            if picked:
+                rig.set_up(picked)
+                app.touch()
+    with card("where", fonts, "Position"):
+        matrix = rig.matrix
+        eye, ahead = matrix[:3, 3], -matrix[:3, 2]
+        figure("Eye", "  ".join(f"{v:.3f}" for v in eye), fonts)
+        figure("Looks along", "  ".join(f"{v:.3f}" for v in ahead), fonts)
+        if not rig.bounded:
+            figure("Pivot", "  ".join(f"{v:.3f}" for v in rig.goal.pivot), fonts)
+        hint("In the grid's frame, y up.")
+        width = (imgui.get_content_region_avail().x - px(8)) / 2
+        if imgui.button(f"{fa.ICON_FA_COPY}  Copy pose", ImVec2(width, 0)):
+            run(app, "copy-pose")
+        imgui.same_line()
+        if imgui.button(f"{fa.ICON_FA_PASTE}  Paste pose", ImVec2(width, 0)):
+            run(app, "paste-pose")

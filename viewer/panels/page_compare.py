@@ -1,0 +1,32 @@
+"""Two packs under one camera."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import ask_to_open
+from viewer.canvas import Canvas
+from viewer.panels.page_photographs import compare_controls
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import card, figure, hint, px
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    comparison = app.comparison
+    with card("other", fonts, "The other pack"):
+        if comparison.other is not None and comparison.other_path is not None:
+            figure("Left", app.scene.name if app.scene is not None else "", fonts)
+            figure("Right", comparison.other_path.name, fonts)
+        else:
+            hint("Choose a second pack, such as another baking of the same scene. Both are shown under one camera.")
+        width = (imgui.get_content_region_avail().x - px(8)) / 2
+        if imgui.button(f"{fa.ICON_FA_FILE_ZIPPER}  Zip…", ImVec2(width, 0)):
+            ask_to_open(app, "open", other=True)
+        imgui.same_line()
+        if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Folder…", ImVec2(width, 0)):
+            ask_to_open(app, "folder", other=True)
+    if comparison.against == "pack":
+        compare_controls(app, fonts, "Compare")

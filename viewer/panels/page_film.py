@@ -1,0 +1,136 @@
+"""Stills and films: keyframes, playback, the path's file, and what is written to disk."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import ask_for_still, run
+from viewer.app.export import films_possible
+from viewer.app.files import FileRequest
+from viewer.app.filming import LARGEST_SIDE, SIZES, Filming
+from viewer.canvas import Canvas
+from viewer.panels import theme
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import card, coloured, hint, icon_button, label, main_button, px, segments, switch
+
+LIST_HEIGHT = 150.0
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    filming = app.filming
+    with card("path", fonts, "Camera path"):
+        _path(app, filming)
+    with card("size", fonts, "Size"):
+        _size(filming)
+    with card("export", fonts, "Export"):
+        _export(app, filming)
+
+
+def _path(app: App, filming: Filming) -> None:
+    width = (imgui.get_content_region_avail().x - px(8)) / 2
+    if imgui.button(f"{fa.ICON_FA_PLUS}  Keyframe", ImVec2(width, 0)):
+        run(app, "keyframe")
+    imgui.same_line()
+    if imgui.button(f"{fa.ICON_FA_ROTATE}  Turntable", ImVec2(width, 0)):
+        run(app, "turntable")
+    path = filming.path
+    if not path.keyframes:
+        hint("Move the camera and make its view a keyframe (K); the film flies through them all.")
+    else:
+        _keyframes(app, filming)
+        label("Back to the start")
+        path.closed = switch("closed", path.closed)
+        icon = fa.ICON_FA_PAUSE if filming.playing else fa.ICON_FA_PLAY
+        if icon_button(icon, "play", "Play  (P)", on=filming.playing, enabled=len(path.keyframes) > 1):
+            run(app, "play")
+        imgui.same_line()
+        imgui.set_next_item_width(-1)
+        changed, value = imgui.slider_float("##time", filming.time, 0.0, max(path.duration, 1e-3), "%.1f s")
+        if changed:
+            filming.playing = False
+            filming.show(app, value)
+    if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Load…", ImVec2(width, 0)):
+        app.file_request = FileRequest("Load a camera path", "open", lambda p: filming.load(app, p), (".json",))
+    imgui.same_line()
+    imgui.begin_disabled(not path.keyframes)
+    if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save…", ImVec2(width, 0)):
+        name = "camera_path.json"
+        app.file_request = FileRequest("Save the path", "save", lambda p: filming.save(app, p), (".json",), name)
+    imgui.end_disabled()
+
+
+def _keyframes(app: App, filming: Filming) -> None:
+    with coloured(child_bg=theme.BASE):
+        imgui.begin_child("##keys", ImVec2(0, px(LIST_HEIGHT)), imgui.ChildFlags_.always_use_window_padding)
+    for i, key in enumerate(filming.path.keyframes):
+        if imgui.selectable(f"Keyframe {i + 1}##{i}", i == filming.selected)[0]:
+            filming.select(app, i)
+        imgui.same_line()
+        imgui.set_cursor_pos_x(imgui.get_window_width() - px(70))
+        with coloured(text=theme.FAINT):
+            imgui.text_unformatted(f"{key.seconds:.1f} s")
+    imgui.end_child()
+    index = filming.selected
+    if index is None or index >= len(filming.path.keyframes):
+        return
+    for icon, name, tooltip, action in (
+        (fa.ICON_FA_ARROW_UP, "up", "Earlier", lambda: filming.move(index, -1)),
+        (fa.ICON_FA_ARROW_DOWN, "down", "Later", lambda: filming.move(index, 1)),
+        (fa.ICON_FA_CAMERA, "update", "Put it where the camera is", lambda: filming.update(app, index)),
+        (fa.ICON_FA_TRASH, "remove", "Remove", lambda: filming.remove(index)),
+    ):
+        if icon_button(icon, name, tooltip):
+            action()
+            return
+        imgui.same_line(0, px(2))
+    imgui.set_next_item_width(-1)
+    changed, value = imgui.slider_float("##leg", filming.path.keyframes[index].seconds, 0.2, 10.0, "%.1f s to next")
+    if changed:
+        filming.path.replace(index, seconds=value)
+
+
+def _size(filming: Filming) -> None:
+    current = next((name for name, size in SIZES.items() if size == filming.size), "")
+    picked = segments("sizes", list(SIZES), current)
+    if picked:
+        filming.size = SIZES[picked]
+    label("Pixels")
+    changed, value = imgui.input_int2("##pixels", list(filming.size))
+    if changed:
+        width, height = (min(max(int(v), 16), LARGEST_SIDE) for v in value[:2])
+        filming.size = width, height
+    label("Frames / s")
+    changed, fps = imgui.slider_float("##fps", filming.fps, 10.0, 60.0, "%.0f")
+    if changed:
+        filming.fps = float(round(fps))
+
+
+def _export(app: App, filming: Filming) -> None:
+    export = filming.export
+    if export is not None:
+        left = export.seconds_left
+        imgui.text_unformatted(export.target.name)
+        imgui.progress_bar(export.share, ImVec2(-1, px(8)), "")
+        hint(f"{100 * export.share:.0f} %" + (f", about {left:.0f} s left" if left is not None else ""))
+        if imgui.button("Cancel", ImVec2(-1, 0)):
+            filming.cancel(app)
+        return
+    if main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", -1):
+        ask_for_still(app)
+    imgui.begin_disabled(not filming.path.keyframes)
+    width = (imgui.get_content_region_avail().x - px(8)) / 2
+    imgui.begin_disabled(not films_possible())
+    if imgui.button(f"{fa.ICON_FA_FILM}  Film…", ImVec2(width, 0)):
+        app.file_request = FileRequest("Save the film", "save", lambda p: filming.film(app, p), (".mp4",), "flight.mp4")
+    imgui.end_disabled()
+    imgui.same_line()
+    if imgui.button(f"{fa.ICON_FA_IMAGES}  Pictures…", ImVec2(width, 0)):
+        app.file_request = FileRequest(
+            "A new folder for the pictures", "save", lambda p: filming.film(app, p), (), "flight"
+        )
+    imgui.end_disabled()
+    if not films_possible():
+        hint("Films need PyAV: pip install 'snerg[video]'")

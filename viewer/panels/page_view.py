@@ -1,0 +1,108 @@
+"""How the picture is drawn: display mode, background, resolution, and how long it takes."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from viewer.app.application import BACKGROUNDS, App
+from viewer.app.commands import modes_for
+from viewer.canvas import Canvas
+from viewer.panels import theme
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch, time_plot
+
+MODE_TITLES = {
+    "normal": "Picture",
+    "diffuse": "Diffuse colour",
+    "features": "Features",
+    "view-dependent": "View-dependent colour",
+    "alpha": "Opacity",
+    "depth": "Depth",
+    "samples": "Cost: samples",
+    "jumps": "Cost: jumps",
+    "macroblocks": "Macroblocks",
+}
+MODE_HINTS = {
+    "normal": "What the camera would see.",
+    "diffuse": "Without the view-dependent residual.",
+    "features": "The first three accumulated features, what the view MLP is told.",
+    "view-dependent": "Only what the view MLP adds.",
+    "alpha": "White where the ray was stopped.",
+    "depth": "Near is bright.",
+    "samples": "How many voxels each ray fetched.",
+    "jumps": "How many leaps over empty space each ray made.",
+    "macroblocks": "A colour for each block of voxels first hit.",
+}
+RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    with card("mode", fonts, "Display"):
+        label("Mode")
+        picked = choice("mode", modes_for(app), app.settings.mode, MODE_TITLES)
+        if picked:
+            app.set(mode=picked)
+        hint(MODE_HINTS.get(app.settings.mode, ""))
+        if app.settings.mode in ("samples", "jumps"):
+            label("Brightest at")
+            changed, value = imgui.slider_float("##cost", app.settings.cost_scale, 4.0, 512.0, "%.0f")
+            if changed:
+                app.set(cost_scale=value)
+        _background(app)
+    with card("resolution", fonts, "Resolution"):
+        picked = segments("rest", list(RESOLUTIONS), str(app.governor.rest_scale), RESOLUTIONS)
+        if picked:
+            app.governor.rest_scale = float(picked)
+            app.touch()
+        label("Drop to keep pace")
+        app.governor.enabled = switch("dynamic", app.governor.enabled)
+        if app.governor.enabled:
+            label("Target")
+            changed, fps = imgui.slider_float("##target", app.governor.target_fps, 10.0, 120.0, "%.0f fps")
+            if changed:
+                app.governor.target_fps = fps
+        hint("Fewer pixels while the camera moves; all of them once it rests.")
+    with card("time", fonts, "Frame time"):
+        frame_time(app, canvas, fonts)
+
+
+def _background(app: App) -> None:
+    label("Background")
+    current = app.settings.background
+    side, gap = px(26), px(8)
+    draw = imgui.get_window_draw_list()
+    for name, colour in BACKGROUNDS.items():
+        at = imgui.get_cursor_screen_pos()
+        if imgui.invisible_button(f"##bg {name}", ImVec2(side, side)):
+            app.set(background=colour)
+        if imgui.is_item_hovered():
+            imgui.set_tooltip(name)
+        middle = ImVec2(at.x + side / 2, at.y + side / 2)
+        code = "#" + "".join(f"{round(255 * v):02x}" for v in colour)
+        draw.add_circle_filled(middle, side / 2 - px(3), theme.packed(code))
+        chosen = current == colour
+        ring, radius, width = (theme.ACCENT, px(1), px(2)) if chosen else (theme.FAINT, px(3), px(1))
+        draw.add_circle(middle, side / 2 - radius, theme.packed(ring), 0, width)
+        imgui.same_line(0, gap)
+    flags = imgui.ColorEditFlags_.no_inputs | imgui.ColorEditFlags_.no_alpha
+    changed, value = imgui.color_edit3("##other", list(current), flags)
+    if imgui.is_item_hovered():
+        imgui.set_tooltip("Another colour")
+    if changed:
+        app.set(background=tuple(float(v) for v in value[:3]))
+
+
+def frame_time(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """The figure that matters, a plot, and what was drawn."""
+    summary = app.times.summary()
+    with font(fonts.bold, 26.0):
+        imgui.text_unformatted(f"{summary['p50']:.1f}")
+    imgui.same_line(0, px(5))
+    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
+    with coloured(text=theme.MUTED):
+        imgui.text_unformatted(f"ms      {summary['fps']:.0f} fps")
+    time_plot(app.times.frame_ms, app.governor.target_ms, px(64))
+    width, height = canvas.drawn_size
+    figure("Drawn now", f"{width} × {height}", fonts)
+    figure("On the card", f"{canvas.picture_ms:.1f} ms", fonts)

@@ -1,0 +1,82 @@
+"""What is seen while nothing is open: the demo, the packs opened lately, and how to open another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.panels import theme
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import coloured, font, main_button, px
+
+WIDTH = 440.0
+
+
+def show(app: App, fonts: Fonts) -> None:
+    """Draws the page in the middle of the window that is begun."""
+    width, height = imgui.get_window_width(), imgui.get_window_height()
+    column = min(px(WIDTH), width - px(32))
+    left = 0.5 * (width - column)
+    recent = app.preferences.recent_packs()
+    top = max(px(24), 0.5 * (height - px(300 + 40 * len(recent))))
+    imgui.set_cursor_pos(ImVec2(left, top))
+    imgui.begin_group()
+    _mark(left)
+    with font(fonts.bold, theme.HUGE):
+        imgui.text_unformatted("snerg")
+    with coloured(text=theme.MUTED):
+        imgui.text_unformatted("Fly through scenes made from photographs.")
+    imgui.dummy(ImVec2(0, px(14)))
+    half = (column - px(8)) / 2
+    if app.demo is not None and main_button(f"{fa.ICON_FA_PLAY}  Open the demo scene", column):
+        app.open(app.demo)
+    _button(app, f"{fa.ICON_FA_FILE_ZIPPER}  Open a .zip…", "open", half)
+    imgui.same_line()
+    _button(app, f"{fa.ICON_FA_FOLDER_OPEN}  Open a folder…", "open-folder", half)
+    imgui.dummy(ImVec2(0, px(2)))
+    with coloured(text=theme.FAINT):
+        imgui.text_unformatted("or drop a pack anywhere on this window")
+    if recent:
+        imgui.dummy(ImVec2(0, px(16)))
+        with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):
+            imgui.text_unformatted("RECENT")
+        for path in recent:
+            _recent(app, path, column)
+    imgui.end_group()
+
+
+def _button(app: App, text: str, command: str, width: float) -> None:
+    if imgui.button(text, ImVec2(width, px(34))):
+        run(app, command)
+
+
+def _recent(app: App, path: Path, width: float) -> None:
+    at = imgui.get_cursor_screen_pos()
+    with coloured(header_hovered=theme.CARD, header_active=theme.CONTROL):
+        if imgui.selectable(f"##{path}", False, 0, ImVec2(width, px(30)))[0]:
+            app.open(path)
+    draw = imgui.get_window_draw_list()
+    middle = at.y + px(6)
+    draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.ACCENT), fa.ICON_FA_CUBE)
+    draw.add_text(ImVec2(at.x + px(32), middle), theme.packed(theme.TEXT), path.name)
+    name = imgui.calc_text_size(path.name).x
+    parent = str(path.parent)
+    room = width - px(54) - name
+    while parent and imgui.calc_text_size(parent).x > room and len(parent) > 4:
+        parent = "…" + parent[2:]
+    draw.add_text(ImVec2(at.x + px(44) + name, middle), theme.packed(theme.FAINT), parent)
+
+
+def _mark(left: float) -> None:
+    """The program's mark: voxels, one of them fully lit."""
+    at = imgui.get_cursor_screen_pos()
+    draw = imgui.get_window_draw_list()
+    side, gap = px(20), px(5)
+    for i, alpha in enumerate((1.0, 0.45, 0.7, 0.25, 0.7, 0.35)):
+        low = ImVec2(at.x + (i % 3) * (side + gap), at.y + (i // 3) * (side + gap))
+        draw.add_rect_filled(low, ImVec2(low.x + side, low.y + side), theme.packed(theme.ACCENT, alpha), px(5))
+    imgui.dummy(ImVec2(1, 2 * side + gap + px(10)))

@@ -1,0 +1,114 @@
+"""Colours, spacing and fonts. Lengths are in window units at 100 %; `Scale` multiplies them on dense displays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import imgui_bundle
+from imgui_bundle import ImVec2, ImVec4, imgui
+
+FONT_SIZE = 15.0
+SMALL, LARGE, HUGE = 13.0, 20.0, 34.0
+
+_FONTS = Path(imgui_bundle.__file__).parent / "assets" / "fonts"
+
+
+def rgb(code: str, alpha: float = 1.0) -> ImVec4:
+    """ "#rrggbb" as imgui wants it."""
+    r, g, b = (int(code[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return ImVec4(r, g, b, alpha)
+
+
+def packed(code: str, alpha: float = 1.0) -> int:
+    """ "#rrggbb" as draw lists want it."""
+    return imgui.color_convert_float4_to_u32(rgb(code, alpha))
+
+
+BASE = "#0d1117"  # behind everything
+PANEL = "#131922"
+CARD = "#1a212c"
+CONTROL = "#232c39"
+CONTROL_HOT = "#2d3848"
+LINE = "#273140"
+TEXT = "#e6ebf2"
+MUTED = "#8f9bad"
+FAINT = "#6d7a8c"
+ACCENT = "#45d0bd"
+ACCENT_DEEP = "#1f8f82"
+ON_ACCENT = "#06211d"
+GOOD, WARN, BAD = "#6fd08c", "#f2b866", "#f2777a"
+
+
+class Fonts:
+    """regular, bold and mono; icons of Font Awesome are merged into the first two. Made once per imgui context."""
+
+    def __init__(self) -> None:
+        atlas = imgui.get_io().fonts
+        self.regular = self._with_icons(atlas, "Roboto/Roboto-Regular.ttf")
+        self.bold = self._with_icons(atlas, "Roboto/Roboto-Bold.ttf")
+        self.mono = atlas.add_font_from_file_ttf(str(_FONTS / "Inconsolata-Medium.ttf"), FONT_SIZE)
+
+    @staticmethod
+    def _with_icons(atlas: imgui.ImFontAtlas, name: str) -> imgui.ImFont:
+        font = atlas.add_font_from_file_ttf(str(_FONTS / name), FONT_SIZE)
+        merged = imgui.ImFontConfig()
+        merged.merge_mode = True
+        merged.glyph_offset = ImVec2(0.0, 1.0)
+        atlas.add_font_from_file_ttf(str(_FONTS / "Font_Awesome_6_Free-Solid-900.otf"), 0.87 * FONT_SIZE, merged)
+        return font
+
+
+def apply(scale: float) -> None:
+    """Sets imgui's style for a display whose units are `scale` times denser than usual."""
+    style = imgui.get_style()
+    style.font_size_base = FONT_SIZE
+    style.window_padding = ImVec2(16, 14)
+    style.frame_padding = ImVec2(10, 6)
+    style.item_spacing = ImVec2(8, 8)
+    style.item_inner_spacing = ImVec2(8, 6)
+    style.cell_padding = ImVec2(6, 4)
+    style.scrollbar_size = 9
+    style.grab_min_size = 12
+    style.window_rounding = style.popup_rounding = 10
+    style.child_rounding = 10
+    style.frame_rounding = style.grab_rounding = 6
+    style.scrollbar_rounding = 6
+    style.window_border_size = style.child_border_size = style.frame_border_size = 0
+    style.popup_border_size = 1
+    style.separator_text_border_size = 1
+    style.window_title_align = ImVec2(0.5, 0.5)
+    style.scale_all_sizes(scale)
+    style.font_scale_dpi = scale
+    colours = {
+        "text": rgb(TEXT),
+        "text_disabled": rgb(FAINT),
+        "window_bg": rgb(PANEL),
+        "child_bg": rgb(CARD),
+        "popup_bg": rgb(CARD),
+        "border": rgb(LINE),
+        "frame_bg": rgb(CONTROL),
+        "frame_bg_hovered": rgb(CONTROL_HOT),
+        "frame_bg_active": rgb(CONTROL_HOT),
+        "title_bg": rgb(PANEL),
+        "title_bg_active": rgb(PANEL),
+        "scrollbar_bg": rgb(PANEL, 0.0),
+        "scrollbar_grab": rgb(CONTROL_HOT),
+        "scrollbar_grab_hovered": rgb(FAINT),
+        "scrollbar_grab_active": rgb(MUTED),
+        "check_mark": rgb(ACCENT),
+        "slider_grab": rgb(ACCENT),
+        "slider_grab_active": rgb(TEXT),
+        "button": rgb(CONTROL),
+        "button_hovered": rgb(CONTROL_HOT),
+        "button_active": rgb(ACCENT_DEEP),
+        "header": rgb(ACCENT_DEEP, 0.55),
+        "header_hovered": rgb(CONTROL_HOT),
+        "header_active": rgb(ACCENT_DEEP),
+        "separator": rgb(LINE),
+        "text_selected_bg": rgb(ACCENT_DEEP, 0.6),
+        "nav_cursor": rgb(ACCENT),
+        "modal_window_dim_bg": rgb(BASE, 0.65),
+        "plot_histogram": rgb(ACCENT),
+    }
+    for name, colour in colours.items():
+        style.set_color_(getattr(imgui.Col_, name), colour)

@@ -1,0 +1,92 @@
+"""The whole interface of one frame, in an imgui context of its own; drawn into a window or into any framebuffer.
+
+The renderer's and imgui's OpenGL calls share a context, so the caller binds the target framebuffer before `draw`.
+"""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui, implot
+
+from viewer.app.application import App, Clipboard
+from viewer.canvas import Canvas
+from viewer.panels import dialogs, help_overlay, keys, layout, theme, top_bar, viewport
+from viewer.panels.file_dialogs import FileDialogs
+from viewer.panels.theme import Fonts
+
+GLSL_VERSION = "#version 330"
+
+
+class SystemClipboard(Clipboard):
+    """The clipboard of the system that the window is on."""
+
+    def get(self) -> str:
+        return imgui.get_clipboard_text() or ""
+
+    def set(self, text: str) -> None:
+        imgui.set_clipboard_text(text)
+
+
+class Ui:
+    """Dear ImGui and the panels. An OpenGL context must be current, now and whenever it is used.
+
+    window: address of a GLFW window whose events to listen to; None where the caller feeds `imgui.get_io()` itself.
+    """
+
+    def __init__(self, window: int | None = None) -> None:
+        self.context = imgui.create_context()
+        imgui.set_current_context(self.context)  # another may be there already
+        io = imgui.get_io()
+        io.set_ini_filename("")  # the layout is ours, and remembered by viewer.app
+        self.fonts = Fonts()
+        self.scale = 0.0
+        self._window = window
+        if window is not None:
+            imgui.backends.glfw_init_for_opengl(window, True)
+        imgui.backends.opengl3_init(GLSL_VERSION)
+        self.plots = implot.create_context()
+        self.file_dialogs = FileDialogs(native=None if window is not None else False)
+
+    def frame(self, app: App, canvas: Canvas, scale: float = 1.0) -> None:
+        """Draws the panels for this moment's state into imgui's lists, and hands the user's wishes to `app`.
+
+        scale: how many times denser than usual the window's units are. Without a window, set io.display_size,
+        io.display_framebuffer_scale and io.delta_time before.
+        """
+        imgui.set_current_context(self.context)
+        implot.set_current_context(self.plots)
+        if scale != self.scale:
+            theme.apply(scale)
+            self.scale = scale
+        imgui.backends.opengl3_new_frame()
+        if self._window is not None:
+            imgui.backends.glfw_new_frame()
+        imgui.new_frame()
+        keys.dispatch(app)
+        size = imgui.get_io().display_size
+        regions = layout.regions(size.x, size.y, app)
+        viewport.show(app, canvas, regions.viewport, self.fonts)
+        if app.interface.panels_shown:
+            top_bar.show(app, canvas, regions.top, self.fonts)
+            layout.show_side(app, canvas, regions, self.fonts)
+        help_overlay.show(app, self.fonts)
+        self.file_dialogs.show(app, size, self.fonts)
+        dialogs.show(app, ImVec2(size.x, size.y), self.fonts)
+        imgui.render()
+
+    def draw(self) -> None:
+        """Draws what `frame` prepared into the framebuffer that is bound."""
+        imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+
+    @property
+    def typing(self) -> bool:
+        """Whether a text field has the keyboard, so that its cursor must blink."""
+        return imgui.get_io().want_text_input
+
+    def release(self) -> None:
+        """Ends the imgui context."""
+        imgui.set_current_context(self.context)
+        implot.destroy_context(self.plots)
+        imgui.backends.opengl3_shutdown()
+        if self._window is not None:
+            imgui.backends.glfw_shutdown()
+        imgui.destroy_context(self.context)

@@ -1,0 +1,185 @@
+"""The picture, and the mouse over it: turns drags, wheel and double clicks into movements of the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from imgui_bundle import ImVec2, imgui
+
+from viewer.app import crop
+from viewer.app.application import App, Viewport
+from viewer.canvas import Canvas
+from viewer.panels import layout, overlays, page_photographs, start_page, theme
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import coloured, font, px
+
+LEFT, RIGHT, MIDDLE = 0, 1, 2
+
+
+def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
+    """Draws the picture into `box` and listens to the mouse there."""
+    io = imgui.get_io()
+    app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
+    with coloured(window_bg=theme.BASE):
+        layout.begin("##viewport", box, (0, 0), imgui.WindowFlags_.no_scroll_with_mouse)
+    if app.scene is None:
+        start_page.show(app, fonts)
+    else:
+        overlays.draw_layers(canvas.layers, box)
+        overlays.draw_comparison(app, canvas, box)
+        imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
+        over = imgui.is_item_hovered() or imgui.is_item_active()
+        overlays.draw_path(app, box)
+        shot, face = overlays.draw_frusta(app, box), overlays.draw_crop(app, box)
+        _mouse(app, box, face if over else None, shot if over else None)
+        _corner(app, box, fonts)
+    _toast(app, box)
+    _progress(app, box, fonts)
+    imgui.end()
+
+
+def _buttons() -> int:
+    flags = imgui.ButtonFlags_
+    return flags.mouse_button_left | flags.mouse_button_right | flags.mouse_button_middle
+
+
+@dataclass
+class _Hands:
+    """What the mouse holds since its button went down: "" the camera, "wipe" the edge, a crop face's number, or a shot.
+
+    travelled: window units since then, to tell a click from a drag.
+    """
+
+    holds: str = ""
+    face: int = 0
+    shot: int | None = None
+    travelled: float = 0.0
+
+
+_hands = _Hands()  # one mouse
+
+
+def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> None:
+    """face, shot: the crop handle and the frustum under the mouse."""
+    assert app.scene is not None
+    io, rig = imgui.get_io(), app.scene.rig
+    hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
+    if imgui.is_item_activated():
+        _hands.holds = "face" if face is not None else "wipe" if overlays.wipe_edge_hovered(app, box) else ""
+        _hands.face, _hands.shot, _hands.travelled = face or 0, shot, 0.0
+        if not _hands.holds:
+            rig.remember()
+    dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
+    if active and (dx or dy):
+        _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
+        _drag(app, box, dx, dy)
+        app.touch()
+    if imgui.is_item_deactivated() and _hands.shot is not None and _hands.travelled < px(4):
+        page_photographs.stand_in(app, _hands.shot)
+    if hovered and io.mouse_wheel:
+        if rig.flying:
+            rig.faster(io.mouse_wheel)
+            app.messages.say(f"Speed {rig.speed:.3g} units a second")
+        else:
+            x, y = 2.0 * (io.mouse_pos.x - box[0]) - box[2], 2.0 * (io.mouse_pos.y - box[1]) - box[3]
+            rig.remember()
+            rig.dolly(io.mouse_wheel, (x / box[3], -y / box[3]))
+        app.touch()
+    if hovered and imgui.is_mouse_double_clicked(LEFT):
+        app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+    if rig.flying and not io.want_text_input and not io.key_ctrl:
+        _fly(app)
+
+
+def _drag(app: App, box: layout.Box, dx: float, dy: float) -> None:
+    """The mouse moved by dx, dy (picture heights) while it holds something."""
+    assert app.scene is not None
+    rig, io = app.scene.rig, imgui.get_io()
+    camera = app.camera()
+    if _hands.holds == "wipe":
+        app.comparison.split = min(max((io.mouse_pos.x - box[0]) / box[2], 0.02), 0.98)
+    elif _hands.holds == "face":
+        if app.settings.crop is not None and camera is not None:
+            moved = (dx * camera.height, dy * camera.height)
+            app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, _hands.face, camera, moved))
+    else:
+        left = imgui.is_mouse_down(LEFT)
+        sliding = imgui.is_mouse_down(MIDDLE) or (imgui.is_mouse_down(RIGHT) != rig.bounded and not left)
+        if sliding or (left and (rig.bounded or io.key_shift)):
+            rig.pan(dx, dy)
+        else:
+            rig.orbit(dx, dy)
+
+
+def _fly(app: App) -> None:
+    assert app.scene is not None
+
+    def held(plus: imgui.Key, minus: imgui.Key) -> float:
+        return float(imgui.is_key_down(plus)) - float(imgui.is_key_down(minus))
+
+    key = imgui.Key
+    right, up, forward = held(key.d, key.a), held(key.e, key.q), held(key.w, key.s)
+    if right or up or forward:
+        pace = 3.0 if imgui.get_io().key_shift else 1.0
+        app.scene.rig.fly(pace * right, pace * up, pace * forward, min(imgui.get_io().delta_time, 0.1))
+        app.touch()
+
+
+def _corner(app: App, box: layout.Box, fonts: Fonts) -> None:
+    """Names what is shown where it is not the usual picture."""
+    notes = []
+    if app.settings.mode != "normal":
+        notes.append(app.settings.mode.replace("-", " "))
+    if app.scene is not None and app.scene.rig.flying:
+        notes.append("flying")
+    comparison = app.comparison
+    if comparison.against == "photograph" and comparison.photographs is not None and comparison.photograph is not None:
+        name = comparison.photographs.shots[comparison.photograph].name
+        known = comparison.psnr_db is not None
+        notes.append(f"{name}   {comparison.psnr_db:.2f} dB" if known else name)
+    x = box[0] + px(14)
+    for note in notes:
+        x = _chip(note, x, box[1] + px(14)) + px(8)
+
+
+def _chip(text: str, x: float, y: float) -> float:
+    """A dark label on the picture; where its right edge is."""
+    draw = imgui.get_window_draw_list()
+    with font(None, theme.SMALL):
+        size = imgui.calc_text_size(text)
+        corner = ImVec2(x + size.x + px(24), y + size.y + px(12))
+        draw.add_rect_filled(ImVec2(x, y), corner, theme.packed(theme.BASE, 0.82), px(14))
+        draw.add_text(ImVec2(x + px(12), y + px(6)), theme.packed(theme.TEXT), text)
+        return corner.x
+
+
+def _toast(app: App, box: layout.Box) -> None:
+    if app.messages.toast_left > 0:
+        width = imgui.calc_text_size(app.messages.toast).x
+        _chip(app.messages.toast, box[0] + 0.5 * (box[2] - width) - px(12), box[1] + box[3] - px(52))
+
+
+def _progress(app: App, box: layout.Box, fonts: Fonts) -> None:
+    """A card at the foot of the picture while a pack is being read or something is being exported."""
+    export = app.filming.export
+    if app.loading is not None:
+        title, share = f"Opening {app.loading.path.name}", app.loading.share
+    elif export is not None:
+        left = export.seconds_left
+        title = f"Writing {export.target.name}" + (f", {left:.0f} s left" if left is not None else "")
+        share = export.share
+    else:
+        return
+    width, height = min(px(380), box[2] - px(24)), px(84)
+    x, y = box[0] + 0.5 * (box[2] - width), box[1] + box[3] - height - px(20)
+    imgui.set_cursor_screen_pos(ImVec2(x, y))
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(12)))
+    imgui.begin_child("##progress", ImVec2(width, height), imgui.ChildFlags_.always_use_window_padding)
+    imgui.pop_style_var()
+    imgui.align_text_to_frame_padding()
+    imgui.text_unformatted(title)
+    imgui.same_line(width - px(16) - px(70))
+    if imgui.button("Cancel", ImVec2(px(70), 0)):
+        app.cancel_loading() if app.loading is not None else app.filming.cancel(app)
+    imgui.progress_bar(share, ImVec2(-1, px(6)), "")
+    imgui.end_child()

@@ -1,0 +1,181 @@
+"""Small parts that all panels are made of: rows of label and control, cards, switches, icon buttons, a time plot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from imgui_bundle import ImVec2, imgui
+
+from viewer.panels import theme
+from viewer.panels.theme import Fonts
+
+LABEL_WIDTH = 104.0
+
+
+def px(length: float) -> float:
+    """A length in units of a 100 % display, in window units of this one."""
+    return length * imgui.get_style().font_scale_dpi
+
+
+@contextmanager
+def font(face: imgui.ImFont | None, size: float = 0.0) -> Iterator[None]:
+    """Text in another face (None: the same) and size (0: the same), in units of a 100 % display."""
+    imgui.push_font(face, size)
+    try:
+        yield
+    finally:
+        imgui.pop_font()
+
+
+@contextmanager
+def coloured(**colours: str | tuple[str, float]) -> Iterator[None]:
+    """Colours by imgui's names: coloured(text=theme.MUTED, button=(theme.ACCENT, 0.2))."""
+    for name, colour in colours.items():
+        code, alpha = colour if isinstance(colour, tuple) else (colour, 1.0)
+        imgui.push_style_color(getattr(imgui.Col_, name), theme.rgb(code, alpha))
+    try:
+        yield
+    finally:
+        imgui.pop_style_color(len(colours))
+
+
+@contextmanager
+def card(name: str, fonts: Fonts, title: str = "") -> Iterator[None]:
+    """A rounded box as wide as the panel and as high as what is in it."""
+    flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.always_use_window_padding
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(14), px(12)))
+    imgui.begin_child(f"##card {name}", ImVec2(0, 0), flags)
+    imgui.pop_style_var()
+    if title:
+        with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):
+            imgui.text_unformatted(title.upper())
+        imgui.dummy(ImVec2(0, px(1)))
+    try:
+        yield
+    finally:
+        imgui.end_child()
+        imgui.dummy(ImVec2(0, px(2)))
+
+
+def label(text: str) -> None:
+    """The left side of a row; the control that follows gets the rest of the width."""
+    imgui.align_text_to_frame_padding()
+    with coloured(text=theme.MUTED):
+        imgui.text_unformatted(text)
+    imgui.same_line(px(LABEL_WIDTH))
+    imgui.set_next_item_width(-1)
+
+
+def figure(name: str, value: str, fonts: Fonts) -> None:
+    """A row that only tells: name on the left, value on the right."""
+    with coloured(text=theme.MUTED):
+        imgui.text_unformatted(name)
+    imgui.same_line()
+    width = imgui.calc_text_size(value).x
+    x = imgui.get_content_region_avail().x - width
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(0.0, x))
+    imgui.text_unformatted(value)
+
+
+def hint(text: str) -> None:
+    """Small muted text, wrapped."""
+    with font(None, theme.SMALL), coloured(text=theme.FAINT):
+        imgui.push_text_wrap_pos(0.0)
+        imgui.text_unformatted(text)
+        imgui.pop_text_wrap_pos()
+
+
+def tip(text: str) -> None:
+    """A tooltip for the item before."""
+    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
+        imgui.set_tooltip(text)
+
+
+def choice(name: str, options: Sequence[str], current: str, titles: dict[str, str] | None = None) -> str | None:
+    """A drop-down list; the option that was picked just now, else None."""
+    titles = titles or {}
+    picked = None
+    if imgui.begin_combo(f"##{name}", titles.get(current, current)):
+        for option in options:
+            if imgui.selectable(titles.get(option, option), option == current)[0]:
+                picked = option
+        imgui.end_combo()
+    return picked
+
+
+def segments(name: str, options: Sequence[str], current: str, titles: dict[str, str] | None = None) -> str | None:
+    """A few choices side by side, as one control; the one that was picked just now, else None."""
+    titles = titles or {}
+    picked = None
+    gap = px(2)
+    width = (imgui.get_content_region_avail().x - gap * (len(options) - 1)) / len(options)
+    imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, px(6)))
+    for i, option in enumerate(options):
+        if i:
+            imgui.same_line(0, gap)
+        chosen = option == current
+        face = {"button": theme.ACCENT, "button_hovered": theme.ACCENT, "text": theme.ON_ACCENT} if chosen else {}
+        with coloured(**face):
+            if imgui.button(f"{titles.get(option, option)}##{name}", ImVec2(width, 0)):
+                picked = option
+    imgui.pop_style_var()
+    return picked
+
+
+def switch(name: str, on: bool) -> bool:
+    """A sliding switch at the right end of a row; the new state."""
+    height, width = px(18), px(32)
+    x = imgui.get_content_region_avail().x - width
+    imgui.set_cursor_pos(ImVec2(imgui.get_cursor_pos_x() + max(0.0, x), imgui.get_cursor_pos_y() + px(5)))
+    at = imgui.get_cursor_screen_pos()
+    if imgui.invisible_button(f"##{name}", ImVec2(width, height)):
+        on = not on
+    hot = imgui.is_item_hovered()
+    draw = imgui.get_window_draw_list()
+    track = theme.ACCENT if on else (theme.FAINT if hot else theme.CONTROL_HOT)
+    draw.add_rect_filled(at, ImVec2(at.x + width, at.y + height), theme.packed(track), height / 2)
+    knob = at.x + (width - height / 2 if on else height / 2)
+    colour = theme.packed(theme.ON_ACCENT if on else theme.TEXT)
+    draw.add_circle_filled(ImVec2(knob, at.y + height / 2), height / 2 - px(3), colour)
+    return on
+
+
+def icon_button(icon: str, name: str, tooltip: str, *, on: bool = False, enabled: bool = True) -> bool:
+    """A square button without a frame; lit where `on`."""
+    colours = {"button": (theme.ACCENT, 0.16 if on else 0.0), "text": theme.ACCENT if on else theme.MUTED}
+    imgui.begin_disabled(not enabled)
+    with coloured(**colours, button_hovered=theme.CONTROL):
+        pressed = imgui.button(f"{icon}##{name}", ImVec2(px(34), px(32)))
+    imgui.end_disabled()
+    tip(tooltip)
+    return pressed
+
+
+def main_button(text: str, width: float = 0.0) -> bool:
+    """The button that is meant to be pressed."""
+    with coloured(button=theme.ACCENT, button_hovered=theme.TEXT, text=theme.ON_ACCENT):
+        return imgui.button(text, ImVec2(width, px(34)))
+
+
+def time_plot(times: Sequence[float], target: float, height: float) -> None:
+    """Frame times (ms) as bars, newest at the right, with a line at `target` ms."""
+    width = imgui.get_content_region_avail().x
+    at = imgui.get_cursor_screen_pos()
+    imgui.dummy(ImVec2(width, height))
+    draw = imgui.get_window_draw_list()
+    corner = ImVec2(at.x + width, at.y + height)
+    draw.add_rect_filled(at, corner, theme.packed(theme.BASE), px(6))
+    bar, gap = px(3), px(1)
+    shown = list(times)[-int((width - px(8)) / (bar + gap)) :]
+    top = max(2.0 * target, 1e-6)
+    x = corner.x - px(4) - len(shown) * (bar + gap)
+    for value in shown:
+        share = min(value / top, 1.0)
+        colour = theme.ACCENT if value <= 1.15 * target else theme.WARN if value <= 2.0 * target else theme.BAD
+        low = corner.y - px(4)
+        y = low - max(share * (height - px(8)), px(1))
+        draw.add_rect_filled(ImVec2(x, y), ImVec2(x + bar, low), theme.packed(colour, 0.9), px(1))
+        x += bar + gap
+    y = corner.y - px(4) - 0.5 * (height - px(8))
+    draw.add_line(ImVec2(at.x + px(4), y), ImVec2(corner.x - px(4), y), theme.packed(theme.MUTED, 0.35))
