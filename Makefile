@@ -15,7 +15,7 @@ view: $(VENV)/.viewer gl
 	$(BIN)/snerg-view $(DEMO)
 
 test: $(VENV)/.developer gl
-	$(BIN)/python -m pytest $(TESTS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(TESTS)
 
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400

@@ -65,7 +65,7 @@ def bake(run: Run, config: BakeConfig) -> Pack:
         if count == 0:
             raise _nothing_there(run)
         store = supersample(
-            query, grid, culling, seed=config.seed,
+            query, grid, culling, tau_alpha=config.tau_alpha, seed=config.seed,
             on_block=lambda n: bar.update(0.4 + 0.6 * n / count, f"macroblock {n} of {count}"),
         )  # fmt: skip
     indices, rgba, features = atlas_from_volume(store.read_box, grid.size, BLOCK_SIZE, culling.kept)
@@ -90,7 +90,8 @@ def bake(run: Run, config: BakeConfig) -> Pack:
     }  # fmt: skip
     if np.isfinite(after):
         provenance["fine_tuning"] = {
-            "epochs": config.fine_tune_epochs, "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
+            "epochs": config.fine_tune_epochs,
+            "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
         }  # fmt: skip
     return pack.with_metadata(version=1, codec="png", provenance=provenance, cameras=cameras_of(run))
 

@@ -93,8 +93,17 @@ def _without_tails(mass: np.ndarray) -> tuple[int, int]:
     return int(np.searchsorted(share, BOX_TAIL)), int(np.searchsorted(share, 1 - BOX_TAIL))
 
 
-def cull(query: FieldQuery, grid: BakeGrid, dataset: RayDataset, *, occupied: Occupied | None = None, tau_alpha: float = TAU_ALPHA,
-         tau_vis: float = TAU_VIS, on_blocks: Tick | None = None, on_rays: Tick | None = None) -> Culling:  # fmt: skip
+def cull(
+    query: FieldQuery,
+    grid: BakeGrid,
+    dataset: RayDataset,
+    *,
+    occupied: Occupied | None = None,
+    tau_alpha: float = TAU_ALPHA,
+    tau_vis: float = TAU_VIS,
+    on_blocks: Tick | None = None,
+    on_rays: Tick | None = None,
+) -> Culling:
     """Both tests of section 5.4. occupied: spares asking the field where it is surely empty (baker.field_query).
 
     on_blocks, on_rays are told the share done of either.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from baker.culling import CELL, Culling
+from baker.culling import CELL, TAU_ALPHA, Culling
 from baker.field_query import FieldQuery
 from baker.grid import BakeGrid
 
@@ -45,9 +45,19 @@ class BlockStore:
 
 
 def supersample(
-    query: FieldQuery, grid: BakeGrid, culling: Culling, *, seed: int = 0, on_block: Callable[[int], None] | None = None
+    query: FieldQuery,
+    grid: BakeGrid,
+    culling: Culling,
+    *,
+    tau_alpha: float = TAU_ALPHA,
+    seed: int = 0,
+    on_block: Callable[[int], None] | None = None,
 ) -> BlockStore:
-    """Fills the kept macroblocks. Voxels far from any opacity stay zero without being asked."""
+    """Fills the kept macroblocks. Voxels far from any opacity stay zero without being asked.
+
+    Voxels fainter than tau_alpha become empty: what is too faint to keep a macroblock alive only costs samples (a fifth
+    of those that a ray took on lego) and bytes.
+    """
     store = BlockStore(culling.kept, grid.block_size)
     per_block = grid.block_size // CELL
     for slot, block in enumerate(np.argwhere(culling.kept)):
@@ -60,6 +70,7 @@ def supersample(
         for start in range(0, len(local), VOXELS_AT_ONCE):
             part = local[start : start + VOXELS_AT_ONCE]
             values[start : start + len(part)] = _average(query, grid, part + block[::-1] * grid.block_size, rng)
+        values[values[:, 3] < tau_alpha] = 0
         store.voxels[slot][z, y, x] = np.round(255 * values)
         if on_block:
             on_block(slot + 1)

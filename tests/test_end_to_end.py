@@ -129,7 +129,7 @@ def spoil_scene(how: str, scene: Path, bad: Path) -> str:
     if how == "nan pose":
         document["frames"][2]["transform_matrix"][0][0] = float("nan")
         transforms.write_text(json.dumps(document))
-        return "transform_matrix"
+        return "not finite"
     if how == "truncated picture":
         picture.write_bytes(picture.read_bytes()[:600])
         return "r_3.png"

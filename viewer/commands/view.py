@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -141,9 +142,9 @@ def _render_instead(start: Start) -> None:
         print(written)
 
 
-def main() -> int:
-    """Entry point of snerg-view."""
-    return run_command(view, prog="snerg-view")
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point of snerg-view; returns the exit status."""
+    return run_command(view, prog="snerg-view", args=args)
 
 
 if __name__ == "__main__":
