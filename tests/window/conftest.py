@@ -122,6 +122,7 @@ def display() -> Iterator[str]:
         f"{SCREEN[0]}x{SCREEN[1]}x24",
         "-nolisten",
         "tcp",
+        "-noreset",  # else it starts over, deaf for a moment, whenever the last window closes
     ]
     server = subprocess.Popen(command, pass_fds=(write,), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     os.close(write)
