@@ -71,13 +71,15 @@ def bake(run: Run, config: BakeConfig) -> Pack:
     indices, rgba, features = atlas_from_volume(store.read_box, grid.size, BLOCK_SIZE, culling.kept)
     head = run.method.view_mlp(run.state)
     view_mlp = head and ViewMlp(
-        tuple(np.asarray(w, np.float32) for w in head.weights),
+        tuple(np.asarray(w, np.float32) for w in head.weights),  # type: ignore[arg-type]
         tuple(np.asarray(b, np.float32) for b in head.biases),  # type: ignore[arg-type]
     )
+    camera = run.scene.splits["train"][0].camera
     pack = Pack(
         voxel_size=grid.voxel_size, min_xyz=grid.min_xyz, grid_size=grid.size, block_size=BLOCK_SIZE,
         atlas_indices=indices, atlas_rgba=rgba, atlas_features=features, view_mlp=view_mlp,
-        worldspace_T_opengl=frame, ndc=run.scene.ndc, **_input_size(run),
+        worldspace_T_opengl=frame, ndc=run.scene.ndc,
+        input_width=camera.width, input_height=camera.height, input_focal=float(camera.fx),
     )  # fmt: skip
     with progress("fine-tuning the view MLP", 1.0) as bar:
         pack, before, after = fine_tune(
@@ -108,11 +110,6 @@ def cameras_of(run: Run) -> list[dict]:
         for split, photographs in run.scene.splits.items()
         for photograph in photographs
     ]  # fmt: skip
-
-
-def _input_size(run: Run) -> dict[str, float]:
-    camera = run.scene.splits["train"][0].camera
-    return {"input_width": camera.width, "input_height": camera.height, "input_focal": float(camera.fx)}
 
 
 def _nothing_there(run: Run) -> UserError:

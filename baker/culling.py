@@ -121,7 +121,7 @@ def cull(
 
 def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
     z, y, x = (n // per_block for n in cells.shape)
-    return cells.reshape(z, per_block, y, per_block, x, per_block).any(axis=(1, 3, 5))
+    return np.any(cells.reshape(z, per_block, y, per_block, x, per_block), axis=(1, 3, 5))
 
 
 def _opacity(

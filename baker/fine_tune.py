@@ -54,7 +54,7 @@ def fine_tune(
     if pixels is None:
         return pack, float("nan"), float("nan")
     params = ViewMlpParams(
-        tuple(map(jnp.asarray, pack.view_mlp.weights)),
+        tuple(map(jnp.asarray, pack.view_mlp.weights)),  # type: ignore[arg-type]
         tuple(map(jnp.asarray, pack.view_mlp.biases)),  # type: ignore[arg-type]
     )
     before = _psnr(params, pixels)

@@ -55,7 +55,8 @@ def test_no_jax_where_the_viewer_can_reach(room: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["console", "scenepack", "training.scenes", "viewer.offscreen", "viewer.commands.bench", "viewer.commands.view"]
+    "module",
+    ["console", "scenepack", "training.scenes", "viewer.offscreen", "viewer.commands.bench", "viewer.commands.view"],
 )
 def test_importing_it_does_not_load_jax_even_indirectly(module: str) -> None:
     code = f"import {module}, sys; sys.exit(sum(name in sys.modules for name in {sorted(JAX)}))"

@@ -36,7 +36,9 @@ def made(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_photographs_become_a_pack_whose_pictures_are_near_the_photographs(made: Path, scene: Path, tmp_path: Path) -> None:
+def test_photographs_become_a_pack_whose_pictures_are_near_the_photographs(
+    made: Path, scene: Path, tmp_path: Path
+) -> None:
     scores = {}
     for subject in ("run", "pack"):
         report = tmp_path / f"{subject}.json"
@@ -91,7 +93,9 @@ def one_line(capsys: pytest.CaptureFixture[str], command: Command, arguments: li
     return errors[0]
 
 
-@pytest.mark.parametrize("broken", ["missing", "empty", "no frames", "no json", "truncated picture", "other size", "nan pose"])
+@pytest.mark.parametrize(
+    "broken", ["missing", "empty", "no frames", "no json", "truncated picture", "other size", "nan pose"]
+)
 def test_a_bad_scene_gives_one_line_from_every_command_that_reads_scenes(
     broken: str, made: Path, scene: Path, tmp_path: Path, capsys
 ) -> None:
@@ -137,7 +141,9 @@ def spoil_scene(how: str, scene: Path, bad: Path) -> str:
     return "40"
 
 
-@pytest.mark.parametrize("broken", ["missing", "empty", "truncated picture", "no json", "nan weights", "sizes disagree"])
+@pytest.mark.parametrize(
+    "broken", ["missing", "empty", "truncated picture", "no json", "nan weights", "sizes disagree"]
+)
 def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(
     broken: str, made: Path, scene: Path, tmp_path: Path, capsys
 ) -> None:

@@ -76,7 +76,9 @@ def snerg_make(
     print(describe_pack(pack, pack_path))
     baked = time.monotonic()
     print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
-    if not no_view and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("darwin", "win32")):
+    if not no_view and (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("darwin", "win32")
+    ):
         # A process of its own: JAX holds most of a GPU's memory until this one ends.
         subprocess.Popen([sys.executable, "-m", "viewer.commands.view", str(pack_path)])
 

@@ -22,9 +22,14 @@ class Layout(Protocol):
     origin [3], voxel [] in world units, dims int32 [3] = (x, y, z) voxels.
     """
 
-    origin: jax.Array
-    voxel: jax.Array
-    dims: jax.Array
+    @property
+    def origin(self) -> jax.Array: ...
+
+    @property
+    def voxel(self) -> jax.Array: ...
+
+    @property
+    def dims(self) -> jax.Array: ...
 
     def has_support(self, g: jax.Array) -> jax.Array:
         """bool [N]: whether interpolation at grid coordinates g [N, 3] meets anything stored."""

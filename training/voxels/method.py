@@ -190,9 +190,9 @@ def adam(
     if trainable.head is None:
         return tuple(Trainable(array, None) for array in rows)  # type: ignore[return-value]
     leaves, tree = jax.tree.flatten(trainable.head)
+    others = (jax.tree.leaves(t.head) for t in (gradient, first, second))
     parts = [
-        move(*args, head_rate, False)
-        for args in zip(leaves, *(jax.tree.leaves(t.head) for t in (gradient, first, second)), strict=True)
+        move(value, slope, one, two, head_rate, False) for value, slope, one, two in zip(leaves, *others, strict=True)
     ]
     heads = [jax.tree.unflatten(tree, [part[i] for part in parts]) for i in range(3)]
     return tuple(Trainable(array, head) for array, head in zip(rows, heads, strict=True))  # type: ignore[return-value]
@@ -212,7 +212,7 @@ class VoxelMethod:
             step_voxels=self.voxels.step_voxels,
             shift=float(np.log(np.expm1(optical_depth))),
             reference=float(fine),
-            background=tuple(float(c) for c in dataset.background),
+            background=dataset.background,
             sparsity_weight=config.sparsity_weight,
             sparsity_scale=config.sparsity_scale,
             sparsity_spacing=float(dataset.far - dataset.near) / SPARSITY_SAMPLES,

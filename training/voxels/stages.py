@@ -287,7 +287,7 @@ def render_all(method: VoxelMethod, state: VoxelState, rays: Rays) -> RenderOutp
 def _render_parts(
     method: VoxelMethod, state: VoxelState, rays: Rays, sizes: MarchSizes, total: int
 ) -> Iterator[tuple[jax.Array, ...]]:
-    host = Rays(*(np.asarray(array) for array in rays))
+    host = [np.asarray(array) for array in rays]
     start = 0
     while start < total:
         index = np.minimum(np.arange(start, start + RENDER_RAYS), total - 1)
