@@ -3,7 +3,8 @@
 // Source: CONTRACT section 2 for the picture; the published viewer and three.js for the choice of views.
 // Options: MODE: MODE_NORMAL the picture; MODE_DIFFUSE without the view-dependent residual; MODE_FEATURES the first three
 //   features; MODE_VIEW_DEPENDENT the residual alone; MODE_ALPHA opacity; MODE_DEPTH mean depth, near bright;
-//   MODE_SAMPLES and MODE_JUMPS what the pixel cost; MODE_MACROBLOCKS a colour for each macroblock first hit.
+//   MODE_SAMPLES and MODE_JUMPS what the pixel cost; MODE_MACROBLOCKS a colour for each macroblock first hit;
+//   MODE_ATLAS the atlas as it lies in memory, see march_atlas.glsl.
 // Inputs: background; depth_range: distances shown white and black; cost_scale: the count shown brightest.
 
 #include "colour_map.glsl"
@@ -29,7 +30,7 @@ vec3 displayed_colour(Ray ray, Marched marched) {
     float alpha = 1.0 - marched.transmittance;
 #if MODE == MODE_NORMAL
     return diffuse_colour(marched) + residual(ray, marched);
-#elif MODE == MODE_DIFFUSE
+#elif MODE == MODE_DIFFUSE || MODE == MODE_ATLAS
     return diffuse_colour(marched);
 #elif MODE == MODE_FEATURES
     return marched.features.rgb;

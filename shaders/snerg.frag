@@ -17,7 +17,9 @@
 #include "ray.glsl"
 #include "grid.glsl"
 #include "composite.glsl"
-#if MARCHER == MARCHER_EXACT
+#if MODE == MODE_ATLAS
+#include "march_atlas.glsl"
+#elif MARCHER == MARCHER_EXACT
 #include "march_exact.glsl"
 #elif MARCHER == MARCHER_PAPER
 #include "march_paper.glsl"

@@ -7,7 +7,8 @@ GPU timer query where those can be trusted, and wall time around a finish() on s
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 import moderngl
@@ -79,22 +80,38 @@ class Measurement:
     psnr: dict[str, float]
 
 
-def measure(pack: Pack, cameras: list[ViewCamera], contenders: list[Contender]) -> Measurement:
-    """Draws every camera with every contender in turn. UserError where there is no OpenGL or the pack does not fit."""
-    with OffscreenRenderer(pack, contenders[0].settings.marcher) as offscreen:
-        ctx, renderer = offscreen.ctx, offscreen.renderer
+def measure(
+    pack: Pack, cameras: list[ViewCamera], contenders: list[Contender], other_packs: Mapping[str, Pack] | None = None
+) -> Measurement:
+    """Draws every camera with every contender in turn. UserError where there is no OpenGL or the pack does not fit.
+
+    other_packs: by name, packs to be measured beside it, each drawn like the first contender.
+    """
+    others = dict(other_packs or {})
+    with OffscreenRenderer(pack, contenders[0].settings.marcher) as offscreen, ExitStack() as stack:
+        ctx = offscreen.ctx
+        renderers = {contender.name: offscreen.renderer for contender in contenders}
+        for label, other in others.items():
+            drawn = stack.enter_context(OffscreenRenderer(other, contenders[0].settings.marcher, ctx))
+            renderers[label] = drawn.renderer
+        own = list(contenders)
+        contenders = own + [Contender(label, own[0].settings) for label in others]
         name = ctx.info["GL_RENDERER"]
         timed = _timer(ctx, name)
         framebuffer = offscreen.framebuffer(cameras[0].width, cameras[0].height)
         for contender in contenders:
             for camera in cameras[:1] * WARM_UP_FRAMES:
-                renderer.render(framebuffer, camera, contender.settings)
+                renderers[contender.name].render(framebuffer, camera, contender.settings)
                 ctx.finish()
         with progress("measuring", len(cameras)) as bar, PowerMeter(name) as meter:
             for camera in cameras:
                 for contender in contenders:
                     contender.ms.append(
-                        timed(lambda c=camera, s=contender.settings: renderer.render(framebuffer, c, s))
+                        timed(
+                            lambda c=camera, s=contender.settings, r=renderers[contender.name]: r.render(
+                                framebuffer, c, s
+                            )
+                        )
                     )
                 bar.advance()
         compared = cameras[:: max(1, len(cameras) // PSNR_FRAMES)]
@@ -102,9 +119,9 @@ def measure(pack: Pack, cameras: list[ViewCamera], contenders: list[Contender]) 
             name,
             "wall time around finish()" if _is_software(name) else "GPU timer queries",
             contenders,
-            {c.name: renderer.gpu_bytes(c.settings.marcher) for c in contenders},
+            {c.name: renderers[c.name].gpu_bytes(c.settings.marcher) for c in contenders},
             meter.watts,
-            {c.name: _psnr(offscreen, compared, c.settings, contenders[0].settings) for c in contenders[1:]},
+            {c.name: _psnr(offscreen, compared, c.settings, own[0].settings) for c in own[1:]},
         )
 
 

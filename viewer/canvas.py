@@ -21,6 +21,7 @@ from viewer.renderer import Renderer
 from viewer.settings import RenderSettings
 from viewer.shader_source import assemble, compile_program
 
+ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun
 
 
@@ -144,7 +145,7 @@ class Canvas:
 
     def show(self, pack: Pack | None) -> None:
         """See Stage.show."""
-        renderer = Renderer(self.ctx, pack) if pack is not None else None
+        renderer = Renderer(self.ctx, pack, at_once=False) if pack is not None else None
         if self.renderer is not None:
             self.renderer.release()
         self.renderer = renderer
@@ -198,6 +199,7 @@ class Canvas:
 
     def _float_pixel(self, camera: ViewCamera, settings: RenderSettings) -> float:
         assert self.renderer is not None
+        self.renderer.arrive()
         texture = self.ctx.texture((1, 1), 4, dtype="f4")
         framebuffer = self.ctx.framebuffer([texture])
         try:
@@ -211,6 +213,7 @@ class Canvas:
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """See Stage.snapshot."""
         assert self.renderer is not None
+        self.renderer.arrive()
         width, height = camera.width, camera.height
         framebuffer = self._still.fit(width, height)
         self.renderer.render(framebuffer, camera, settings, (0, 0, width, height))
@@ -234,6 +237,9 @@ class Canvas:
         if self.renderer is None or camera is None:
             self.layers = []
             return False
+        if self.renderer.arriving:
+            self.renderer.arrive(ARRIVING_S)
+            self._wanted = ()  # more is to be seen now
         wanted = _key(camera, settings, governor.rest_scale)
         if wanted != self._wanted:
             self._wanted, self._changed_at, self._tiles = wanted, time.monotonic(), None
@@ -258,7 +264,7 @@ class Canvas:
     @property
     def pending(self) -> bool:
         """Whether the full picture is not there yet."""
-        return self.renderer is not None and bool(self._wanted) and self._tiles != []
+        return self.renderer is not None and (self.renderer.arriving or (bool(self._wanted) and self._tiles != []))
 
     def _draw_quick(self, camera: ViewCamera, settings: RenderSettings, governor: Governor) -> None:
         size = _scaled(camera, governor.moving_scale)

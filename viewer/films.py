@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib.util
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -18,28 +20,60 @@ def require_video() -> None:
         raise UserError("writing an .mp4 needs PyAV", remedy="pip install 'snerg[video]', or name a folder") from error
 
 
+def films_possible() -> bool:
+    """Whether PyAV is installed."""
+    return importlib.util.find_spec("av") is not None
+
+
+class FilmWriter:
+    """An H.264 film, written aside until finish(). UserError where PyAV is not installed or a side is odd."""
+
+    def __init__(self, path: Path, size: tuple[int, int], fps: int) -> None:
+        """size: width, height in pixels."""
+        require_video()
+        import av
+
+        if size[0] % 2 or size[1] % 2:
+            raise UserError("H.264 films have even sides", where=path, found=f"{size[0]}x{size[1]}")
+        self._av, self.path, self.aside = av, path, path.with_name(f".{path.stem}.part{path.suffix}")
+        self._container = av.open(str(self.aside), "w")
+        self._stream = self._container.add_stream("libx264", rate=fps, options={"crf": "17", "preset": "medium"})
+        self._stream.width, self._stream.height = size
+        self._stream.pix_fmt = "yuv420p"
+
+    def add(self, picture: np.ndarray) -> None:
+        """Appends a picture, uint8 [height, width, 3]."""
+        frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+        self._container.mux(self._stream.encode(frame))
+
+    def finish(self) -> None:
+        """Completes the file and puts it in its place."""
+        self._container.mux(self._stream.encode())
+        self._container.close()
+        self.aside.replace(self.path)
+
+    def discard(self) -> None:
+        """Leaves nothing behind."""
+        with contextlib.suppress(Exception):  # e.g. the disk is full: it cannot write its end either
+            self._container.close()
+        self.aside.unlink(missing_ok=True)
+
+
 def write_film(path: Path, pictures: Iterable[np.ndarray], fps: int) -> None:
-    """Encodes pictures (uint8 [h, w, 3], all of one size) as H.264; an odd last row or column is cut off.
+    """Encodes pictures (uint8 [h, w, 3], all of one size); an odd last row or column is cut off.
 
-    The file appears when it is complete.
+    The file appears when it is complete; without pictures there is none.
     """
-    require_video()
-    import av
-
-    aside = path.with_name(f".{path.name}.part.mp4")
+    writer: FilmWriter | None = None
     try:
-        with av.open(str(aside), "w") as container:
-            stream = None
-            for picture in pictures:
-                picture = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
-                if stream is None:
-                    stream = container.add_stream("libx264", rate=fps, options={"crf": "18", "preset": "veryfast"})
-                    stream.height, stream.width = picture.shape[:2]
-                    stream.pix_fmt = "yuv420p"
-                frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-                container.mux(stream.encode(frame))
-            if stream is not None:
-                container.mux(stream.encode())
-        aside.replace(path)
-    finally:
-        aside.unlink(missing_ok=True)
+        for picture in pictures:
+            height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
+            if writer is None:
+                writer = FilmWriter(path, (width, height), fps)
+            writer.add(picture[:height, :width])
+        if writer is not None:
+            writer.finish()
+    except BaseException:
+        if writer is not None:
+            writer.discard()
+        raise

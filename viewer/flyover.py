@@ -11,6 +11,7 @@ from console import progress
 from scenepack.pack import Pack
 from viewer.app.forward_facing import rig_for
 from viewer.camera import orbit_path
+from viewer.films import films_possible, write_film
 from viewer.offscreen import OffscreenRenderer
 from viewer.settings import RenderSettings
 
@@ -25,7 +26,7 @@ def fly_over(pack: Pack, name: str, folder: Path, settings: RenderSettings | Non
     The film is left out where PyAV is not installed. UserError where there is no OpenGL at all.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    film = film_writer()
+    film = films_possible()
     fov = rig_for(pack).fov
     pictures = SHEET_COLUMNS * SHEET_ROWS
     frames = FILM_FRAMES if film else 0
@@ -42,7 +43,7 @@ def fly_over(pack: Pack, name: str, folder: Path, settings: RenderSettings | Non
         contact_sheet(flight(pictures, SHEET_SIDE), SHEET_COLUMNS).save(written[0])
         if film:
             written.append(folder / f"{name}-orbit.mp4")
-            film(written[1], flight(frames, FILM_SIDE), FILM_FPS)
+            write_film(written[1], flight(frames, FILM_SIDE), FILM_FPS)
     return written
 
 
@@ -55,24 +56,3 @@ def contact_sheet(pictures: list[np.ndarray], columns: int) -> Image.Image:
         place = GAP + i % columns * (width + GAP), GAP + i // columns * (height + GAP)
         sheet.paste(Image.fromarray(picture), place)
     return sheet
-
-
-def film_writer():
-    """A function of path, pictures (uint8 [h, w, 3], even sides) and frames per second; None without PyAV."""
-    try:
-        import av
-    except ImportError:
-        return None
-
-    def write(path: Path, pictures: list[np.ndarray], fps: int) -> None:
-        aside = path.with_name(f".{path.name}.part.mp4")
-        with av.open(str(aside), "w") as container:
-            stream = container.add_stream("libx264", rate=fps, options={"crf": "18", "preset": "veryfast"})
-            stream.height, stream.width = pictures[0].shape[:2]
-            stream.pix_fmt = "yuv420p"
-            for picture in pictures:
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-            container.mux(stream.encode())
-        aside.replace(path)
-
-    return write

@@ -5,39 +5,83 @@ The pack's own atlas layout is not kept: occupied macroblocks are copied, in the
 no empty slots. Two layouts of textures, for the marchers that need them:
   exact, brute: indirection (RGBA8UI), skip distances (R8UI), rgba, features
   paper:        indirection, alpha (R8), rgb (RGB8), features, and the view MLP's weights (SNeRG paper, appendix A)
+Textures are allocated at once and may be filled bit by bit: macroblocks that have not arrived count as empty.
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, inf
 
 import moderngl
 import numpy as np
 
 from console import UserError
 from scenepack.pack import Pack
-from viewer.skip_grid import chebyshev_distances, content_bounds, content_cells
+from viewer.skip_grid import skip_grid_of
 
 MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
+SHOWN_EVERY_S = 0.02  # while a pack arrives
 TOLERATED_WASTE = 1.01  # empty slots that are worth a layout with better locality
 
 Triple = tuple[int, int, int]
+
+
+class NoRoomError(UserError):
+    """A pack does not fit on the graphics card."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a card takes. max_side: voxels a side of a 3D texture. max_texture_bytes: of one texture."""
+
+    max_side: int
+    max_texture_bytes: float = inf
+
+    @classmethod
+    def of(cls, ctx: moderngl.Context) -> Limits:
+        """What the driver says. It tells no number of bytes; those it refuses when they are asked for."""
+        return cls(ctx.info["GL_MAX_3D_TEXTURE_SIZE"])
 
 
 @dataclass
 class GpuScene:
     """Textures by the name of their sampler in the shaders, samplers likewise, and what the uniforms must know.
 
-    atlas_size: voxels (x, y, z). content_min, content_max: float64 [3], voxels, the box around all content.
+    atlas_size: voxels (x, y, z). slots: macroblocks of it, (x, y, z). occupied: macroblocks that it holds.
+    content_min, content_max: float64 [3], voxels, the box around all content. arriving: fills the textures step by
+    step; None once all is there.
     """
 
     textures: dict[str, moderngl.Texture | moderngl.Texture3D]
     samplers: dict[str, moderngl.Sampler]
     atlas_size: Triple
+    slots: Triple
+    occupied: int
     content_min: np.ndarray
     content_max: np.ndarray
     gpu_bytes: int
+    arriving: Iterator[None] | None = None
+
+    @property
+    def cube_side(self) -> int:
+        """Macroblocks along a side of the smallest cube that holds all of them."""
+        return next(n for n in range(1, 1000) if n**3 >= self.occupied)
+
+    def arrive(self, seconds: float = inf) -> bool:
+        """Fills the textures for about `seconds`, a layer at least; True where all has arrived.
+
+        NoRoomError where the driver gives up after all.
+        """
+        end = time.perf_counter() + seconds
+        while self.arriving is not None:
+            if next(self.arriving, self) is self:
+                self.arriving = None
+            if time.perf_counter() >= end:
+                break
+        return self.arriving is None
 
     def bind(self, program: moderngl.Program) -> None:
         """Binds every texture that `program` samples, and its sampler, to a unit of its own."""
@@ -57,7 +101,7 @@ class GpuScene:
         """Frees the textures and samplers."""
         for thing in {id(thing): thing for thing in (*self.textures.values(), *self.samplers.values())}.values():
             thing.release()
-        self.textures, self.samplers = {}, {}
+        self.textures, self.samplers, self.arriving = {}, {}, None
 
 
 def tightest_atlas(count: int, padded_block_size: int, max_side: int) -> Triple:
@@ -65,14 +109,14 @@ def tightest_atlas(count: int, padded_block_size: int, max_side: int) -> Triple:
 
     Narrow, because drivers that do not tile 3D textures (Mesa's software one) store them x fastest: a macroblock's rows
     then lie side by side, which is worth a tenth of a frame. max_side: voxels, GL_MAX_3D_TEXTURE_SIZE.
-    UserError where `count` do not fit.
+    NoRoomError where `count` do not fit.
     """
     side = min(max_side // padded_block_size, MAX_SLOTS)
     count = max(count, 1)
     layouts = [(x, y, ceil(count / (x * y))) for x in range(1, side + 1) for y in range(1, side + 1)]
     layouts = [layout for layout in layouts if layout[2] <= side]
     if not layouts:
-        raise UserError(
+        raise NoRoomError(
             "the pack is too large for this graphics driver",
             expected=f"at most {side**3} occupied macroblocks of {padded_block_size}³ voxels",
             found=str(count),
@@ -85,8 +129,8 @@ def tightest_atlas(count: int, padded_block_size: int, max_side: int) -> Triple:
 class _Uploader:
     """Creates textures and counts their bytes; every allocation is checked, for moderngl does not."""
 
-    def __init__(self, ctx: moderngl.Context) -> None:
-        self.ctx, self.bytes = ctx, 0
+    def __init__(self, ctx: moderngl.Context, limits: Limits | None = None) -> None:
+        self.ctx, self.bytes, self.limits = ctx, 0, limits or Limits.of(ctx)
         self.made: list[moderngl.Texture | moderngl.Texture3D] = []
         while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
             pass
@@ -94,7 +138,7 @@ class _Uploader:
     def check(self, what: str, size: int) -> None:
         error = self.ctx.error
         if error != "GL_NO_ERROR":
-            raise UserError(
+            raise NoRoomError(
                 f"the graphics driver has no room for {what}",
                 expected=f"{size / 2**20:.0f} MiB of texture memory",
                 found=error,
@@ -103,7 +147,14 @@ class _Uploader:
 
     def volume(self, what: str, size: tuple[int, int, int], channels: int, dtype: str = "f1") -> moderngl.Texture3D:
         """An uninitialised 3D texture of size (x, y, z)."""
-        bytes_ = int(np.prod(size)) * channels
+        bytes_ = int(np.prod(size, dtype=np.int64)) * channels
+        if bytes_ > self.limits.max_texture_bytes:
+            raise NoRoomError(
+                f"the {what} texture is too large for this graphics driver",
+                expected=f"at most {self.limits.max_texture_bytes / 2**20:.0f} MiB",
+                found=f"{bytes_ / 2**20:.0f} MiB",
+                remedy="bake at a lower resolution",
+            )
         texture = self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
         self.made.append(texture)
         self.check(f"the {what} texture", bytes_)
@@ -158,57 +209,80 @@ def nearest_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
 class _AtlasWriter:
     """Repacks a pack's macroblocks into textures of one layout."""
 
-    def __init__(self, uploader: _Uploader, pack: Pack, max_side: int) -> None:
-        self.uploader, self.block = uploader, pack.padded_block_size
+    def __init__(self, uploader: _Uploader, pack: Pack) -> None:
+        self.uploader, self.pack, self.block = uploader, pack, pack.padded_block_size
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
-        self.slots = tightest_atlas(len(self.places), self.block, max_side)
+        self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side)
         self.size = (self.slots[0] * self.block, self.slots[1] * self.block, self.slots[2] * self.block)
+        self.parts: list[tuple[str, moderngl.Texture3D, np.ndarray, slice]] = []
+        self.indirection = uploader.filled("indirection", self._indirection(0))
 
-    def indirection(self, occupied: np.ndarray) -> np.ndarray:
-        """uint8 [z + 2, y + 2, x + 2, 4]: slot (x, y, z) and 0, or 1 in the last for empty, as the border is."""
+    def _indirection(self, arrived: int) -> np.ndarray:
+        """uint8 [z + 2, y + 2, x + 2, 4]: slot (x, y, z) and 0, or 1 in the last for empty, as the border is.
+
+        arrived: how many macroblocks, in the grid's order, are in the atlas already; the others count as empty.
+        """
+        occupied = self.pack.occupied
         nx, ny, _ = self.slots
         order = np.arange(len(self.places))
         grid = np.zeros((*occupied.shape, 4), np.uint8)
-        grid[..., 3] = ~occupied
-        grid[occupied, :3] = np.stack([order % nx, order // nx % ny, order // (nx * ny)], axis=1)
-        grid = np.pad(grid, ((1, 1), (1, 1), (1, 1), (0, 0)))
-        grid[..., 3] |= ~np.pad(occupied, 1)
-        return grid
+        grid[..., 3] = 1
+        grid[occupied] = np.stack([order % nx, order // nx % ny, order // (nx * ny), order >= arrived], axis=1)
+        bordered = np.zeros((*(n + 2 for n in occupied.shape), 4), np.uint8)
+        bordered[..., 3] = 1
+        bordered[1:-1, 1:-1, 1:-1] = grid
+        return bordered
 
     def texture(self, name: str, atlas: np.ndarray, channels: slice = slice(None)) -> moderngl.Texture3D:
-        """A texture of the `channels` of the pack's `atlas`, written one layer of slots at a time."""
-        count = len(range(atlas.shape[3])[channels])
-        texture = self.uploader.volume(name, self.size, count)
-        (nx, ny, nz), size = self.slots, self.block
-        for layer in range(nz):
-            volume = np.zeros((size, ny * size, nx * size, count), np.uint8)
-            for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : (layer + 1) * nx * ny].tolist()):
-                to_x, to_y = slot % nx * size, slot // nx * size
-                block = atlas[z : z + size, y : y + size, x : x + size, channels]
-                volume[:, to_y : to_y + size, to_x : to_x + size] = block
-            texture.write(volume, viewport=(0, 0, layer * size, nx * size, ny * size, size), alignment=1)
-        self.uploader.check(f"the {name} texture", int(np.prod(self.size)) * count)
+        """An empty texture for the `channels` of the pack's `atlas`; steps() fills it."""
+        texture = self.uploader.volume(name, self.size, len(range(atlas.shape[3])[channels]))
+        self.parts.append((name, texture, atlas, channels))
         return texture
 
+    def steps(self) -> Iterator[None]:
+        """Fills all textures, one layer of slots at a time, and shows the macroblocks of each from then on."""
+        nx, ny, nz = self.slots
+        size, shown = self.block, time.perf_counter()
+        for layer in range(nz):
+            arrived = min((layer + 1) * nx * ny, len(self.places))
+            for name, texture, atlas, channels in self.parts:
+                volume = np.zeros((size, ny * size, nx * size, texture.components), np.uint8)
+                for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : arrived].tolist()):
+                    to_x, to_y = slot % nx * size, slot // nx * size
+                    block = atlas[z : z + size, y : y + size, x : x + size, channels]
+                    volume[:, to_y : to_y + size, to_x : to_x + size] = block
+                texture.write(volume, viewport=(0, 0, layer * size, nx * size, ny * size, size), alignment=1)
+                self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
+            if time.perf_counter() - shown > SHOWN_EVERY_S or layer == nz - 1:
+                self.indirection.write(self._indirection(arrived), alignment=1)
+                shown = time.perf_counter()
+            yield
 
-def upload(ctx: moderngl.Context, pack: Pack, layout: str) -> GpuScene:
-    """Puts `pack` on the card for the marchers of `layout`, "exact" or "paper". UserError where it does not fit."""
-    uploader = _Uploader(ctx)
+
+def upload(
+    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None = None, *, at_once: bool = True
+) -> GpuScene:
+    """Puts `pack` on the card for the marchers of `layout`, "exact" or "paper". NoRoomError where it does not fit.
+
+    at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile.
+    """
+    uploader = _Uploader(ctx, limits)
     try:
-        return _upload(uploader, pack, layout)
+        scene = _allocate(uploader, pack, layout)
+        if at_once:
+            scene.arrive()
+        return scene
     except BaseException:
         uploader.give_up()
         raise
 
 
-def _upload(uploader: _Uploader, pack: Pack, layout: str) -> GpuScene:
+def _allocate(uploader: _Uploader, pack: Pack, layout: str) -> GpuScene:
     ctx = uploader.ctx
-    writer = _AtlasWriter(uploader, pack, ctx.info["GL_MAX_3D_TEXTURE_SIZE"])
+    writer = _AtlasWriter(uploader, pack)
     linear = plain_sampler(ctx) if layout == "paper" else float_sampler(ctx)
     nearest = nearest_sampler(ctx)
-    textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {
-        "indirection": uploader.filled("indirection", writer.indirection(pack.occupied))
-    }
+    textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {"indirection": writer.indirection}
     content_min = content_max = np.zeros(3)
     if layout == "paper":
         textures["atlas_alpha"] = writer.texture("alpha", pack.atlas_rgba, slice(3, 4))
@@ -217,12 +291,23 @@ def _upload(uploader: _Uploader, pack: Pack, layout: str) -> GpuScene:
         for layer, matrix in enumerate(pack.view_mlp.weights if pack.view_mlp else ()):
             textures[f"weights_{layer}"] = uploader.weights(matrix)
     else:
-        content = content_cells(pack)
-        content_min, content_max = content_bounds(content)
-        textures["skip_grid"] = uploader.filled("skip distance", chebyshev_distances(content)[..., None])
         textures["atlas_rgba"] = writer.texture("rgba", pack.atlas_rgba)
     if pack.atlas_features is not None and pack.view_mlp is not None:
         textures["atlas_features"] = writer.texture("feature", pack.atlas_features)
+    if layout != "paper":  # last, for it takes time: a pack that does not fit has been refused by now
+        skip_grid = skip_grid_of(pack)
+        content_min, content_max = skip_grid.content_min, skip_grid.content_max
+        textures["skip_grid"] = uploader.filled("skip distance", skip_grid.distances[..., None])
     filtered = ("atlas_alpha", "atlas_rgb", "atlas_rgba", "atlas_features")
     samplers = {name: linear if name in filtered else nearest for name in textures}
-    return GpuScene(textures, samplers, writer.size, content_min, content_max, uploader.bytes)
+    return GpuScene(
+        textures,
+        samplers,
+        writer.size,
+        writer.slots,
+        len(writer.places),
+        content_min,
+        content_max,
+        uploader.bytes,
+        writer.steps(),
+    )

@@ -11,6 +11,7 @@ import numpy as np
 from console import UserError
 from scenepack.pack import Pack
 from viewer.camera import ViewCamera
+from viewer.gpu_scene import Limits
 from viewer.renderer import Renderer
 from viewer.settings import RenderSettings
 
@@ -33,6 +34,11 @@ def create_context() -> moderngl.Context:
     return ctx
 
 
+def lost(ctx: moderngl.Context) -> bool:
+    """Whether the driver took the context away (a reset, a sleep): it then reports an error without end."""
+    return ctx.error != "GL_NO_ERROR" and all(ctx.error != "GL_NO_ERROR" for _ in range(16))
+
+
 def _unbind_framebuffers(ctx: moderngl.Context) -> None:
     """Binds a framebuffer that outlives ours: moderngl binds the last one again whenever it makes another."""
     if ctx.screen is not None:
@@ -46,13 +52,21 @@ def _unbind_framebuffers(ctx: moderngl.Context) -> None:
 class OffscreenRenderer:
     """Renders a pack into arrays. Use as a context manager, or call release().
 
-    ctx: a context to use instead of one of our own. Raises UserError where there is no OpenGL or the pack does not fit.
+    ctx: a context to use instead of one of our own. limits: of the card; see viewer.renderer.Renderer. Raises UserError
+    where there is no OpenGL or the pack does not fit.
     """
 
-    def __init__(self, pack: Pack, marcher: str = "exact", ctx: moderngl.Context | None = None) -> None:
+    def __init__(
+        self,
+        pack: Pack,
+        marcher: str = "exact",
+        ctx: moderngl.Context | None = None,
+        limits: Limits | None = None,
+    ) -> None:
         self._owns_context = ctx is None
         self.ctx = ctx or create_context()
-        self.renderer = Renderer(self.ctx, pack, marcher)
+        self.make_current()  # a context handed in need not be: uploads would land in another's textures
+        self.renderer = Renderer(self.ctx, pack, marcher, limits)
         self._framebuffers: dict[tuple[int, int, str], moderngl.Framebuffer] = {}
 
     @property
@@ -85,7 +99,10 @@ class OffscreenRenderer:
         self.make_current()
         framebuffer = self.framebuffer(camera.width, camera.height, dtype)
         self.renderer.render(framebuffer, camera, settings)
-        pixels = np.frombuffer(framebuffer.read(components=3, dtype=dtype, alignment=1), kind)
+        data = framebuffer.read(components=3, dtype=dtype, alignment=1)
+        if lost(self.ctx):
+            raise UserError("the OpenGL context was lost", remedy="the graphics driver restarted; run it again")
+        pixels = np.frombuffer(data, kind)
         return pixels.reshape(camera.height, camera.width, 3)[::-1].copy()  # GL reads from the bottom up
 
     def release(self) -> None:

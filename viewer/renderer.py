@@ -5,14 +5,18 @@ Every GL state that drawing relies on is set in each call, since imgui shares th
 
 from __future__ import annotations
 
+import warnings
+from math import inf
 from typing import Any
 
 import moderngl
 import numpy as np
 
+from console import Notice
 from scenepack.pack import Pack
 from viewer.camera import ViewCamera
-from viewer.gpu_scene import GpuScene, upload
+from viewer.gpu_scene import GpuScene, Limits, NoRoomError, upload
+from viewer.half_resolution import half_resolution
 from viewer.ray_frame import RayFrame
 from viewer.settings import MARCHERS, MODES, RenderSettings
 from viewer.shader_source import assemble, compile_program
@@ -22,32 +26,74 @@ from viewer.view_mlp_source import view_mlp_biases, view_mlp_weights
 GL_FRAMEBUFFER_SRGB = 0x8DB9
 GL_DEPTH_CLAMP = 0x864F
 SHADED_MODES = ("normal", "view-dependent")
-MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks")  # the others are black where there is nothing
+LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
+MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks", "atlas")  # the others are black where there is nothing
 
 
 def _layout(marcher: str) -> str:
     return "paper" if marcher == "paper" else "exact"
 
 
+def _told_halved(whole: Pack, half: Pack, error: NoRoomError) -> str:
+    def size(pack: Pack) -> str:
+        voxels = int(pack.occupied.sum()) * pack.padded_block_size**3
+        channels = 8 if pack.atlas_features is not None and pack.view_mlp is not None else 4
+        return f"{'x'.join(map(str, pack.grid_size))} voxels, {voxels * channels / 2**20:.0f} MiB"
+
+    share = {2: "half", 4: "a quarter of its"}.get(round(half.voxel_size / whole.voxel_size), "a fraction of its")
+    return f"shown at {share} resolution, {size(half)}, for the whole, {size(whole)}, does not fit: {error}"
+
+
 class Renderer:
     """A pack on the card and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
 
-    ctx: an OpenGL 3.3 context, current. marcher: uploaded at once. Raises UserError where the pack does not fit.
+    ctx: an OpenGL 3.3 context, current. marcher: uploaded first. limits: of the card, by default what the driver says.
+    at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. A pack that does
+    not fit is shown at half resolution, or half of that, with a Notice; `pack` is what is shown. NoRoomError where not
+    even a pack of less than LEAST_HALVED voxels a side would fit.
     """
 
-    def __init__(self, ctx: moderngl.Context, pack: Pack, marcher: str = "exact") -> None:
-        self.ctx, self.pack = ctx, pack
-        self._ray_frame = RayFrame(pack)
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        pack: Pack,
+        marcher: str = "exact",
+        limits: Limits | None = None,
+        *,
+        at_once: bool = True,
+    ) -> None:
+        self.ctx, self._limits = ctx, limits
         self._scenes: dict[str, GpuScene] = {}
         self._programs: dict[tuple[Any, ...], tuple[moderngl.Program, moderngl.VertexArray]] = {}
-        self.scene(marcher)
+        self.pack = pack
+        refused: NoRoomError | None = None
+        while not self._scenes:
+            try:
+                self._scenes[_layout(marcher)] = upload(ctx, self.pack, _layout(marcher), limits, at_once=at_once)
+            except NoRoomError as error:
+                refused = refused or error
+                if max(self.pack.grid_size) < LEAST_HALVED:
+                    raise refused from error
+                self.pack = half_resolution(self.pack)
+        if refused is not None:
+            warnings.warn(Notice(_told_halved(pack, self.pack, refused)), stacklevel=2)
+        self._ray_frame = RayFrame(self.pack)
 
     def scene(self, marcher: str) -> GpuScene:
         """The textures of `marcher`, uploaded if they are not yet."""
         layout = _layout(marcher)
         if layout not in self._scenes:
-            self._scenes[layout] = upload(self.ctx, self.pack, layout)
+            self._scenes[layout] = upload(self.ctx, self.pack, layout, self._limits)
         return self._scenes[layout]
+
+    def arrive(self, seconds: float = inf) -> bool:
+        """Goes on filling the textures for about `seconds`; True where the whole pack is there."""
+        return all([scene.arrive(seconds) for scene in self._scenes.values()])
+
+    @property
+    def arriving(self) -> bool:
+        """Whether a part of the pack is not on the card yet."""
+        return any(scene.arriving is not None for scene in self._scenes.values())
 
     def gpu_bytes(self, marcher: str = "exact") -> int:
         """Bytes of texture memory that `marcher` uses."""
@@ -119,7 +165,12 @@ class Renderer:
 
     def _draws_content_box(self, settings: RenderSettings, camera: ViewCamera) -> bool:
         """Whether only the pixels that see the box around all content are shaded; bent rays see no box."""
-        return settings.marcher == "exact" and not self.pack.ndc and not any(camera.distortion)
+        return (
+            settings.marcher == "exact"
+            and settings.mode != "atlas"
+            and not self.pack.ndc
+            and not any(camera.distortion)
+        )
 
     def _defines(self, settings: RenderSettings, camera: ViewCamera) -> dict[str, object]:
         """Structure of the shader; see shaders/snerg.frag for the names."""
@@ -166,6 +217,10 @@ class Renderer:
         values |= {
             "viewport_origin": viewport[:2],
             "atlas_texel": 1.0 / np.asarray(scene.atlas_size),
+            "atlas_slots": scene.slots,
+            "atlas_count": scene.occupied,
+            "atlas_side": scene.cube_side,
+            "grid_size": self.pack.grid_size,
             "content_min": scene.content_min,
             "content_max": scene.content_max,
             "background": settings.background,

@@ -5,7 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-Mode = Literal["normal", "diffuse", "features", "view-dependent", "alpha", "depth", "samples", "jumps", "macroblocks"]
+Mode = Literal[
+    "normal",
+    "diffuse",
+    "features",
+    "view-dependent",
+    "alpha",
+    "depth",
+    "samples",
+    "jumps",
+    "macroblocks",
+    "atlas",
+]
 Marcher = Literal["exact", "paper", "brute"]
 MODES: tuple[str, ...] = get_args(Mode)
 MARCHERS: tuple[str, ...] = get_args(Marcher)

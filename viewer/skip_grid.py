@@ -10,12 +10,37 @@ Source: distance-field skipping after Cohen and Sheffer, "Proximity clouds" (199
 
 from __future__ import annotations
 
+import weakref
+from dataclasses import dataclass
+
 import numpy as np
 
 from scenepack.pack import Pack
 
 CELL = 4  # texel cubes a side; 1 and 2 were slower, 3 no faster (docs/performance.md)
 FARTHEST = 255
+
+
+@dataclass(frozen=True)
+class SkipGrid:
+    """distances: uint8 [cells z, y, x], see chebyshev_distances. content_min, content_max: see content_bounds."""
+
+    distances: np.ndarray
+    content_min: np.ndarray
+    content_max: np.ndarray
+
+
+_known: dict[int, SkipGrid] = {}
+
+
+def skip_grid_of(pack: Pack) -> SkipGrid:
+    """The skip grid of `pack`, computed for whoever asks first: the thread that loads it, so that no window waits."""
+    key = id(pack)
+    if key not in _known:
+        content = content_cells(pack)
+        _known[key] = SkipGrid(chebyshev_distances(content), *content_bounds(content))
+        weakref.finalize(pack, _known.pop, key, None)
+    return _known[key]
 
 
 def content_cells(pack: Pack) -> np.ndarray:

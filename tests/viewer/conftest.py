@@ -10,7 +10,6 @@ import moderngl
 import pytest
 
 from scenepack import Pack, load_pack
-from tests.viewer.pictures import skip
 from tests.viewer.shapes import shapes_pack
 from viewer.offscreen import OffscreenRenderer, create_context
 
@@ -61,5 +60,5 @@ def real_pack(request: pytest.FixtureRequest) -> Pack:
     folder = os.environ.get("SNERG_DATA")
     path = Path(folder or "") / "packs" / "flowerbangle_480"
     if not folder or not path.is_dir():
-        skip(request.config, "SNERG_DATA does not name a folder with packs/flowerbangle_480")
+        pytest.skip("SNERG_DATA does not name a folder with packs/flowerbangle_480")
     return load_pack(path)

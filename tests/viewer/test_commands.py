@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from scenepack import Pack, save_pack
+from viewer import offscreen, scaling
 from viewer.commands import bench, render
 
 SMALL = ["--size", "48x36"]
@@ -119,6 +120,65 @@ def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path)
     assert compare["ratio"] == pytest.approx(compare["paper"]["ms_p50"] / result["ms_p50"])
     assert 15 < compare["psnr"] < 60 and result["gpu_bytes"] > 0
     assert len(result["ablations"]) == 3
+
+
+def test_the_benchmarks_table_is_written_as_markdown_and_its_times_as_a_plot(folder: str, tmp_path: Path) -> None:
+    words = ["--frames", "4", "--compare", "paper", "--ablations", "--dense-pack", folder, *SMALL]
+    out, plot, figures = tmp_path / "new" / "bench.md", tmp_path / "new" / "bench.png", tmp_path / "bench.json"
+    assert bench.main([folder, *words, "--markdown", str(out), "--plot", str(plot), "--json", str(figures)]) == 0
+    table = [line for line in out.read_text().splitlines() if line.startswith("|")]
+    assert "p99" in table[0] and len({line.count("|") for line in table}) == 1
+    assert [line.split("|")[1].strip() for line in table[2:]] == [
+        "exact",
+        "paper",
+        "exact, no view MLP",
+        "exact, view MLP at every sample",
+        "no skipping: every sample",
+        "exact, no sparsity loss",
+    ]
+    assert "exact, no sparsity loss" in json.loads(figures.read_text())["ablations"]
+    assert picture(plot).shape[:2] == (360, 720)
+    assert sorted(path.name for path in out.parent.iterdir()) == ["bench.md", "bench.png"]
+
+
+def test_the_scaling_script_plots_all_three(tmp_path: Path) -> None:
+    words = ["--out", str(tmp_path), "--frames", "1", "--resolutions", "40,64", "--sizes", "16,32"]
+    assert scaling.main(words) == 0
+    result = json.loads((tmp_path / "scaling.json").read_text())
+    assert [point["voxels"] for point in result["resolution"]] == [40, 64] and len(result["size"]) == 2
+    assert all(point["exact"] > 0 and point["paper"] > 0 for points in result.values() for point in points)
+    assert {path.name for path in tmp_path.glob("*.png")} == {
+        f"scaling-{what}.png" for what in ("resolution", "size", "opacity")
+    }
+    assert scaling.main(["--out", str(tmp_path), "--resolutions", "5"]) == 2
+
+
+@pytest.mark.parametrize("message", ["libEGL.so not loaded", "Requested OpenGL version 330, got version 210"])
+@pytest.mark.parametrize("command", [render, bench])
+def test_without_opengl_a_command_says_so_in_one_line(
+    folder: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    message: str,
+    command,
+) -> None:
+    def fail(**_: object) -> None:
+        raise Exception(message)
+
+    monkeypatch.setattr(offscreen.moderngl, "create_context", fail)
+    words = ["--out", str(tmp_path / "a.png")] if command is render else ["--frames", "1"]
+    assert command.main([folder, *words, *SMALL]) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
+    assert len(said) == 1 and "OpenGL 3.3" in said[0] and message in said[0]
+
+
+def test_a_context_that_is_lost_is_one_line(
+    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(offscreen, "lost", lambda ctx: True)
+    assert render.main([folder, "--out", str(tmp_path / "a.png"), *SMALL]) == 2
+    assert "was lost" in capsys.readouterr().err
 
 
 def test_the_protocol_follows_the_pack_and_a_wrong_one_is_refused(ndc_folder: str, folder: str, tmp_path: Path) -> None:

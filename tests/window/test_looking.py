@@ -9,7 +9,7 @@ from console import UserError
 from tests.window.conftest import toy_pack
 from tests.window.scenes import SIDE, photographed
 from tests.window.test_application import FakeStage
-from viewer.app import crop, library
+from viewer.app import crop, preferences
 from viewer.app.application import App, name_of
 from viewer.app.files import kind_of
 from viewer.app.photographs import Photographs, psnr, shots_of
@@ -166,9 +166,9 @@ def test_what_is_remembered_comes_back(tmp_path, pack_folder):
     app.set(background=(0.0, 0.0, 0.0))
     app.governor.target_fps = 48.0
     app.interface.page = "film"
-    assert library.save(app.remembered(), file) is None
+    assert preferences.save(app.remembered(), file) is None
     other = App()
-    other.use(library.load(file))
+    other.use(preferences.load(file))
     assert other.settings.background == (0.0, 0.0, 0.0) and other.governor.target_fps == 48.0
     assert other.interface.page == "film" and other.preferences.recent_packs() == [pack_folder.resolve()]
 
@@ -179,12 +179,12 @@ def test_what_is_remembered_comes_back(tmp_path, pack_folder):
 def test_broken_preferences_are_defaults(tmp_path, text):
     file = tmp_path / "viewer.json"
     file.write_text(text)
-    assert library.load(file) == library.Preferences()
+    assert preferences.load(file) == preferences.Preferences()
 
 
 def test_preferences_that_cannot_be_written_are_told(tmp_path):
     (tmp_path / "file").write_text("")
-    assert "not saved" in library.save(library.Preferences(), tmp_path / "file" / "viewer.json")
+    assert "not saved" in preferences.save(preferences.Preferences(), tmp_path / "file" / "viewer.json")
 
 
 def test_things_dropped_are_told_apart(tmp_path, pack_folder):

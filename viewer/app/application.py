@@ -6,6 +6,9 @@ picture itself) is behind `Stage`, which viewer.canvas implements.
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import atan, degrees
 from pathlib import Path
@@ -13,15 +16,16 @@ from typing import Protocol
 
 import numpy as np
 
+from console import Notice
 from scenepack.pack import Pack
 from viewer.app.comparison import Comparison
 from viewer.app.files import FileRequest, kind_of, pack_in
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
-from viewer.app.library import Preferences
 from viewer.app.loading import Loading
 from viewer.app.log import Dialog, Messages
 from viewer.app.pose import pose_from_text, pose_to_text
+from viewer.app.preferences import Preferences
 from viewer.app.resolution import Governor
 from viewer.app.rig import CameraRig
 from viewer.app.timing import FrameTimes
@@ -144,7 +148,8 @@ class App:
     def show(self, pack: Pack, path: Path, name: str | None = None) -> None:
         """Shows a pack that was read. Raises UserError, with the old scene kept, where the card refuses it."""
         if self.stage is not None:
-            self.stage.show(pack)
+            with self.noting_warnings():
+                self.stage.show(pack)
         self.scene = OpenScene(path, name or name_of(path), pack, rig_for(pack))
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
             self.settings = replace(self.settings, mode="normal")
@@ -157,6 +162,16 @@ class App:
             self.preferences.opened(path)
         self.messages.log(f"{name} is open, from {path}")
         self.touch()
+
+    @contextmanager
+    def noting_warnings(self) -> Iterator[None]:
+        """What the `with` block warns of, that a pack is shown at half resolution say, is logged and shown for a while."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", Notice)
+            yield
+        for warning in caught:
+            if issubclass(warning.category, Notice):
+                self.messages.say(str(warning.message), "warning")
 
     def close(self) -> None:
         """Back to the start page."""

@@ -76,7 +76,8 @@ class Comparison:
     def with_pack(self, app: App, pack: Pack, path: Path) -> None:
         """Compares with another pack under the same camera. UserError where the card has no room for both."""
         if app.stage is not None:
-            app.stage.show_other(pack)
+            with app.noting_warnings():
+                app.stage.show_other(pack)
         self.other, self.other_path = pack, path
         self.against, self.photograph, self.pixels, self.psnr_db = "pack", None, None, None
         app.touch()

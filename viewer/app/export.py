@@ -6,7 +6,6 @@ written aside and renamed when they are whole; what is cancelled or fails leaves
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 import time
 from collections.abc import Callable
@@ -20,19 +19,13 @@ from PIL import Image
 from console import UserError
 from viewer.app.resolution import tiles
 from viewer.camera import ViewCamera
+from viewer.films import FilmWriter, films_possible
 from viewer.settings import RenderSettings
+
+__all__ = ["Export", "films_possible"]
 
 Snapshot = Callable[[ViewCamera, RenderSettings], np.ndarray]
 FILM_SUFFIX, STILL_SUFFIX = ".mp4", ".png"
-
-
-def films_possible() -> bool:
-    """Whether PyAV is installed, without which there are only picture sequences."""
-    try:
-        import av  # noqa: F401
-    except ImportError:
-        return False
-    return True
 
 
 @dataclass
@@ -110,7 +103,7 @@ def _sink(target: Path, width: int, height: int, fps: float):
     suffix = target.suffix.lower()
     if suffix == STILL_SUFFIX:
         return _Still(target)
-    return _Film(target, width, height, fps) if suffix == FILM_SUFFIX else _Sequence(target)
+    return FilmWriter(target, (width, height), round(fps)) if suffix == FILM_SUFFIX else _Sequence(target)
 
 
 class _Still:
@@ -146,32 +139,3 @@ class _Sequence:
 
     def discard(self) -> None:
         shutil.rmtree(self.aside, ignore_errors=True)
-
-
-class _Film:
-    def __init__(self, target: Path, width: int, height: int, fps: float) -> None:
-        try:
-            import av
-        except ImportError as error:
-            raise UserError(
-                "films need PyAV", where=target, remedy="pip install 'snerg[video]', or export a PNG sequence"
-            ) from error
-        if width % 2 or height % 2:
-            raise UserError("H.264 films have even sides", where=target, found=f"{width}x{height}")
-        self.av, self.target, self.aside = av, target, target.with_name(f".{target.stem}.part{FILM_SUFFIX}")
-        self.container = av.open(str(self.aside), "w")
-        self.stream = self.container.add_stream("libx264", rate=round(fps), options={"crf": "16", "preset": "medium"})
-        self.stream.width, self.stream.height, self.stream.pix_fmt = width, height, "yuv420p"
-
-    def add(self, picture: np.ndarray) -> None:
-        self.container.mux(self.stream.encode(self.av.VideoFrame.from_ndarray(picture, format="rgb24")))
-
-    def finish(self) -> None:
-        self.container.mux(self.stream.encode())
-        self.container.close()
-        self.aside.replace(self.target)
-
-    def discard(self) -> None:
-        with contextlib.suppress(Exception):  # e.g. the disk is full: it cannot write its end either
-            self.container.close()
-        self.aside.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 from console import UserError
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
+from viewer.skip_grid import skip_grid_of
 
 
 class Cancelled(Exception):
@@ -49,6 +50,7 @@ class Loading:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 pack = load_pack(self.path, on_progress=self._progress)
+                skip_grid_of(pack)  # here and now, so that the window need not wait for it
             self.notes = [str(warning.message) for warning in caught]
             self.pack = None if self.cancelled else pack
         except Cancelled:

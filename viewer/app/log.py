@@ -46,9 +46,9 @@ class Messages:
         """Adds a line to the log."""
         self.lines.append(LogLine(level, " ".join(text.split()), time.time()))
 
-    def say(self, text: str) -> None:
+    def say(self, text: str, level: str = "info") -> None:
         """Shows `text` for a few seconds, and logs it."""
-        self.log(text)
+        self.log(text, level)
         self.toast, self.toast_until = text, time.monotonic() + TOAST_S
 
     def fail(self, title: str, error: BaseException | str, details: str = "") -> None:

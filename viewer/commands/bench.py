@@ -9,15 +9,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from rich.console import Console
-from rich.table import Table
-
 from console import UserError, run_command
 from scenepack import Pack, load_pack
+from viewer import bench_report
 from viewer.arguments import parse_size
 from viewer.benchmark import PROTOCOLS, Contender, Measurement, measure
 from viewer.settings import RenderSettings
 
+NO_SPARSITY = "exact, no sparsity loss"
 DESCRIPTION = "Measures frame times along a camera path, as the paper does; offscreen, without waiting for a display."
 
 
@@ -30,7 +29,10 @@ def bench(
     fov: float | None = None,
     compare: Literal["paper"] | None = None,
     ablations: bool = False,
+    dense_pack: Path | None = None,
     json: Path | None = None,
+    markdown: Path | None = None,
+    plot: Path | None = None,
 ) -> None:
     """Measures frame times along a camera path.
 
@@ -42,8 +44,12 @@ def bench(
         size: WIDTHxHEIGHT in pixels instead of the protocol's.
         fov: Vertical field of view in degrees instead of the protocol's.
         compare: Draw each frame with the paper's marcher, too.
-        ablations: Measure the rows of the paper's table as well: without view MLP, view MLP at every sample.
+        ablations: Measure the rows of the paper's performance table as well: without view MLP, view MLP at every sample;
+            and, beyond it, every sample taken.
+        dense_pack: The same scene trained without the sparsity loss, for the last row of that table.
         json: Write the figures to this file, too.
+        markdown: Write the table to this file, too, as Markdown.
+        plot: Draw the frame times into this PNG, with p50 and p95.
     """
     if frames < 1:
         raise UserError("needs at least one frame", where="--frames", found=frames)
@@ -59,7 +65,8 @@ def bench(
     chosen = PROTOCOLS[protocol]
     width, height = pixels or chosen.size
     cameras = chosen.path(loaded, frames, fov or chosen.fov, (width, height))
-    measurement = measure(loaded, cameras, _contenders(loaded, compare is not None, ablations))
+    contenders = _contenders(loaded, compare is not None, ablations)
+    measurement = measure(loaded, cameras, contenders, {NO_SPARSITY: load_pack(dense_pack)} if dense_pack else {})
     result = {
         "renderer": measurement.renderer,
         "width": width,
@@ -70,10 +77,20 @@ def bench(
         "clock": measurement.clock,
         **figures(measurement),
     }
-    _print_table(result, measurement)
+    bench_report.print_table(result, measurement)
     if json is not None:
-        json.parent.mkdir(parents=True, exist_ok=True)
-        json.write_text(json_text.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        _write(json, json_text.dumps(result, indent=2, allow_nan=False) + "\n")
+    if markdown is not None:
+        _write(markdown, bench_report.markdown(pack.resolve().name, result, measurement))
+    if plot is not None:
+        bench_report.plot(plot, pack.resolve().name, result, measurement)
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_name(f".{path.name}.part")
+    aside.write_text(text, encoding="utf-8")
+    aside.replace(path)
 
 
 def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
@@ -81,10 +98,10 @@ def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
     if paper:
         contenders.append(Contender("paper", RenderSettings(marcher="paper")))
     if ablations:
-        contenders.append(Contender("no skipping: every sample", RenderSettings(marcher="brute")))
         if pack.view_mlp is not None:
             contenders.append(Contender("exact, no view MLP", RenderSettings(mode="diffuse")))
             contenders.append(Contender("exact, view MLP at every sample", RenderSettings(view_mlp_per_sample=True)))
+        contenders.append(Contender("no skipping: every sample", RenderSettings(marcher="brute")))
     return contenders
 
 
@@ -95,6 +112,7 @@ def figures(measurement: Measurement) -> dict[str, Any]:
         **ours.statistics(),
         "gpu_bytes": measurement.gpu_bytes[ours.name],
         "watts": measurement.watts,
+        "fps_per_watt": None if measurement.watts is None else ours.statistics()["fps"] / measurement.watts,
     }
     for other in others:
         statistics = {**other.statistics(), "gpu_bytes": measurement.gpu_bytes[other.name]}
@@ -108,36 +126,6 @@ def figures(measurement: Measurement) -> dict[str, Any]:
         else:
             result.setdefault("ablations", {})[other.name] = statistics
     return result
-
-
-def _print_table(result: dict[str, Any], measurement: Measurement) -> None:
-    ours = measurement.contenders[0]
-    table = Table(title=f"{result['width']}x{result['height']}, {result['frames']} frames, {result['protocol']}")
-    table.add_column("")
-    for heading in ("ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU MiB"):
-        table.add_column(heading, justify="right")
-    base = ours.statistics()["ms_p50"]
-    for contender in measurement.contenders:
-        s = contender.statistics()
-        table.add_row(
-            contender.name,
-            f"{s['ms_mean']:.2f} ± {s['ms_std']:.2f}",
-            *(f"{s[key]:.2f}" for key in ("ms_p50", "ms_p95", "ms_p99")),
-            f"{s['fps']:.1f}",
-            f"{s['ms_p50'] / base:.2f}",
-            f"{measurement.gpu_bytes[contender.name] / 2**20:.1f}",
-        )
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    console.print(table)
-    console.print(f"{measurement.renderer}; {measurement.clock}", highlight=False)
-    if measurement.watts is not None:
-        console.print(f"{measurement.watts:.1f} W, {result['fps'] / measurement.watts:.3f} FPS/W", highlight=False)
-    if "compare" in result:
-        psnr = measurement.psnr["paper"]
-        console.print(
-            f"exact is {result['compare']['ratio']:.2f} times as fast as paper; PSNR between them {psnr:.1f} dB",
-            highlight=False,
-        )
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -15,7 +15,7 @@ import tyro
 from console import UserError, run_command
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
-from viewer.app import library
+from viewer.app import preferences
 from viewer.app.application import App, name_of
 from viewer.app.pose import pose_from_text
 from viewer.flyover import fly_over
@@ -113,7 +113,7 @@ def _show_window(start: Start) -> None:
     app = App(demo=demo_pack())
     scripted = start.frames is not None  # scripts get the same picture whatever was remembered
     if not scripted:
-        app.use(library.load(library.default_file()))
+        app.use(preferences.load(preferences.default_file()))
     app.set(mode=start.mode)
     with Window(app, start.size or app.preferences.window) as window:
         if start.pack is not None and start.path is not None:
@@ -123,7 +123,7 @@ def _show_window(start: Start) -> None:
         if start.frames is None:
             window.run()
             app.preferences.window = window.size
-            problem = library.save(app.remembered(), library.default_file())
+            problem = preferences.save(app.remembered(), preferences.default_file())
             if problem:
                 print(f"snerg-view: {problem}", file=sys.stderr)
             return

@@ -21,6 +21,7 @@ MODE_TITLES = {
     "samples": "Cost: samples",
     "jumps": "Cost: jumps",
     "macroblocks": "Macroblocks",
+    "atlas": "Atlas",
 }
 MODE_HINTS = {
     "normal": "What the camera would see.",
@@ -32,6 +33,7 @@ MODE_HINTS = {
     "samples": "How many voxels each ray fetched.",
     "jumps": "How many leaps over empty space each ray made.",
     "macroblocks": "A colour for each block of voxels first hit.",
+    "atlas": "All blocks of voxels as they lie in memory.",
 }
 RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
 

@@ -1,0 +1,137 @@
+"""Plots as small PNGs, drawn with Pillow: lines over x and y, axes with round numbers, labels and a legend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, floor, log10
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+OVERSAMPLED = 3  # drawn larger, then shrunk: Pillow's lines are jagged
+LEFT, RIGHT, TOP, BOTTOM = 62, 20, 58, 48  # margins, pixels
+INK, FAINT, GRID, PAPER = (36, 41, 47), (101, 109, 118), (225, 228, 232), (255, 255, 255)
+COLOURS = ((9, 105, 218), (207, 74, 34), (26, 127, 55), (130, 80, 223), (154, 103, 0), (191, 57, 137), (87, 96, 106))
+
+
+@dataclass(frozen=True)
+class Line:
+    """xs, ys: its points. marked: a dot at each. levels: (text, y) of dashed horizontal lines in its colour."""
+
+    label: str
+    xs: Sequence[float]
+    ys: Sequence[float]
+    marked: bool = False
+    levels: Sequence[tuple[str, float]] = ()
+
+
+def round_ticks(low: float, high: float, most: int = 6) -> list[float]:
+    """At most `most` + 1 multiples of 1, 2 or 5 times a power of ten within low … high."""
+    span = max(high - low, 1e-12)
+    power = 10.0 ** floor(log10(span / most))
+    step = next(factor * power for factor in (1, 2, 5, 10, 20) if span / (factor * power) <= most)
+    return [i * step for i in range(ceil(low / step - 1e-9), floor(high / step + 1e-9) + 1)]
+
+
+def draw_plot(
+    path: Path, lines: Sequence[Line], title: str, x_label: str, y_label: str, size: tuple[int, int] = (720, 360)
+) -> None:
+    """Writes a plot of `size` (width, height in pixels) to a PNG, aside first. Both axes are linear, y from zero."""
+    _Plot(lines, size).draw(path, title, x_label, y_label)
+
+
+class _Plot:
+    """Everything in pixels of the finished picture, multiplied by OVERSAMPLED when it is drawn."""
+
+    def __init__(self, lines: Sequence[Line], size: tuple[int, int]) -> None:
+        self.lines, self.size = lines, size
+        xs = [x for line in lines for x in line.xs]
+        ys = [y for line in lines for y in (*line.ys, *(level for _, level in line.levels))]
+        self.x0, self.x1 = (min(xs), max(xs)) if min(xs) < max(xs) else (min(xs) - 0.5, max(xs) + 0.5)
+        if self.x0 < 0.35 * self.x1:
+            self.x0 = min(self.x0, 0.0)
+        self.y1 = max(1.08 * max(ys), 1e-9)
+        self.image = Image.new("RGB", (size[0] * OVERSAMPLED, size[1] * OVERSAMPLED), PAPER)
+        self.pen = ImageDraw.Draw(self.image)
+
+    def at(self, x: float, y: float) -> tuple[float, float]:
+        width, height = self.size
+        across = (x - self.x0) / (self.x1 - self.x0)
+        up = y / self.y1
+        return LEFT + across * (width - LEFT - RIGHT), height - BOTTOM - up * (height - TOP - BOTTOM)
+
+    def line(self, points: Sequence[tuple[float, float]], colour: tuple[int, int, int], width: float) -> None:
+        scaled = [(OVERSAMPLED * x, OVERSAMPLED * y) for x, y in points]
+        self.pen.line(scaled, fill=colour, width=max(1, round(OVERSAMPLED * width)), joint="curve")
+
+    def text(self, x: float, y: float, text: str, anchor: str, colour=FAINT, points: float = 11.5) -> float:
+        """Returns the text's width in pixels."""
+        font = ImageFont.load_default(points * OVERSAMPLED)
+        self.pen.text((OVERSAMPLED * x, OVERSAMPLED * y), text, fill=colour, font=font, anchor=anchor)
+        return self.pen.textlength(text, font=font) / OVERSAMPLED
+
+    def draw(self, path: Path, title: str, x_label: str, y_label: str) -> None:
+        width, height = self.size
+        self._axes(x_label, y_label)
+        self.text(LEFT, 14, title, "lm", INK, 14)
+        for i, line in enumerate(self.lines):
+            self._curve(line, COLOURS[i % len(COLOURS)])
+        if len(self.lines) > 1:
+            font = ImageFont.load_default(11.5 * OVERSAMPLED)
+            x, y = float(LEFT), 33.0
+            for i, line in enumerate(self.lines):
+                if x > LEFT and x + 24 + self.pen.textlength(line.label, font=font) / OVERSAMPLED > width - RIGHT:
+                    x, y = float(LEFT), y + 15
+                self.line([(x, y), (x + 18, y)], COLOURS[i % len(COLOURS)], 2.4)
+                x += 24 + self.text(x + 24, y, line.label, "lm", INK) + 16
+        path.parent.mkdir(parents=True, exist_ok=True)
+        aside = path.with_name(f".{path.name}.part")
+        small = self.image.resize((width, height), Image.Resampling.LANCZOS)
+        small.quantize(128).save(aside, format="PNG", optimize=True)
+        aside.replace(path)
+
+    def _axes(self, x_label: str, y_label: str) -> None:
+        width, height = self.size
+        for tick in round_ticks(0.0, self.y1):
+            _, y = self.at(self.x0, tick)
+            self.line([(LEFT, y), (width - RIGHT, y)], GRID, 1)
+            self.text(LEFT - 8, y, f"{tick:g}", "rm")
+        for tick in round_ticks(self.x0, self.x1, 10):
+            x, bottom = self.at(tick, 0.0)
+            self.line([(x, bottom), (x, bottom + 4)], FAINT, 1)
+            self.text(x, bottom + 8, f"{tick:g}", "mt")
+        self.line([(LEFT, height - BOTTOM), (width - RIGHT, height - BOTTOM)], FAINT, 1)
+        self.text((LEFT + width - RIGHT) / 2, height - 8, x_label, "mb")
+        self._upright(y_label)
+
+    def _upright(self, text: str) -> None:
+        """The y axis's label, turned to run upwards along the left edge."""
+        font = ImageFont.load_default(11.5 * OVERSAMPLED)
+        label = Image.new("RGB", (round(self.pen.textlength(text, font=font)) + 4, 16 * OVERSAMPLED), PAPER)
+        ImageDraw.Draw(label).text((2, label.height / 2), text, fill=FAINT, font=font, anchor="lm")
+        label = label.rotate(90, expand=True)
+        middle = (TOP + self.size[1] - BOTTOM) / 2 * OVERSAMPLED
+        self.image.paste(label, (4 * OVERSAMPLED, round(middle - label.height / 2)))
+
+    def _curve(self, line: Line, colour: tuple[int, int, int]) -> None:
+        points = [self.at(x, y) for x, y in zip(line.xs, line.ys, strict=True)]
+        light = tuple(int(255 - 0.55 * (255 - c)) for c in colour)
+        right = self.size[0] - RIGHT
+        for i, (text, level) in enumerate(line.levels):
+            _, y = self.at(self.x0, level)
+            for x in np.arange(LEFT, right, 9):
+                self.line([(float(x), y), (min(float(x) + 5, right), y)], light, 1.2)  # type: ignore[arg-type]
+            self.text(right - 4 - 110 * (len(line.levels) - 1 - i), y - 3, text, "rb", colour)
+        if len(points) > 1:
+            self.line(points, colour, 1.6 if not line.marked else 2.4)
+        if line.marked or len(points) == 1:
+            for x, y in points:
+                box = [
+                    OVERSAMPLED * (x - 3.6),
+                    OVERSAMPLED * (y - 3.6),
+                    OVERSAMPLED * (x + 3.6),
+                    OVERSAMPLED * (y + 3.6),
+                ]
+                self.pen.ellipse(box, fill=colour)
