@@ -95,7 +95,7 @@ def bake(run: Run, config: BakeConfig) -> Pack:
             "epochs": config.fine_tune_epochs,
             "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
         }  # fmt: skip
-    return pack.with_metadata(version=1, codec="png", provenance=provenance, cameras=cameras_of(run))
+    return pack.with_metadata(provenance=provenance, cameras=cameras_of(run))
 
 
 def cameras_of(run: Run) -> list[dict]:

@@ -1,8 +1,9 @@
 """Packs from disk: `load_pack` at once, or `open_pack` for an outline now and the atlas plane by plane.
 
-Image k of a part holds the atlas's z-planes 4k … 4k + 3, stacked vertically (see scenepack.codecs). Opening
-checks the JSON, the indirection grid and the header of every image, so that nothing large is allocated on the
-word of one file alone; decoding then runs in threads, straight into the atlas arrays.
+What follows is for the published layout, PNG; other codecs store pieces (see scenepack.piece_files). Image k of a
+part holds the atlas's z-planes 4k … 4k + 3, stacked vertically (see scenepack.codecs.png). Opening checks the JSON, the
+indirection grid and the header of every image, so that nothing large is allocated on the word of one file alone;
+decoding then runs in threads, straight into the atlas arrays.
 Untidy packs (CONTRACT section 3) are mended with one PackWarning each; the rest is refused with a UserError.
 """
 
@@ -23,12 +24,13 @@ import numpy as np
 from console import UserError
 from scenepack.atomic import recover_interrupted_write
 from scenepack.blocks import grid_block_counts
-from scenepack.codecs import CodecError, codec_named, decode_png, probe_png
+from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, probe_png
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
 from scenepack.notices import warn
 from scenepack.pack import Pack
 from scenepack.params import Params, parse_params
+from scenepack.piece_files import PieceFiles
 
 RGBA, FEATURE = "rgba", "feature"
 MAX_JSON_BYTES = 256 << 20
@@ -107,13 +109,21 @@ class PackReader:
             self._groups = -(-depth // PLANES_PER_IMAGE)
             self._image_shape = (PLANES_PER_IMAGE * height, width, 4)
             indices = self._indices()
-            self._note_counts()
-            self._present = {part: self._check_images(part) for part in (RGBA, FEATURE)}
-            self.outline = self._outline(indices)
+            self._pieces: PieceFiles | None = None
+            self._present: dict[str, list[int]] = {}
+            self._note_blocks()
+            if isinstance(self.codec, PngCodec):
+                self._note_counts(self.codec)
+                self._present = {part: self._check_images(self.codec, part) for part in (RGBA, FEATURE)}
+                self.outline = self._outline(indices, has_features=bool(self._present[FEATURE]))
+            else:
+                outline = self._outline(indices, has_features=True)
+                self._pieces = PieceFiles(files, self.codec, outline, self._notes.append)
+                self.outline = self._outline(indices, has_features=self._pieces.has_features)
         except BaseException:
             files.close()
             raise
-        self.total = sum(len(groups) for groups in self._present.values())
+        self.total = self._pieces.total if self._pieces else sum(len(groups) for groups in self._present.values())
         for note in self._notes:
             warn(note)
 
@@ -132,19 +142,34 @@ class PackReader:
         """The whole pack; see load_pack."""
         depth, height, width = self.outline.atlas_rgba.shape[:3]
         whole = (self._groups * PLANES_PER_IMAGE, height, width, 4)
+        parts = [RGBA] if self.outline.atlas_features is None else [RGBA, FEATURE]
         try:
-            atlas = {part: np.empty(whole, np.uint8) for part, groups in self._present.items() if groups}
+            atlas = {part: (np.zeros if self._pieces else np.empty)(whole, np.uint8) for part in parts}
         except MemoryError as error:
             raise UserError(f"its atlas does not fit in memory ({error})", where=self.files.path) from error
-        for done, _ in enumerate(self._decoded(lambda part, group: _group(atlas[part], group)), 1):
+        if self._pieces:
+            finished = self._pieces.fill(atlas[RGBA][:depth], _upto(atlas.get(FEATURE), depth), DECODING_THREADS)
+        else:
+            finished = (n for n, _ in enumerate(self._decoded(lambda part, group: _group(atlas[part], group)), 1))
+        for done in finished:
             if on_progress is not None:
                 on_progress(done, self.total)
         features = atlas[FEATURE][:depth] if FEATURE in atlas else None
         return replace(self.outline, atlas_rgba=atlas[RGBA][:depth], atlas_features=features)
 
     def planes(self) -> Iterator[AtlasPlanes]:
-        """Decodes image by image, some ahead in threads, in the order rgba 0, feature 0, rgba 1, …"""
+        """Decodes image by image, some ahead in threads, in the order rgba 0, feature 0, rgba 1, …
+
+        Codecs that store something else than such images are decoded at once.
+        """
         depth, height, width = self.outline.atlas_rgba.shape[:3]
+        if self._pieces:
+            pack = self.read()
+            for z in range(0, depth, PLANES_PER_IMAGE):
+                yield AtlasPlanes(RGBA, z, pack.atlas_rgba[z : z + PLANES_PER_IMAGE])
+                if pack.atlas_features is not None:
+                    yield AtlasPlanes(FEATURE, z, pack.atlas_features[z : z + PLANES_PER_IMAGE])
+            return
         shape = (PLANES_PER_IMAGE, height, width, 4)
         for part, group, image in self._decoded(lambda _part, _group: np.empty(shape, np.uint8)):
             z = group * PLANES_PER_IMAGE
@@ -178,6 +203,7 @@ class PackReader:
                     future.cancel()
 
     def _decode(self, part: str, group: int, out: np.ndarray) -> None:
+        assert isinstance(self.codec, PngCodec)  # others go through PieceFiles
         names = self.codec.names(part, group)
         most = out.nbytes + (out.nbytes >> 3) + (1 << 20)  # no image format grows noise by more
         data = tuple(self.files.read(name, most) for name in names)
@@ -227,11 +253,11 @@ class PackReader:
             )
         return indices
 
-    def _note_counts(self) -> None:
+    def _note_counts(self, codec: PngCodec) -> None:
         raw, where = self.params.raw, self._where(PARAMS_NAME)
         claimed = raw.get("num_slices")
         stored = 0
-        while self.codec.names(RGBA, stored)[0] in self.files.sizes:
+        while codec.names(RGBA, stored)[0] in self.files.sizes:
             stored += 1
         needed = self._groups
         if stored > needed:
@@ -243,15 +269,18 @@ class PackReader:
             self._notes.append(
                 f"{where}: num_slices is {found}, atlas_depth needs {needed} images; atlas_depth is trusted"
             )
+
+    def _note_blocks(self) -> None:
+        raw, where = self.params.raw, self._where(PARAMS_NAME)
         fits = [size // (self.params.block_size + 2) for size in self.params.atlas_size]
         blocks = [raw.get(f"atlas_blocks_{axis}", "missing") for axis in "xyz"]
         if blocks != fits:
             told = f"{where}: atlas_blocks_x/y/z are {_triple(blocks)}"
             self._notes.append(f"{told}, the atlas holds {_triple(fits)}; its size is trusted")
 
-    def _check_images(self, part: str) -> list[int]:
+    def _check_images(self, codec: PngCodec, part: str) -> list[int]:
         """Groups of `part` to decode, their headers checked; [] where there are no (complete) features."""
-        names = [self.codec.names(part, group) for group in range(self._groups)]
+        names = [codec.names(part, group) for group in range(self._groups)]
         missing = [group[0] for group in names if not all(name in self.files.sizes for name in group)]
         if missing and part == FEATURE:
             # A diffuse pack has no use for features and may leave them out.
@@ -267,17 +296,17 @@ class PackReader:
                 found=f"{len(names) - len(missing)}",
                 remedy="copy the pack again, or bake it again",
             )
-        channels = {group[0]: self._check_header(group[0]) for group in names}
+        channels = {group[0]: self._check_header(codec, group[0]) for group in names}
         mended = [name for name, layout in channels.items() if layout != "RGBA"]
         if mended:
             told = f"{self._where(mended[0])} is {channels[mended[0]]}, not RGBA ({len(mended)} in all)"
             self._notes.append(f"{told}; read as the PNG standard has it, with alpha 255 where there is none")
         return list(range(self._groups))
 
-    def _check_header(self, name: str) -> str:
+    def _check_header(self, codec: PngCodec, name: str) -> str:
         height, width = self._image_shape[:2]
         try:
-            head = self.codec.probe(self.files.head(name, self.codec.header_bytes))
+            head = codec.probe(self.files.head(name, codec.header_bytes))
         except CodecError as error:
             raise self._undecodable(name, error) from error
         if (head.width, head.height) != (width, height):
@@ -289,11 +318,10 @@ class PackReader:
             )
         return head.channels
 
-    def _outline(self, indices: np.ndarray) -> Pack:
+    def _outline(self, indices: np.ndarray, *, has_features: bool) -> Pack:
         params = self.params
         width, height, depth = params.atlas_size
         nothing = np.broadcast_to(np.uint8(0), (depth, height, width, 4))
-        has_features = bool(self._present[FEATURE])
         return Pack(
             voxel_size=params.voxel_size,
             min_xyz=params.min_xyz,
@@ -318,3 +346,7 @@ def _triple(values: list[Any]) -> str:
 
 def _group(atlas: np.ndarray, group: int) -> np.ndarray:
     return atlas[group * PLANES_PER_IMAGE : (group + 1) * PLANES_PER_IMAGE]
+
+
+def _upto(atlas: np.ndarray | None, depth: int) -> np.ndarray | None:
+    return None if atlas is None else atlas[:depth]

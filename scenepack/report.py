@@ -90,6 +90,7 @@ def bytes_by_part(files: PackFiles) -> dict[str, int]:
     parts: dict[str, int] = {"rgba": 0, "feature": 0, "indices": 0, "params": 0, "other": 0}
     for name, size in files.sizes.items():
         prefix = {PARAMS_NAME: "params", INDICES_NAME: "indices"}.get(name, name.partition("_")[0])
+        prefix = {"rgb": "rgba", "alpha": "rgba", "occupied": "rgba"}.get(prefix, prefix)  # codecs that keep them apart
         parts[prefix if prefix in parts else "other"] += size
     return parts
 

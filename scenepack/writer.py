@@ -6,9 +6,11 @@ import json
 import os
 import re
 import zipfile
+from collections import deque
 from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -18,16 +20,18 @@ import numpy as np
 from console import UserError
 from scenepack.atomic import recover_interrupted_write, replacing
 from scenepack.blocks import grid_block_counts
-from scenepack.codecs import Codec, codec_named, encode_png
+from scenepack.codecs import ImageCodec, PieceCodec, PngCodec, chosen_quality, codec_named, encode_png
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
 from scenepack.files import INDICES_NAME, PARAMS_NAME, open_files
 from scenepack.pack import Pack
 from scenepack.params import params_json
+from scenepack.piece_files import SETTINGS, encoding_jobs, settings_for
 
 ENCODING_THREADS = min(8, os.cpu_count() or 1)
 # Names that a pack may hold, whatever its codec, and what file browsers drop beside them.
 _PACK_FILE = re.compile(
-    r"scene_params\.json|atlas_indices\.\w+|(rgba|rgb|alpha|feature|features)(_\d+)?\.\w+|\.DS_Store|Thumbs\.db"
+    r"scene_params\.json|atlas_indices\.\w+|(rgba|rgb|alpha|occupied|feature|features)(_w)?(_\d+)*\.\w+"
+    r"|\.DS_Store|Thumbs\.db"
 )
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)  # fixed, so that equal packs make equal files
 
@@ -38,6 +42,7 @@ def save_pack(
     *,
     png_level: int = 6,
     codec: str = "png",
+    quality: int | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Writes a pack to the folder `path`, or to one file where its name ends in .zip.
@@ -45,18 +50,22 @@ def save_pack(
     The old pack stays until the new one is complete and on the disk; a kill at any moment leaves one of the
     two. The JSON is pack.params with whatever has changed since; "snerg" gets version and codec where the
     pack is ours.
-    png_level: 0 (fast, large) to 9 (slow, small). on_progress(done, total) is called after each image.
-    UserError where the disk is full or refuses, or where `path` holds anything that is no pack. ValueError
-    for a pack that breaks its own rules, which is a bug of the caller.
+    png_level: 0 (fast, large) to 9 (slow, small). codec: see scenepack.codecs; only PNG is the published layout.
+    quality: 1 (worst) to 100, of codecs that lose something; by default the codec's own. on_progress(done, total)
+    is called after each image or piece.
+    UserError where the disk is full or refuses, where `path` holds anything that is no pack, or where a library
+    that the codec needs is missing. ValueError for a pack that breaks its own rules, which is a bug of the caller.
     """
     require_valid(pack)
+    chosen = codec_named(codec, "codec")
+    quality = chosen_quality(chosen, quality)
     path = Path(path).resolve()  # through symbolic links: what they point to is replaced, not the link
     as_zip = path.suffix.lower() == ".zip"
     try:
         recover_interrupted_write(path)
         _require_replaceable(path, as_zip)
         with replacing(path, folder=not as_zip) as new:
-            files = _files(pack, codec_named(codec, "codec"), png_level, on_progress)
+            files = _files(pack, chosen, quality, png_level, on_progress)
             with closing(files):
                 if as_zip:
                     _write_zip(new, files)
@@ -147,46 +156,58 @@ def _require_replaceable(path: Path, as_zip: bool) -> None:
 
 
 def _files(
-    pack: Pack, codec: Codec, level: int, on_progress: Callable[[int, int], None] | None
+    pack: Pack,
+    codec: ImageCodec | PieceCodec,
+    quality: int | None,
+    level: int,
+    on_progress: Callable[[int, int], None] | None,
 ) -> Generator[tuple[str, bytes], None, None]:
     """The pack's files in order, name and content; images are encoded a few ahead in threads."""
-    metadata = dict(pack.metadata)
-    if metadata or not pack.params:  # a pack made elsewhere keeps its keys as they are
-        metadata = {"version": _version(), **metadata, "codec": codec.name}
+    metadata = {key: value for key, value in pack.metadata.items() if key != SETTINGS}
+    if isinstance(codec, PngCodec):
+        settings: dict[str, Any] = {}
+        jobs = _image_jobs(pack, codec, level)
+    else:
+        settings = {SETTINGS: settings_for(pack, codec, quality)}
+        jobs = encoding_jobs(pack, codec, settings[SETTINGS])
+    if metadata or settings or not pack.params:  # a pack made elsewhere keeps its keys as they are
+        metadata = {"version": _version(), **metadata, "codec": codec.name, **settings}
     # The published web viewer takes RGBA and RGB alike; RGBA is what most packs in the wild have.
     z, y, x = pack.atlas_indices.shape[:3]
     indices = np.full((z * y, x, 4), 255, np.uint8)
     indices[..., :3] = pack.atlas_indices.reshape(z * y, x, 3)
+    text = json.dumps(params_json(pack, codec.name, metadata), default=_plain)
+    yield PARAMS_NAME, text.encode()
+    yield INDICES_NAME, encode_png(indices, level)
+    with ThreadPoolExecutor(ENCODING_THREADS, "snerg-encode") as pool:
+        ahead = 2 * ENCODING_THREADS
+        waiting: deque[Future[list[tuple[str, bytes]]]] = deque(pool.submit(job) for job in jobs[:ahead])
+        try:
+            for done in range(1, len(jobs) + 1):
+                yield from waiting.popleft().result()
+                waiting.extend(pool.submit(job) for job in jobs[done - 1 + ahead : done + ahead])
+                if on_progress is not None:
+                    on_progress(done, len(jobs))
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _image_jobs(pack: Pack, codec: ImageCodec, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
+    """A call for each group of four planes that gives its files, name and content."""
     parts = {"rgba": pack.atlas_rgba}
     if pack.atlas_features is not None:
         parts["feature"] = pack.atlas_features
     groups = -(-pack.atlas_rgba.shape[0] // PLANES_PER_IMAGE)
-    jobs = [(part, group) for part in parts for group in range(groups)]
-    text = json.dumps(params_json(pack, codec.name, metadata), default=_plain)
-    yield PARAMS_NAME, text.encode()
-    yield INDICES_NAME, encode_png(indices, level)
 
-    def encode(job: tuple[str, int]) -> list[tuple[str, bytes]]:
-        part, group = job
+    def encode(part: str, group: int) -> list[tuple[str, bytes]]:
         planes = parts[part][group * PLANES_PER_IMAGE : (group + 1) * PLANES_PER_IMAGE]
         if len(planes) < PLANES_PER_IMAGE:  # an image always holds four
             planes = np.pad(planes, [(0, PLANES_PER_IMAGE - len(planes)), (0, 0), (0, 0), (0, 0)])
         files = codec.encode(planes.reshape(-1, *planes.shape[2:]), level)
         return list(zip(codec.names(part, group), files, strict=True))
 
-    with ThreadPoolExecutor(ENCODING_THREADS, "snerg-encode") as pool:
-        ahead = 2 * ENCODING_THREADS
-        waiting = [pool.submit(encode, job) for job in jobs[:ahead]]
-        try:
-            for done in range(len(jobs)):
-                yield from waiting[done].result()
-                if done + ahead < len(jobs):
-                    waiting.append(pool.submit(encode, jobs[done + ahead]))
-                if on_progress is not None:
-                    on_progress(done + 1, len(jobs))
-        finally:
-            for future in waiting:
-                future.cancel()
+    return [partial(encode, part, group) for part in parts for group in range(groups)]
 
 
 def _write_zip(path: Path, files: Iterator[tuple[str, bytes]]) -> None:

@@ -17,7 +17,7 @@ def snerg_bake(
     /,
     out: Path,
     resolution: int = 512,
-    codec: Literal["png"] = "png",
+    codec: Literal["png", "webp", "jpeg", "h264", "avif"] = "png",
     tau_alpha: float = 0.005,
     tau_vis: float = 0.01,
     fine_tune_epochs: int = 100,
@@ -29,7 +29,7 @@ def snerg_bake(
         run: Folder of the run, from snerg-train.
         out: Folder of the pack to write, or a file that ends in .zip; an old pack there is replaced when the new is done.
         resolution: Voxels along the longest side of the content.
-        codec: How the atlas is compressed.
+        codec: How the atlas is compressed: png (the published layout), webp (lossless, smaller), jpeg, h264, avif (lossy).
         tau_alpha: Macroblocks whose largest opacity is below this are dropped.
         tau_vis: Macroblocks that no training camera sees with at least this transmittance are dropped.
         fine_tune_epochs: Passes over the training pixels that refine the view MLP; 0 for none.
@@ -42,7 +42,7 @@ def snerg_bake(
     check_target(out)  # now, not after the work is done
     config = BakeConfig(resolution, tau_alpha, tau_vis, fine_tune_epochs, seed)
     pack = bake(load_run(run), config)
-    save_pack(pack, out)
+    save_pack(pack, out, codec=codec)
     print(describe_pack(pack, out))
 
 

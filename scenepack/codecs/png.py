@@ -1,44 +1,29 @@
-"""How four atlas planes become image files and back; the one place that knows image formats.
+"""The published format: four atlas planes stacked in one PNG.
 
 Notation: group k of a part ("rgba" or "feature") is the atlas's four consecutive z-planes 4k … 4k + 3. In
 memory it is uint8 [4 · H, W, 4]: the planes stacked vertically, plane 4k on top, rows as they lie along y,
 columns along x (CONTRACT section 3). So the atlas array [D, H, W, 4] is its groups one after another, and a
-group is a view of it. A codec stores each group as one or more files.
-`codec_named` finds a codec by the JSON key "format"; to add one, implement Codec and list it in CODECS.
+group is a view of it. A codec of this kind stores each group as one or more files.
 """
 
 from __future__ import annotations
 
 import io
 import struct
-from dataclasses import dataclass
 from typing import Protocol
 
 import imagecodecs
 import numpy as np
 from PIL import Image
 
-from console import UserError
+from scenepack.codecs.base import CodecError, ImageInfo
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
 _PNG_CHANNELS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey and alpha", 6: "RGBA"}
 
 
-class CodecError(Exception):
-    """Bytes that cannot be decoded; the message is the reason, without the file's name."""
-
-
-@dataclass(frozen=True)
-class ImageInfo:
-    """What an image file's header says: size in pixels, and how its pixels are stored ("RGBA", "RGB", …)."""
-
-    width: int
-    height: int
-    channels: str
-
-
-class Codec(Protocol):
+class ImageCodec(Protocol):
     """One way to store groups of four planes. Its methods run in several threads at once."""
 
     name: str  # the JSON's "format"
@@ -80,18 +65,6 @@ class PngCodec:
 
     def encode(self, pixels: np.ndarray, level: int) -> tuple[bytes, ...]:
         return (encode_png(pixels, level),)
-
-
-CODECS: dict[str, Codec] = {"png": PngCodec()}
-
-
-def codec_named(name: str, where: str) -> Codec:
-    """The codec of that name. UserError, naming `where`, for one that is not known."""
-    if name not in CODECS:
-        raise UserError(
-            "the image format is not known", where=where, expected=" or ".join(CODECS), found=repr(name)[:40]
-        )
-    return CODECS[name]
 
 
 def probe_png(head: bytes) -> ImageInfo:

@@ -1,0 +1,63 @@
+"""How the atlas becomes files and back; the one folder that knows image and video formats.
+
+png: the published layout, image by image (`png`). The others are read by this program alone, so they cut the
+atlas as compresses best (`pieces`), and keep what they need to know under "snerg" in the JSON:
+- jpeg: colours and features as JPEG, alpha as PNG, images as in the published layout (`jpeg`).
+- h264: the paper's video: the atlas's planes as frames (`h264`; needs PyAV).
+- webp: lossless, planes of the grid (`webp`).
+- avif: planes of the grid as frames of AV1, alpha and straight colours apart (`avif`).
+To add one, implement PieceCodec and list it in CODECS; docs/codecs.md has the figures.
+"""
+
+from __future__ import annotations
+
+from console import UserError
+from scenepack.codecs.avif import AvifCodec
+from scenepack.codecs.base import CodecError, ImageInfo, PieceCodec
+from scenepack.codecs.h264 import H264Codec
+from scenepack.codecs.jpeg import JpegCodec
+from scenepack.codecs.png import ImageCodec, PngCodec, decode_png, encode_png, probe_png
+from scenepack.codecs.webp import WebpCodec
+
+__all__ = [
+    "CODECS",
+    "CodecError",
+    "ImageCodec",
+    "ImageInfo",
+    "PieceCodec",
+    "PngCodec",
+    "chosen_quality",
+    "codec_named",
+    "decode_png",
+    "encode_png",
+    "probe_png",
+]
+
+_ALL: tuple[ImageCodec | PieceCodec, ...] = (PngCodec(), WebpCodec(), JpegCodec(), H264Codec(), AvifCodec())
+CODECS: dict[str, ImageCodec | PieceCodec] = {codec.name: codec for codec in _ALL}
+
+
+def codec_named(name: str, where: str) -> ImageCodec | PieceCodec:
+    """The codec of that name. UserError, naming `where`, for one that is not known, or cannot be used here."""
+    if name not in CODECS:
+        raise UserError(
+            "the image format is not known", where=where, expected=" or ".join(CODECS), found=repr(name)[:40]
+        )
+    codec = CODECS[name]
+    if not isinstance(codec, PngCodec):
+        codec.require()
+    return codec
+
+
+def chosen_quality(codec: ImageCodec | PieceCodec, quality: int | None) -> int | None:
+    """The quality to encode with, None where the codec loses nothing. UserError where it makes no sense."""
+    usual = None if isinstance(codec, PngCodec) else getattr(codec, "default_quality", None)
+    if quality is None:
+        return usual
+    if usual is None:
+        raise UserError(
+            "loses nothing and takes no quality", where=f"--codec {codec.name}", remedy="leave --quality out"
+        )
+    if not 1 <= quality <= 100:
+        raise UserError("is out of range", where="--quality", expected="1 to 100", found=quality)
+    return quality

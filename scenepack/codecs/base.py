@@ -1,0 +1,94 @@
+"""What the codecs have in common.
+
+An ImageCodec stores image by image in the published layout; only PNG is one. A PieceCodec stores pieces of the
+atlas in a layout of its own choice (see scenepack.codecs.pieces).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Protocol
+
+import numpy as np
+
+Layout = Literal["atlas", "grid"]
+Shape = tuple[int, int, int]  # planes, rows, columns
+
+
+class CodecError(Exception):
+    """Bytes that cannot be decoded; the message is the reason, without the file's name.
+
+    file: which of several it is, None where it is the only one.
+    """
+
+    file: str | None = None
+
+
+@contextmanager
+def decoding(file: str) -> Iterator[None]:
+    """Whatever goes wrong inside is a CodecError of `file`: the libraries raise dozens of unrelated types."""
+    try:
+        yield
+    except CodecError as error:
+        error.file = error.file or file
+        raise
+    except MemoryError:
+        raise
+    except Exception as error:
+        told = CodecError(" ".join(str(error).split())[:200] or type(error).__name__)
+        told.file = file
+        raise told from error
+
+
+@dataclass(frozen=True)
+class ImageInfo:
+    """What an image file's header says: size in pixels, and how its pixels are stored ("RGBA", "RGB", …)."""
+
+    width: int
+    height: int
+    channels: str
+
+
+class PieceCodec(Protocol):
+    """One way to store pieces, uint8 [D, H, W, 4] of rgba and of features. Its methods run in several threads.
+
+    layout: how it likes the atlas cut. default_quality: 1 (worst) to 100, None where nothing is ever lost.
+    """
+
+    name: ClassVar[str]  # the JSON's "format"
+    layout: ClassVar[Layout]
+    default_quality: ClassVar[int | None]
+    header_bytes: ClassVar[int]  # of a file, enough for `check`
+
+    def require(self) -> None:
+        """UserError, with what to install, where a library that it needs is missing."""
+        ...
+
+    def planes(self, layout: Layout, block_size: int) -> int:
+        """How many planes it likes in a piece; in the "grid" layout a multiple of block_size."""
+        ...
+
+    def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
+        """The files of piece `number`; those without features come first."""
+        ...
+
+    def check(self, name: str, head: bytes, shape: Shape) -> None:
+        """CodecError where a file's first header_bytes tell that it cannot hold this piece."""
+        ...
+
+    def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
+        """The contents of `names`, in their order, for uint8 [D, H, W, 4] of each."""
+        ...
+
+    def decode(
+        self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """rgba and features uint8 [D, H, W, 4] from `files`. CodecError where it cannot."""
+        ...
+
+
+def cut_off(data: bytes) -> CodecError:
+    """For a file that ends before its header does."""
+    return CodecError("the file is empty" if not data else f"the file ends after {len(data)} bytes")

@@ -1,0 +1,92 @@
+"""JPEG: images as in the published layout, in JPEG's terms.
+
+JPEG has no alpha, and alpha is what the renderer is most sensitive to, so alpha is a grey PNG of its own and stays
+exact. Colours are premultiplied as they are in the atlas, without subsampled chroma; features are their first three
+channels as if they were colours, and the fourth as a grey picture.
+"""
+
+from __future__ import annotations
+
+import io
+from typing import ClassVar
+
+import imagecodecs
+import numpy as np
+from PIL import Image
+
+from scenepack.codecs.base import CodecError, Layout, Shape, cut_off, decoding
+from scenepack.codecs.png import encode_png
+from scenepack.constants import PLANES_PER_IMAGE
+
+ALPHA_LEVEL = 6  # zlib's
+
+
+class JpegCodec:
+    """rgb_NNN.jpg, alpha_NNN.png, feature_NNN.jpg (first three channels), feature_w_NNN.jpg (the fourth)."""
+
+    name: ClassVar[str] = "jpeg"
+    layout: ClassVar[Layout] = "atlas"
+    default_quality: ClassVar[int | None] = 95
+    header_bytes: ClassVar[int] = 2048
+
+    def require(self) -> None:
+        pass
+
+    def planes(self, layout: Layout, block_size: int) -> int:
+        return PLANES_PER_IMAGE
+
+    def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
+        names = (f"rgb_{number:03d}.jpg", f"alpha_{number:03d}.png")
+        return (*names, f"feature_{number:03d}.jpg", f"feature_w_{number:03d}.jpg") if features else names
+
+    def check(self, name: str, head: bytes, shape: Shape) -> None:
+        if not head:
+            raise cut_off(head)
+        try:
+            with Image.open(io.BytesIO(head), formats=["PNG" if name.endswith("png") else "JPEG"]) as image:
+                found, mode = image.size, image.mode  # from the header; no pixel is decoded
+        except Exception as error:
+            raise CodecError("its header is damaged") from error
+        expected = (shape[2], shape[0] * shape[1])
+        if found != expected or mode != ("RGB" if _is_colour(name) else "L"):
+            raise CodecError(f"it is {found[0]}×{found[1]} pixels {mode}, expected {expected[0]}×{expected[1]}")
+
+    def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
+        files = [_jpeg(_stacked(rgba)[..., :3], quality), encode_png(_stacked(rgba)[..., 3], ALPHA_LEVEL)]
+        if features is not None:
+            stacked = _stacked(features)
+            files += [_jpeg(stacked[..., :3], quality), _jpeg(stacked[..., 3], quality)]
+        return tuple(files)
+
+    def decode(
+        self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        images = []
+        for name in names:
+            with decoding(name):
+                self.check(name, files[name], shape)
+                if name.endswith("jpg") and not files[name].endswith(END_OF_IMAGE):
+                    raise cut_off(files[name])  # the library fills what is missing with grey and says nothing
+                decode = imagecodecs.png_decode if name.endswith("png") else imagecodecs.jpeg8_decode
+                images.append(decode(files[name]).reshape(*shape, -1))
+        colours, alpha = images[:2]
+        rgba = np.concatenate([np.minimum(colours, alpha), alpha], axis=-1)  # no colour outshines its alpha
+        if not features:
+            return rgba, None
+        return rgba, np.concatenate(images[2:], axis=-1) * (alpha > 0)
+
+
+END_OF_IMAGE = b"\xff\xd9"
+
+
+def _is_colour(name: str) -> bool:
+    return name.startswith("rgb_") or (name.startswith("feature_") and "_w_" not in name)
+
+
+def _stacked(planes: np.ndarray) -> np.ndarray:
+    return planes.reshape(-1, *planes.shape[2:])
+
+
+def _jpeg(pixels: np.ndarray, quality: int) -> bytes:
+    subsampling = "444" if pixels.ndim == 3 else None
+    return bytes(imagecodecs.jpeg8_encode(np.ascontiguousarray(pixels), level=quality, subsampling=subsampling))

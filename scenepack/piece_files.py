@@ -1,0 +1,157 @@
+"""The atlas out of a pack whose codec stores pieces, and into one; `reader` and `writer` do the rest.
+
+Under "snerg" such a pack keeps "codec_settings": layout ("atlas" or "grid") and planes of a piece, without which it
+cannot be read, and the quality it was encoded with.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from console import UserError
+from scenepack.codecs import CodecError, PieceCodec
+from scenepack.codecs.pieces import Piece, cut, follows_grid, restore_padding
+from scenepack.files import PackFiles
+from scenepack.pack import Pack
+
+SETTINGS = "codec_settings"
+MOST_PLANES = 4096
+OnDone = Callable[[int], None]
+
+
+def settings_for(pack: Pack, codec: PieceCodec, quality: int | None) -> dict[str, Any]:
+    """The codec_settings to write `pack` with."""
+    layout = codec.layout
+    if codec.default_quality is None and layout == "grid":
+        # Without loss means the atlas voxel by voxel, even where it is not as it should be.
+        parts = [pack.atlas_rgba] if pack.atlas_features is None else [pack.atlas_rgba, pack.atlas_features]
+        layout = "grid" if all(follows_grid(pack, part) for part in parts) else "atlas"
+    settings: dict[str, Any] = {"layout": layout, "planes": codec.planes(layout, pack.block_size)}
+    return settings if quality is None else {**settings, "quality": quality}
+
+
+def encoding_jobs(
+    pack: Pack, codec: PieceCodec, settings: Mapping[str, Any]
+) -> list[Callable[[], list[tuple[str, bytes]]]]:
+    """A call for each piece that gives its files, name and content."""
+
+    def job(number: int, piece: Piece) -> Callable[[], list[tuple[str, bytes]]]:
+        def encode() -> list[tuple[str, bytes]]:
+            features = None if pack.atlas_features is None else piece.gather(pack.atlas_features)
+            files = codec.encode(piece.gather(pack.atlas_rgba), features, settings.get("quality", 0))
+            return list(zip(codec.names(number, piece.shape, features is not None), files, strict=True))
+
+        return encode
+
+    return [job(number, piece) for number, piece in enumerate(cut(pack, settings["layout"], settings["planes"]))]
+
+
+class PieceFiles:
+    """The pieces of an open pack, not decoded yet. has_features: whether all feature files are there.
+
+    outline: its atlas arrays have their true shape and hold nothing. note(line) is called for what is untidy; UserError
+    where files are missing or their headers disagree with the JSON.
+    """
+
+    def __init__(self, files: PackFiles, codec: PieceCodec, outline: Pack, note: Callable[[str], None]) -> None:
+        self.files, self.codec, self.outline = files, codec, outline
+        layout, planes = self._settings()
+        self.pieces = cut(outline, layout, planes)
+        self.total = len(self.pieces)
+        always = [self.codec.names(i, piece.shape, False) for i, piece in enumerate(self.pieces)]
+        every = [self.codec.names(i, piece.shape, True) for i, piece in enumerate(self.pieces)]
+        missing = [name for names in always for name in names if name not in files.sizes]
+        if missing:
+            raise UserError(
+                "is missing",
+                where=self._where(missing[0]),
+                found=f"{len(missing)} missing",
+                remedy="copy the pack again",
+            )
+        features = [name for names in every for name in names if name not in {n for group in always for n in group}]
+        absent = [name for name in features if name not in files.sizes]
+        # A pack without any macroblock has no files to tell by.
+        self.has_features = not absent if features else outline.view_mlp is not None
+        if absent and (outline.view_mlp is not None or len(absent) < len(features)):
+            note(f"{self._where(absent[0])} is missing ({len(absent)} in all); the pack is shown as diffuse")
+        self.names = every if self.has_features else always
+        for names, piece in zip(self.names, self.pieces, strict=True):
+            for name in names:
+                try:
+                    codec.check(name, files.head(name, codec.header_bytes), piece.shape)
+                except CodecError as error:
+                    raise self._undecodable(name, error) from error
+
+    def fill(self, rgba: np.ndarray, features: np.ndarray | None, threads: int) -> Iterator[int]:
+        """Decodes all pieces into zeroed atlases [D, H, W, 4]; yields how many are done."""
+
+        def decode(number: int) -> None:
+            piece, names = self.pieces[number], self.names[number]
+            most = 2 * int(np.prod(piece.shape)) * 4 + (1 << 20)  # no format grows noise by more
+            data = {name: self.files.read(name, most) for name in names}
+            try:
+                decoded = self.codec.decode(data, names, piece.shape, self.has_features)
+            except CodecError as error:
+                raise self._undecodable(error.file or names[0], error) from error
+            for values, atlas in zip(decoded, (rgba, features), strict=True):
+                if values is not None and atlas is not None:
+                    piece.scatter(values, atlas)
+
+        with ThreadPoolExecutor(threads, "snerg-decode") as pool:
+            rest = iter(range(self.total))
+            waiting: deque[Future[None]] = deque(pool.submit(decode, i) for i in islice(rest, 2 * threads))
+            try:
+                for done in range(1, self.total + 1):
+                    waiting.popleft().result()
+                    waiting.extend(pool.submit(decode, i) for i in islice(rest, 1))
+                    yield done
+            finally:
+                for future in waiting:
+                    future.cancel()
+        if self._padding_is_stale():
+            for atlas in (rgba, features):
+                if atlas is not None:
+                    restore_padding(self.outline, atlas)
+
+    def _padding_is_stale(self) -> bool:
+        """Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam."""
+        return self._layout == "grid" or self.codec.default_quality is not None
+
+    def _settings(self) -> tuple[Any, int]:
+        where = self._where("scene_params.json")
+        settings = self.outline.metadata.get(SETTINGS)
+        if not isinstance(settings, Mapping):
+            raise UserError(
+                f"snerg.{SETTINGS} is missing, without which {self.codec.name} cannot be decoded",
+                where=where,
+                remedy="copy the pack again",
+            )
+        layout, planes = settings.get("layout"), settings.get("planes")
+        if layout not in ("atlas", "grid"):
+            raise UserError(
+                f"snerg.{SETTINGS}.layout is not known", where=where, expected="atlas or grid", found=repr(layout)[:40]
+            )
+        step = self.outline.block_size if layout == "grid" else 1
+        if type(planes) is not int or not step <= planes <= MOST_PLANES or planes % step:
+            raise UserError(
+                f"snerg.{SETTINGS}.planes is out of range",
+                where=where,
+                expected=f"multiples of {step} to {MOST_PLANES}",
+                found=repr(planes)[:40],
+            )
+        self._layout = layout
+        return layout, planes
+
+    def _where(self, name: str) -> str:
+        return f"{self.files.path}: {name}"
+
+    def _undecodable(self, name: str, error: CodecError) -> UserError:
+        return UserError(
+            f"cannot be decoded: {error}", where=self._where(name), remedy="copy the pack again, or bake it again"
+        )
