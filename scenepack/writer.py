@@ -20,7 +20,7 @@ import numpy as np
 from console import UserError
 from scenepack.atomic import recover_interrupted_write, replacing
 from scenepack.blocks import grid_block_counts
-from scenepack.codecs import ImageCodec, PieceCodec, PngCodec, chosen_quality, codec_named, encode_png
+from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named, encode_png
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
 from scenepack.files import INDICES_NAME, PARAMS_NAME, open_files
 from scenepack.pack import Pack
@@ -157,7 +157,7 @@ def _require_replaceable(path: Path, as_zip: bool) -> None:
 
 def _files(
     pack: Pack,
-    codec: ImageCodec | PieceCodec,
+    codec: Codec,
     quality: int | None,
     level: int,
     on_progress: Callable[[int, int], None] | None,
@@ -193,7 +193,7 @@ def _files(
                 future.cancel()
 
 
-def _image_jobs(pack: Pack, codec: ImageCodec, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
+def _image_jobs(pack: Pack, codec: PngCodec, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
     """A call for each group of four planes that gives its files, name and content."""
     parts = {"rgba": pack.atlas_rgba}
     if pack.atlas_features is not None:

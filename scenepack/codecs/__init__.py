@@ -16,13 +16,13 @@ from scenepack.codecs.avif import AvifCodec
 from scenepack.codecs.base import CodecError, ImageInfo, PieceCodec
 from scenepack.codecs.h264 import H264Codec
 from scenepack.codecs.jpeg import JpegCodec
-from scenepack.codecs.png import ImageCodec, PngCodec, decode_png, encode_png, probe_png
+from scenepack.codecs.png import PngCodec, decode_png, encode_png, probe_png
 from scenepack.codecs.webp import WebpCodec
 
 __all__ = [
     "CODECS",
+    "Codec",
     "CodecError",
-    "ImageCodec",
     "ImageInfo",
     "PieceCodec",
     "PngCodec",
@@ -33,11 +33,13 @@ __all__ = [
     "probe_png",
 ]
 
-_ALL: tuple[ImageCodec | PieceCodec, ...] = (PngCodec(), WebpCodec(), JpegCodec(), H264Codec(), AvifCodec())
-CODECS: dict[str, ImageCodec | PieceCodec] = {codec.name: codec for codec in _ALL}
+Codec = PngCodec | PieceCodec
+
+_ALL: tuple[Codec, ...] = (PngCodec(), WebpCodec(), JpegCodec(), H264Codec(), AvifCodec())
+CODECS: dict[str, Codec] = {codec.name: codec for codec in _ALL}
 
 
-def codec_named(name: str, where: str) -> ImageCodec | PieceCodec:
+def codec_named(name: str, where: str) -> Codec:
     """The codec of that name. UserError, naming `where`, for one that is not known, or cannot be used here."""
     if name not in CODECS:
         raise UserError(
@@ -49,9 +51,9 @@ def codec_named(name: str, where: str) -> ImageCodec | PieceCodec:
     return codec
 
 
-def chosen_quality(codec: ImageCodec | PieceCodec, quality: int | None) -> int | None:
+def chosen_quality(codec: Codec, quality: int | None) -> int | None:
     """The quality to encode with, None where the codec loses nothing. UserError where it makes no sense."""
-    usual = None if isinstance(codec, PngCodec) else getattr(codec, "default_quality", None)
+    usual = None if isinstance(codec, PngCodec) else codec.default_quality
     if quality is None:
         return usual
     if usual is None:

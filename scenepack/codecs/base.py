@@ -1,7 +1,7 @@
 """What the codecs have in common.
 
-An ImageCodec stores image by image in the published layout; only PNG is one. A PieceCodec stores pieces of the
-atlas in a layout of its own choice (see scenepack.codecs.pieces).
+PNG stores image by image in the published layout (scenepack.codecs.png). All others are PieceCodecs: they store pieces
+of the atlas in a layout of their own choice (scenepack.codecs.pieces).
 """
 
 from __future__ import annotations

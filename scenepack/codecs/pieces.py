@@ -26,7 +26,10 @@ COPIED_AT_ONCE = 2048  # macroblocks
 class Piece(Protocol):
     """Where in the atlas a piece's voxels lie."""
 
-    shape: Shape
+    @property
+    def shape(self) -> Shape:
+        """Its planes, rows and columns."""
+        ...
 
     def gather(self, atlas: np.ndarray) -> np.ndarray:
         """The piece of an atlas [D, H, W, 4]."""

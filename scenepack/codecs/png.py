@@ -3,14 +3,13 @@
 Notation: group k of a part ("rgba" or "feature") is the atlas's four consecutive z-planes 4k … 4k + 3. In
 memory it is uint8 [4 · H, W, 4]: the planes stacked vertically, plane 4k on top, rows as they lie along y,
 columns along x (CONTRACT section 3). So the atlas array [D, H, W, 4] is its groups one after another, and a
-group is a view of it. A codec of this kind stores each group as one or more files.
+group is a view of it.
 """
 
 from __future__ import annotations
 
 import io
 import struct
-from typing import Protocol
 
 import imagecodecs
 import numpy as np
@@ -23,47 +22,27 @@ PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
 _PNG_CHANNELS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey and alpha", 6: "RGBA"}
 
 
-class ImageCodec(Protocol):
-    """One way to store groups of four planes. Its methods run in several threads at once."""
-
-    name: str  # the JSON's "format"
-    lossless: bool
-    header_bytes: int  # of the first file, enough for `probe`
-
-    def names(self, part: str, group: int) -> tuple[str, ...]:
-        """The files that hold group number `group` of "rgba" or "feature"."""
-        ...
-
-    def probe(self, head: bytes) -> ImageInfo:
-        """Reads the header of a group's first file. CodecError where it is none."""
-        ...
-
-    def decode(self, files: tuple[bytes, ...], out: np.ndarray) -> None:
-        """Decodes into `out`, uint8 [4 · H, W, 4], contiguous. CodecError where it cannot."""
-        ...
-
-    def encode(self, pixels: np.ndarray, level: int) -> tuple[bytes, ...]:
-        """Encodes uint8 [4 · H, W, 4]; `level` 0-9 trades time for size."""
-        ...
-
-
 class PngCodec:
-    """rgba_NNN.png and feature_NNN.png, 8 bit RGBA: the published format."""
+    """rgba_NNN.png and feature_NNN.png, 8 bit RGBA: the published format. Its methods run in several threads at once."""
 
     name = "png"
     lossless = True
-    header_bytes = PNG_HEADER_BYTES
+    header_bytes = PNG_HEADER_BYTES  # enough for `probe`
 
     def names(self, part: str, group: int) -> tuple[str, ...]:
+        """The files that hold group number `group` of "rgba" or "feature"."""
         return (f"{part}_{group:03d}.png",)
 
     def probe(self, head: bytes) -> ImageInfo:
+        """Reads the header of a group's file. CodecError where it is none."""
         return probe_png(head)
 
     def decode(self, files: tuple[bytes, ...], out: np.ndarray) -> None:
+        """Decodes into `out`, uint8 [4 · H, W, 4], contiguous. CodecError where it cannot."""
         decode_png(files[0], out)
 
     def encode(self, pixels: np.ndarray, level: int) -> tuple[bytes, ...]:
+        """Encodes uint8 [4 · H, W, 4]; `level` 0-9 trades time for size."""
         return (encode_png(pixels, level),)
 
 

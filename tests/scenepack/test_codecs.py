@@ -1,23 +1,54 @@
-"""Every codec: lossless ones exactly, lossy ones closely, and what is empty stays empty in all."""
+"""Every codec: lossless ones exactly, lossy ones closely, and what is empty stays exactly empty in all."""
 
 from __future__ import annotations
 
+import builtins
+import json
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from console import UserError
-from scenepack import Pack, load_pack, save_pack
+from scenepack import Pack, check_pack, load_pack, open_pack, save_pack
+from scenepack.blocks import atlas_from_dense
 from scenepack.codecs import CODECS
+from scenepack.codecs.pieces import cut, follows_grid, restore_padding
+from scenepack.codecs.straight import filled, premultiplied, straight
+from scenepack.codecs.streams import pack_occupancy, unpack_occupancy
+from scenepack.commands import main
+from tests.scenepack.helpers import edit_json, read_json, same_pack, small_pack, written
 from tests.scenepack.random_packs import random_pack
 
 LOSSLESS = {"png", "webp"}
+ROOT = Path(__file__).parents[2]
+# At the default quality, on smooth content: mean alpha error, and PSNR over voxels in use.
+MOST_ALPHA_ERROR, LEAST_PSNR = 2.5, 36.0
 
 
 @pytest.fixture(scope="module")
 def pack() -> Pack:
-    return random_pack(np.random.default_rng(5), block_size=30, grid_blocks=(2, 2, 2), style="blob")
+    """Smooth content in 12 macroblocks with a few empty ones between, like a bake."""
+    size, blocks = 14, (3, 2, 2)
+    x, y, z = (n * size - 3 for n in blocks)
+    gz, gy, gx = np.ogrid[:z, :y, :x]
+    radius = np.sqrt((gz - z / 2) ** 2 + (gy - y / 2) ** 2 + (gx - x / 3) ** 2)
+    alpha = np.clip(255 - 30 * np.abs(radius - 9), 0, 255)
+    waves = [0.5 + 0.4 * np.sin(gx / (3 + i) + gy / 5 + i * gz / 9) for i in range(7)]
+    values = np.stack([np.rint(wave * alpha) for wave in waves], axis=-1).astype(np.uint8)
+    alpha = alpha.astype(np.uint8)
+    values = np.minimum(values, alpha[..., None])
+    rgba = np.concatenate([values[..., :3], alpha[..., None]], axis=-1)
+    base = random_pack(np.random.default_rng(5), block_size=size, grid_blocks=blocks, style="blob")
+    indices, atlas, atlas_features = atlas_from_dense(rgba, values[..., 3:], size, atlas_blocks=(3, 2, 2))
+    return replace(base, grid_size=(x, y, z), atlas_indices=indices, atlas_rgba=atlas, atlas_features=atlas_features)
 
 
 @pytest.fixture(params=sorted(CODECS))
@@ -27,28 +58,191 @@ def codec(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-def test_voxels_survive_and_empty_ones_stay_exactly_empty(codec: str, pack: Pack, tmp_path: Path) -> None:
-    save_pack(pack, tmp_path / "pack", codec=codec)
-    back = load_pack(tmp_path / "pack")
+def images(folder: Path) -> list[Path]:
+    return sorted(f for f in folder.iterdir() if f.name not in ("scene_params.json", "atlas_indices.png"))
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    return float(-10 * np.log10(np.mean((a.astype(float) - b) ** 2) / 255**2))
+
+
+@pytest.mark.parametrize("name", ["pack", "pack.zip"])
+def test_voxels_survive_and_empty_ones_stay_exactly_empty(codec: str, pack: Pack, tmp_path: Path, name: str) -> None:
+    save_pack(pack, tmp_path / name, codec=codec)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        back = load_pack(tmp_path / name)
     assert pack.atlas_features is not None and back.atlas_features is not None
-    assert np.array_equal(back.atlas_indices, pack.atlas_indices)
-    empty = pack.atlas_rgba[..., 3] == 0
-    assert not back.atlas_rgba[empty].any()
-    pairs = ((back.atlas_rgba, pack.atlas_rgba), (back.atlas_features, pack.atlas_features))
     if codec in LOSSLESS:
-        assert all(np.array_equal(got, put) for got, put in pairs)
+        assert same_pack(back, pack)
         return
-    assert np.all(back.atlas_rgba[..., :3] <= back.atlas_rgba[..., 3:]), "still premultiplied"
-    for got, put in pairs:
-        error = np.abs(got.astype(int) - put)[~empty]
-        assert 0 < np.mean(error) < 24, "close even on noise, the hardest thing to code"
+    used = pack.atlas_rgba[..., 3] > 0
+    assert np.array_equal(back.atlas_rgba[..., 3] > 0, used), "what was empty, and nothing else"
+    assert not back.atlas_rgba[~used].any() and not back.atlas_features[~used].any()
+    error = np.abs(back.atlas_rgba[..., 3].astype(int) - pack.atlas_rgba[..., 3])[used]
+    assert error.mean() <= MOST_ALPHA_ERROR
+    for got, put in ((back.atlas_rgba, pack.atlas_rgba), (back.atlas_features, pack.atlas_features)):
+        assert psnr(got[used], put[used]) >= LEAST_PSNR
+    assert same_pack(replace(back, atlas_rgba=pack.atlas_rgba, atlas_features=pack.atlas_features), pack)
 
 
-def test_a_truncated_file_is_refused_in_one_line(codec: str, pack: Pack, tmp_path: Path) -> None:
+def test_a_decoded_pack_keeps_the_rules_of_packs(codec: str, pack: Pack, tmp_path: Path) -> None:
     save_pack(pack, tmp_path / "pack", codec=codec)
-    largest = max((p for p in (tmp_path / "pack").iterdir() if p.suffix != ".json"), key=lambda p: p.stat().st_size)
-    largest.write_bytes(largest.read_bytes()[: largest.stat().st_size // 2])
-    with pytest.raises(UserError, match=str(tmp_path / "pack")):
+    findings = {finding.rule: finding.severity for finding in check_pack(load_pack(tmp_path / "pack"))}
+    for rule in ("premultiplied", "padding rgba", "padding features"):
+        assert findings[rule] == "ok", rule
+
+
+def test_noise_the_hardest_thing_to_code_stays_close_and_empty_where_it_was(codec: str, tmp_path: Path) -> None:
+    noisy = small_pack(occupancy=0.4)
+    save_pack(noisy, tmp_path / "pack", codec=codec)
+    back = load_pack(tmp_path / "pack")
+    assert noisy.atlas_features is not None and back.atlas_features is not None
+    used = noisy.atlas_rgba[..., 3] > 0
+    assert np.array_equal(back.atlas_rgba[..., 3] > 0, used)
+    for got, put in ((back.atlas_rgba, noisy.atlas_rgba), (back.atlas_features, noisy.atlas_features)):
+        assert np.abs(got.astype(int) - put)[used].mean() < 24
+
+
+@pytest.mark.parametrize(
+    "options", [{"diffuse": True}, {"block_size": 30, "grid_blocks": (1, 1, 2)}, {"block_size": 3}]
+)
+def test_packs_of_all_kinds_come_back(codec: str, tmp_path: Path, options: dict[str, Any]) -> None:
+    before = small_pack(**options)
+    save_pack(before, tmp_path / "pack", codec=codec)
+    back = load_pack(tmp_path / "pack")
+    assert back.atlas_rgba.shape == before.atlas_rgba.shape
+    assert (back.atlas_features is None) == (before.atlas_features is None)
+    assert (back.view_mlp is None) == (before.view_mlp is None)
+    assert np.array_equal(back.atlas_rgba[..., 3] > 0, before.atlas_rgba[..., 3] > 0)
+
+
+def test_a_pack_with_nothing_in_it_comes_back(codec: str, tmp_path: Path) -> None:
+    before = small_pack()
+    nothing = np.zeros_like(before.atlas_rgba)
+    indices = np.full_like(before.atlas_indices, 255)
+    before = replace(before, atlas_indices=indices, atlas_rgba=nothing, atlas_features=nothing)
+    save_pack(before, tmp_path / "pack", codec=codec)
+    with pytest.warns(match="nothing to see"):
+        assert same_pack(load_pack(tmp_path / "pack"), before)
+
+
+def test_webp_keeps_packs_voxel_by_voxel_that_break_the_rules(tmp_path: Path) -> None:
+    untidy = small_pack()
+    atlas = untidy.atlas_rgba.copy()
+    atlas[0, 0, 0] = 1, 2, 3, 4  # padding at the grid's edge
+    untidy = replace(untidy, atlas_rgba=atlas)
+    assert follows_grid(small_pack(), small_pack().atlas_rgba) and not follows_grid(untidy, atlas)
+    save_pack(untidy, tmp_path / "pack", codec="webp")
+    assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["layout"] == "atlas"
+    assert same_pack(load_pack(tmp_path / "pack"), untidy)
+
+
+def test_webp_is_smaller_than_png_and_avif_than_jpeg(pack: Pack, tmp_path: Path) -> None:
+    sizes = {}
+    for name in ("png", "webp", "jpeg", "avif"):
+        save_pack(pack, tmp_path / name, codec=name)
+        sizes[name] = sum(f.stat().st_size for f in images(tmp_path / name))
+    assert sizes["webp"] < sizes["png"] and sizes["avif"] < sizes["jpeg"]
+
+
+def test_more_quality_is_more_bytes_and_less_error(codec: str, pack: Pack, tmp_path: Path) -> None:
+    if codec in LOSSLESS:
+        with pytest.raises(UserError, match="takes no quality"):
+            save_pack(pack, tmp_path / "pack", codec=codec, quality=50)
+        return
+    figures = []
+    for quality in (40, 95):
+        save_pack(pack, tmp_path / "pack", codec=codec, quality=quality)
+        size = sum(f.stat().st_size for f in images(tmp_path / "pack"))
+        figures.append((size, psnr(load_pack(tmp_path / "pack").atlas_rgba, pack.atlas_rgba)))
+    assert figures[0][0] < figures[1][0] and figures[0][1] < figures[1][1]
+    for quality in (0, 101):
+        with pytest.raises(UserError, match="out of range"):
+            save_pack(pack, tmp_path / "pack", codec=codec, quality=quality)
+
+
+def test_planes_are_those_of_the_loaded_pack(codec: str, pack: Pack, tmp_path: Path) -> None:
+    save_pack(pack, tmp_path / "pack", codec=codec)
+    whole = load_pack(tmp_path / "pack")
+    parts = {"rgba": whole.atlas_rgba, "feature": whole.atlas_features}
+    with open_pack(tmp_path / "pack") as reader:
+        for planes in reader.planes():
+            part = parts[planes.part]
+            assert part is not None
+            assert np.array_equal(planes.pixels, part[planes.z : planes.z + len(planes.pixels)])
+
+
+def spoilt(data: bytes, how: str) -> bytes:
+    half = len(data) // 2
+    noise = np.random.default_rng(1).integers(0, 256, len(data) - half, dtype=np.uint8).tobytes()
+    return {"empty": b"", "cut": data[:half], "noise": noise, "head cut": data[:20]}[how]
+
+
+@pytest.mark.parametrize("how", ["empty", "cut", "noise", "head cut"])
+def test_a_spoilt_file_of_any_kind_is_refused_in_one_line_that_names_it(
+    codec: str, pack: Pack, tmp_path: Path, how: str
+) -> None:
+    save_pack(pack, tmp_path / "pack", codec=codec)
+    kinds = {file.name.rstrip("0123456789_.").split("_0")[0]: file for file in images(tmp_path / "pack")}
+    for file in kinds.values():
+        good = file.read_bytes()
+        file.write_bytes(spoilt(good, how))
+        with pytest.raises(UserError, match=file.name) as caught:
+            load_pack(tmp_path / "pack")
+        assert "\n" not in str(caught.value)
+        file.write_bytes(good)
+    load_pack(tmp_path / "pack")
+
+
+def test_a_file_of_another_size_is_refused_before_it_is_decoded(codec: str, pack: Pack, tmp_path: Path) -> None:
+    other = small_pack(block_size=14, grid_blocks=(4, 3, 2), occupancy=0.5)
+    save_pack(pack, tmp_path / "pack", codec=codec)
+    save_pack(other, tmp_path / "other", codec=codec)
+    refused = 0
+    for file in images(tmp_path / "pack"):
+        foreign = tmp_path / "other" / file.name
+        if not foreign.exists() or file.suffix == ".xz":
+            continue
+        good = file.read_bytes()
+        file.write_bytes(foreign.read_bytes())
+        with pytest.raises(UserError, match="expected"):
+            load_pack(tmp_path / "pack")
+        file.write_bytes(good)
+        refused += 1
+    assert refused
+
+
+def test_missing_files_are_refused_and_missing_features_make_it_diffuse(codec: str, pack: Pack, tmp_path: Path) -> None:
+    save_pack(pack, tmp_path / "pack", codec=codec)
+    files = images(tmp_path / "pack")
+    next(f for f in files if f.name.startswith("feature")).unlink()
+    with pytest.warns(match="shown as diffuse"):
+        back = load_pack(tmp_path / "pack")
+    assert back.atlas_features is None and back.view_mlp is None and back.atlas_rgba.any()
+    next(f for f in files if f.name.startswith(("rgb", "alpha"))).unlink()
+    with pytest.raises(UserError, match="is missing"):
+        load_pack(tmp_path / "pack")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda p: p.pop("snerg"), "codec_settings is missing"),
+        (lambda p: p["snerg"].update(codec_settings=[]), "codec_settings is missing"),
+        (lambda p: p["snerg"]["codec_settings"].update(layout="spiral"), "layout is not known"),
+        (lambda p: p["snerg"]["codec_settings"].update(planes=0), "planes is out of range"),
+        (lambda p: p["snerg"]["codec_settings"].update(planes=15), "planes is out of range"),
+        (lambda p: p["snerg"]["codec_settings"].update(planes="4"), "planes is out of range"),
+        (lambda p: p["snerg"]["codec_settings"].update(planes=1 << 40), "planes is out of range"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(
+    pack: Pack, tmp_path: Path, change: Callable[[dict[str, Any]], Any], told: str
+) -> None:
+    save_pack(pack, tmp_path / "pack", codec="webp")
+    edit_json(tmp_path / "pack", change)
+    with pytest.raises(UserError, match=told):
         load_pack(tmp_path / "pack")
 
 
@@ -56,3 +250,141 @@ def test_an_unknown_codec_is_refused(pack: Pack, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="codec"):
         save_pack(pack, tmp_path / "pack", codec="gif")
     assert not (tmp_path / "pack").exists()
+
+
+def test_without_pyav_h264_is_told_in_one_line_and_all_else_works(
+    pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any, **named: Any) -> Any:
+        if name == "av":
+            raise ImportError(name)
+        return real(name, *rest, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.delitem(sys.modules, "av", raising=False)
+    with pytest.raises(UserError, match=r"snerg\[video\]"):
+        save_pack(pack, tmp_path / "pack", codec="h264")
+    save_pack(pack, tmp_path / "pack", codec="avif", quality=30)
+    edit_json(tmp_path / "pack", lambda p: p.update(format="h264"))
+    with pytest.raises(UserError, match=r"snerg\[video\]"):
+        load_pack(tmp_path / "pack")
+
+
+# --- the parts that codecs are made of ---
+
+
+def test_cutting_and_putting_together_is_exact_in_either_layout(pack: Pack) -> None:
+    for layout, planes in (("atlas", 5), ("grid", 14), ("grid", 28)):
+        again = np.zeros_like(pack.atlas_rgba)
+        for piece in cut(pack, layout, planes):  # type: ignore[arg-type]
+            values = piece.gather(pack.atlas_rgba)
+            assert values.shape[:3] == piece.shape
+            piece.scatter(values, again)
+        if layout == "grid":
+            restore_padding(pack, again)
+        assert np.array_equal(again, pack.atlas_rgba)
+
+
+def test_padding_is_restored_whatever_lies_there() -> None:
+    for seed in range(3):
+        source = random_pack(np.random.default_rng(seed), block_size=4, grid_blocks=(4, 3, 3), style="noise")
+        spoilt_atlas = source.atlas_rgba.copy()
+        for block in np.argwhere(source.occupied):
+            x, y, z = (int(i) * 6 for i in source.atlas_indices[tuple(block)])
+            copy = spoilt_atlas[z : z + 6, y : y + 6, x : x + 6]
+            data = copy[1:-1, 1:-1, 1:-1].copy()
+            copy[...] = 77
+            copy[1:-1, 1:-1, 1:-1] = data
+        restore_padding(source, spoilt_atlas)
+        assert np.array_equal(spoilt_atlas, source.atlas_rgba)
+
+
+def test_straight_colours_come_back_and_nothing_outshines_its_alpha() -> None:
+    rng = np.random.default_rng(0)
+    alpha = (rng.integers(0, 256, (9, 20, 33)) * (rng.random((9, 20, 33)) < 0.3)).astype(np.uint8)
+    values = np.rint(rng.random((9, 20, 33, 3)) * alpha[..., None]).astype(np.uint8)
+    shown = straight(values, alpha, 0.0)
+    assert shown.shape == (9, 32, 48, 3)
+    back = premultiplied(shown, alpha)
+    assert np.abs(back.astype(int) - values).max() <= 1
+    smooth = premultiplied(straight(values, alpha, 8.0), alpha)
+    assert np.all(smooth <= alpha[..., None]) and not smooth[alpha == 0].any()
+    assert abs(smooth.sum() / values.sum() - 1) < 0.02, "smoothing moves colour about and loses none"
+
+
+def test_empty_voxels_continue_what_is_near_them() -> None:
+    alpha = np.zeros((16, 16, 32), np.uint8)
+    alpha[3:6, 4:9, 2:5] = 90
+    values = np.where(alpha > 0, 45, 0).astype(np.uint8)[..., None]
+    shown = straight(values, alpha, 8.0)
+    assert np.all(shown[:, :, :16] == 128) and np.all(shown[:, :, 16:] == 128)  # 45 / 90, and grey where nothing is
+    assert np.all(filled(alpha[..., None], alpha)[:, :, :16] == 90)
+
+
+def test_occupancy_comes_back_exactly_and_is_refused_at_another_size() -> None:
+    occupied = np.random.default_rng(0).random((5, 6, 7)) < 0.3
+    data = pack_occupancy(occupied)
+    assert np.array_equal(unpack_occupancy(data, (5, 6, 7)), occupied)
+    for shape in ((5, 6, 9), (1, 2, 2)):
+        with pytest.raises(Exception, match="expected"):
+            unpack_occupancy(data, shape)
+
+
+# --- snerg-pack convert ---
+
+
+def test_converting_there_and_back_without_loss_gives_the_same_pack(
+    pack: Pack, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = written(tmp_path / "a", pack.with_metadata(cameras=[1, 2]))
+    assert main(["convert", str(source), "--out", str(tmp_path / "b.zip"), "--codec", "webp"]) == 0
+    assert "% of" in capsys.readouterr().out
+    assert main(["convert", str(tmp_path / "b.zip"), "--out", str(tmp_path / "c"), "--codec", "png"]) == 0
+    assert same_pack(load_pack(tmp_path / "c"), pack)
+    assert read_json(tmp_path / "c") == read_json(source), "no trace of the codec between"
+    for file in images(source):
+        assert (tmp_path / "c" / file.name).exists()
+
+
+def test_converting_in_place_replaces_the_pack(pack: Pack, tmp_path: Path) -> None:
+    source = written(tmp_path / "a", pack)
+    assert main(["convert", str(source), "--out", str(source), "--codec", "avif", "--quality", "40"]) == 0
+    assert {f.suffix for f in images(source)} == {".avif", ".xz"}
+    assert json.loads((source / "scene_params.json").read_text())["format"] == "avif"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--codec", "gif"], "image format is not known"),
+        (["--codec", "webp", "--quality", "5"], "takes no quality"),
+        (["--codec", "avif", "--quality", "0"], "expected 1 to 100"),
+        (["--codec", "png", "--png-level", "12"], "expected 0 to 9"),
+    ],
+)
+def test_convert_tells_in_one_line_what_it_cannot_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], told: str
+) -> None:
+    source = written(tmp_path / "a")
+    assert main(["convert", str(source), "--out", str(tmp_path / "b"), *words]) == 2
+    error = capsys.readouterr().err
+    assert told in error and error.count("\n") == 1
+    assert not (tmp_path / "b").exists()
+
+
+@pytest.mark.parametrize("name", ["webp", "avif"])
+def test_a_kill_while_another_codec_is_written_leaves_the_old_pack(pack: Pack, tmp_path: Path, name: str) -> None:
+    target = written(tmp_path / "pack", pack)
+    code = f"""
+import os, sys
+from pathlib import Path
+from scenepack import load_pack, save_pack
+def die(done, total): os._exit(77)
+save_pack(load_pack(Path(sys.argv[1])), Path(sys.argv[1]), codec={name!r}, on_progress=die)
+"""
+    status = subprocess.run([sys.executable, "-c", code, str(target)], cwd=ROOT, timeout=60).returncode
+    assert status == 77 and same_pack(load_pack(target), pack)
+    save_pack(pack, target, codec=name)
+    assert not [entry for entry in os.listdir(tmp_path) if entry.startswith(".")], "the next writer tidies up"
