@@ -78,8 +78,11 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def progress(title: str, total: float) -> Iterator[Progress]:
-    """Shows `title` with a bar (terminal) or a line every ten seconds (no terminal), on stderr."""
+def progress(title: str, total: float, quiet: bool = False) -> Iterator[Progress]:
+    """Shows `title` with a bar (terminal) or a line every ten seconds (no terminal), on stderr; nothing where quiet."""
+    if quiet:
+        yield Progress(title, total)
+        return
     if not sys.stderr.isatty():
         yield _Plain(title, total)
         return

@@ -76,7 +76,9 @@ class TrainConfig:
     log_every: int = 100
     """Steps between lines of metrics.jsonl."""
     validate_every: int = 5000
-    """Steps between validation pictures; 0 for only one at the end."""
+    """Steps between validations; 0 for only one at the end."""
+    validate_views: int = 1
+    """Photographs whose mean PSNR a validation measures, spread over those held out; the middle one is pictured."""
     checkpoint_every: int = 5000
     """Steps between checkpoints."""
     nerf: NerfConfig = field(default_factory=NerfConfig)

@@ -10,22 +10,31 @@ from training.checkpoints import cannot_write, write_aside
 
 
 class Journal:
-    """Appends records to a run's metrics.jsonl; each has "step" (steps done) and "seconds" (wall time of
-    training).
+    """A run's metrics.jsonl, on disk and as `records`. Each record has "step" (steps done), "seconds" (wall time of the
+    run) and "training_seconds" (the same without validation and reports).
     """
 
-    def __init__(self, path: Path, step: int) -> None:
-        """Opens the journal of a run that stands at `step`: later records, and a half-written line, are dropped."""
-        self.path = path
-        kept = [record for record in read_journal(path) if record["step"] <= step]
-        self.seconds = float(kept[-1].get("seconds", 0.0)) if kept else 0.0
-        try:
-            write_aside(path, "".join(json.dumps(record) + "\n" for record in kept).encode())
-        except OSError as error:
-            raise cannot_write(path, error) from error
+    def __init__(self, path: Path, step: int, *, writes: bool = True) -> None:
+        """Opens the journal of a run that stands at `step`: later records, and a half-written line, are dropped.
+
+        writes: False only reads (the processes of a run but the first).
+        """
+        self.path, self._writes = path, writes
+        self.records = [record for record in read_journal(path) if record["step"] <= step]
+        last = self.records[-1] if self.records else {}
+        self.seconds = float(last.get("seconds", 0.0))
+        self.training_seconds = float(last.get("training_seconds", self.seconds))
+        if writes:
+            try:
+                write_aside(path, "".join(json.dumps(record) + "\n" for record in self.records).encode())
+            except OSError as error:
+                raise cannot_write(path, error) from error
 
     def write(self, record: dict[str, Any]) -> None:
         """Appends one record. UserError where the disk is full."""
+        self.records.append(record)
+        if not self._writes:
+            return
         try:
             with open(self.path, "a", encoding="utf-8") as file:
                 file.write(json.dumps(record) + "\n")

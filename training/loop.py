@@ -1,14 +1,13 @@
-"""The training loop: one Method, step by step, with a journal, validation pictures and checkpoints.
+"""The training loop: one Method, step by step, with checkpoints, and what training.recorder leaves to look at.
 
 Randomness comes from (seed, step) alone, so a run that was stopped and resumed repeats the losses of an
-unbroken one.
+unbroken one. With many processes (training.devices) all run this loop alike, and process 0 writes.
 """
 
 from __future__ import annotations
 
 import math
 import shlex
-import time
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +16,15 @@ import numpy as np
 
 from console import UserError, progress
 from training.allocator import keep_freed_memory
-from training.checkpoints import cannot_write, list_checkpoints, write_checkpoint
+from training.checkpoints import list_checkpoints, write_checkpoint
 from training.config import TrainConfig
+from training.devices import agree, anywhere, is_writer, together
 from training.interrupt import interruptible
-from training.journal import Journal
+from training.recorder import Recorder
 from training.run import Run, resume_run, start_run
 from training.scenes import SceneOptions
-from training.validation import validate, validation_photograph
 
-VALIDATION_PIXELS = 200 * 200  # a validation picture should cost seconds, not minutes
+AGREE_EVERY = 10  # steps between asking the other processes whether one was told to stop
 
 
 def train(
@@ -48,30 +47,34 @@ def train(
     scene_path, out = Path(scene_path), Path(out)
     options = SceneOptions(downscale, spherify, masks)
     run = resume_run(out, scene_path, config) if resume else start_run(out, scene_path, config, options)
-    journal = Journal(run.path / "metrics.jsonl", run.step)
-    photograph = validation_photograph(run.scene)
-    clock = _Clock(journal.seconds, config.batch_size)
+    with together():
+        recorder = Recorder(run)
 
-    with interruptible() as asked_to_stop, progress("training", config.steps - run.step) as bar:
+    with interruptible() as asked_to_stop, progress("training", config.steps - run.step, quiet=not is_writer()) as bar:
         first = run.step
         for step in range(run.step, config.steps):
             run.state, metrics = run.method.step(run.state, step)
             run.step = step + 1
-            out_of_time = 0 < config.minutes * 60 <= clock.seconds
-            stopping = asked_to_stop()  # once a step, so that what is raised below was saved above
-            last = run.step == config.steps or out_of_time or stopping
+            stopping, out_of_time = _told_to_stop(asked_to_stop(), recorder.seconds, config, run.step)
 
+            last = run.step == config.steps or out_of_time or stopping
             if last or run.step % config.log_every == 0:
-                bar.update(run.step - first, _log(run, metrics, clock, journal))
+                values = {name: float(value) for name, value in jax.device_get(metrics).items()}
+                _refuse_divergence(run, values["loss"])
+                with together():
+                    bar.update(run.step - first, recorder.log(values))
             if last or run.step % config.checkpoint_every == 0:
                 _checkpoint(run)
             pictured = config.validate_every and run.step % config.validate_every == 0
             if (last or pictured) and not stopping:
-                _validate(run, photograph, clock, journal)
+                with together():
+                    recorder.validate()
             if stopping and run.step < config.steps:
                 raise KeyboardInterrupt(f"saved at step {run.step}; continue with: {how_to_resume(run)}")
             if out_of_time:
                 break
+    with together():
+        recorder.report()
     return run
 
 
@@ -80,62 +83,24 @@ def how_to_resume(run: Run) -> str:
     return f"snerg-train {shlex.quote(str(run.scene.path))} --out {shlex.quote(str(run.path))} --resume"
 
 
-class _Clock:
-    """Seconds of training so far, over all sittings, and rays per second since the last asking."""
-
-    def __init__(self, seconds_before: float, batch_size: int) -> None:
-        self._start = time.monotonic() - seconds_before
-        self._batch_size = batch_size
-        self._mark, self._marked_step = time.monotonic(), None
-
-    @property
-    def seconds(self) -> float:
-        return time.monotonic() - self._start
-
-    def rays_per_second(self, step: int) -> float | None:
-        now = time.monotonic()
-        rate = None
-        if self._marked_step is not None:  # the first stretch holds the compilation
-            rate = (step - self._marked_step) * self._batch_size / max(now - self._mark, 1e-9)
-        self._mark, self._marked_step = now, step
-        return rate
-
-
-def _log(run: Run, metrics: dict[str, Any], clock: _Clock, journal: Journal) -> str:
-    """Writes a line of the journal; returns the few figures that progress shows."""
-    values = {name: float(value) for name, value in jax.device_get(metrics).items()}
-    _refuse_divergence(run, values["loss"])
-    rate = clock.rays_per_second(run.step)
-    record = {"step": run.step, "seconds": round(clock.seconds, 3), **values}
-    if rate is not None:
-        record["rays_per_second"] = round(rate, 1)
-    journal.write(record)
-    speed = f"  {rate / 1000:.1f}k rays/s" if rate else ""
-    return f"PSNR {values['psnr']:.2f} dB{speed}"
+def _told_to_stop(asked: bool, seconds: float, config: TrainConfig, step: int) -> tuple[bool, bool]:
+    """(a signal came, the time is up), the same in every process; once a step, so that what is raised was saved before."""
+    late = 0 < config.minutes * 60 <= seconds
+    if jax.process_count() == 1:
+        return asked, late
+    if step % AGREE_EVERY and step != config.steps:
+        return False, False
+    return anywhere(asked), bool(agree(np.array(late)))
 
 
 def _checkpoint(run: Run) -> None:
-    arrays = run.method.save(run.state)
-    if any(np.issubdtype(array.dtype, np.floating) and np.isnan(array).any() for array in arrays.values()):
-        _refuse_divergence(run, math.nan)
-    write_checkpoint(run.checkpoints, run.step, arrays)
-
-
-def _validate(run: Run, photograph: Any, clock: _Clock, journal: Journal) -> None:
-    picture = run.path / "validation" / f"step_{run.step:08d}.png"
-    try:
-        score = validate(run.method, run.state, run.dataset, photograph, picture, VALIDATION_PIXELS)
-    except OSError as error:
-        raise cannot_write(picture, error) from error
-    journal.write(
-        {
-            "step": run.step,
-            "seconds": round(clock.seconds, 3),
-            "validation_psnr": score,
-            "view": photograph.name,
-        }
-    )
-    clock.rays_per_second(run.step)  # the picture's time is not the steps'
+    with together():
+        if not is_writer():
+            return
+        arrays = run.method.save(run.state)
+        if any(np.issubdtype(array.dtype, np.floating) and np.isnan(array).any() for array in arrays.values()):
+            _refuse_divergence(run, math.nan)
+        write_checkpoint(run.checkpoints, run.step, arrays)
 
 
 def _refuse_divergence(run: Run, loss: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,18 @@ from training.scenes import Photograph, Scene
 from training.scenes.pictures import over_background, shrink
 
 
-def validation_photograph(scene: Scene) -> Photograph:
-    """The one photograph that validation shows: the middle one of val, else test, else (for want of better) train."""
+def validation_photographs(scene: Scene, count: int = 1) -> tuple[Photograph, ...]:
+    """`count` photographs (or all there are) spread evenly over val, else test, else (for want of better) train.
+
+    The middle one of the split comes first: it is the one that is pictured.
+    """
     photographs = next(scene.splits[split] for split in ("val", "test", "train") if scene.splits.get(split))
-    return photographs[len(photographs) // 2]
+    middle = len(photographs) // 2
+    spread = np.unique(np.linspace(0, len(photographs) - 1, max(count, 1)).round().astype(int))
+    others = [i for i in spread if i != middle]
+    if len(others) == max(count, 1):
+        others.remove(min(others, key=lambda i: abs(i - middle)))
+    return (photographs[middle], *(photographs[i] for i in others))
 
 
 def render_photograph(
@@ -41,15 +50,22 @@ def render_photograph(
 
 
 def validate(
-    method: Method, state: Any, dataset: RayDataset, photograph: Photograph, picture: Path, max_pixels: int
-) -> float:
-    """Renders a photograph's view, writes "photograph | rendering" as a PNG at `picture`, returns the PSNR
-    in dB.
+    method: Method, state: Any, dataset: RayDataset, photographs: Sequence[Photograph], picture: Path, max_pixels: int
+) -> list[float]:
+    """PSNR in dB of each photograph's view; writes "photograph | rendering" of the first as a PNG at `picture`, and the
+    same to latest.png beside it, where a viewer of pictures can watch it change.
     """
-    rendered, truth = render_photograph(method, state, dataset, photograph, max_pixels)
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    save_side_by_side([truth, rendered], picture)
-    return psnr(rendered, truth)
+    scores = []
+    for photograph in photographs:
+        rendered, truth = render_photograph(method, state, dataset, photograph, max_pixels)
+        scores.append(psnr(rendered, truth))
+        if len(scores) == 1:
+            picture.parent.mkdir(parents=True, exist_ok=True)
+            save_side_by_side([truth, rendered], picture)
+            aside = picture.with_name(".latest.png")
+            shutil.copyfile(picture, aside)
+            aside.replace(picture.with_name("latest.png"))
+    return scores
 
 
 def save_side_by_side(pictures: Sequence[np.ndarray], path: Path) -> None:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from viewer.benchmark import Measurement
-from viewer.plots import Line, draw_plot
+from console.plots import Line, draw_plot
 
 HEADINGS = ("", "ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU MiB")
 

@@ -23,7 +23,7 @@ from scenepack.pack import Pack, ViewMlp
 from viewer.arguments import parse_numbers
 from viewer.benchmark import Contender, measure
 from viewer.camera import orbit_path
-from viewer.plots import Line, draw_plot
+from console.plots import Line, draw_plot
 from viewer.settings import RenderSettings
 
 DESCRIPTION = "Plots frame time against grid resolution, picture size and opacity, on carved scenes."

@@ -18,7 +18,7 @@ from training.scenes import SceneOptions
 
 DEFAULT_PRESET = "cpu"
 DESCRIPTION = "Trains a deferred NeRF on posed photographs. The run can be stopped and resumed at any time."
-FREE = ("steps", "minutes", "log_every", "validate_every", "checkpoint_every")  # may change with --resume
+FREE = ("steps", "minutes", "log_every", "validate_every", "validate_views", "checkpoint_every")  # may change with --resume
 PresetName = Literal["cpu", "fast", "paper", "small", "tiny"]
 
 

@@ -1,4 +1,7 @@
-"""Plots as small PNGs, drawn with Pillow: lines over x and y, axes with round numbers, labels and a legend."""
+"""Plots as small PNGs, drawn with Pillow: lines over x and y, axes with round numbers, labels and a legend.
+
+Here because the trainer and the viewer, which may not import one another, both draw them.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, log10
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -35,31 +39,65 @@ def round_ticks(low: float, high: float, most: int = 6) -> list[float]:
     return [i * step for i in range(ceil(low / step - 1e-9), floor(high / step + 1e-9) + 1)]
 
 
+@dataclass(frozen=True)
+class Plot:
+    """One pair of axes and its lines. y_axis: from zero; from the data's least; or logarithmic (positive values only)."""
+
+    lines: Sequence[Line]
+    title: str
+    x_label: str
+    y_label: str
+    y_axis: Literal["zero", "data", "log"] = "zero"
+
+
 def draw_plot(
     path: Path, lines: Sequence[Line], title: str, x_label: str, y_label: str, size: tuple[int, int] = (720, 360)
 ) -> None:
     """Writes a plot of `size` (width, height in pixels) to a PNG, aside first. Both axes are linear, y from zero."""
-    _Plot(lines, size).draw(path, title, x_label, y_label)
+    draw_plots(path, [Plot(lines, title, x_label, y_label)], size)
 
 
-class _Plot:
+def draw_plots(path: Path, plots: Sequence[Plot], size: tuple[int, int] = (720, 360)) -> None:
+    """Writes plots of `size` each, one below the other, to a PNG, aside first."""
+    sheet = Image.new("RGB", (size[0], size[1] * len(plots)), PAPER)
+    for i, plot in enumerate(plots):
+        sheet.paste(_Drawing(plot, size).finished(), (0, i * size[1]))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_name(f".{path.name}.part")
+    try:
+        sheet.quantize(128).save(aside, format="PNG", optimize=True)
+        aside.replace(path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+class _Drawing:
     """Everything in pixels of the finished picture, multiplied by OVERSAMPLED when it is drawn."""
 
-    def __init__(self, lines: Sequence[Line], size: tuple[int, int]) -> None:
-        self.lines, self.size = lines, size
-        xs = [x for line in lines for x in line.xs]
-        ys = [y for line in lines for y in (*line.ys, *(level for _, level in line.levels))]
+    def __init__(self, plot: Plot, size: tuple[int, int]) -> None:
+        self.plot, self.lines, self.size = plot, plot.lines, size
+        xs = [x for line in plot.lines for x in line.xs] or [0.0]
+        ys = [y for line in plot.lines for y in (*line.ys, *(level for _, level in line.levels))] or [1.0]
         self.x0, self.x1 = (min(xs), max(xs)) if min(xs) < max(xs) else (min(xs) - 0.5, max(xs) + 0.5)
         if self.x0 < 0.35 * self.x1:
             self.x0 = min(self.x0, 0.0)
-        self.y1 = max(1.08 * max(ys), 1e-9)
+        if plot.y_axis == "log":
+            self.y0, self.y1 = 0.9 * max(min(ys), 1e-12), 1.1 * max(ys)
+        elif plot.y_axis == "data":
+            room = 0.06 * max(max(ys) - min(ys), 1e-9)
+            self.y0, self.y1 = min(ys) - room, max(ys) + room
+        else:
+            self.y0, self.y1 = 0.0, max(1.08 * max(ys), 1e-9)
         self.image = Image.new("RGB", (size[0] * OVERSAMPLED, size[1] * OVERSAMPLED), PAPER)
         self.pen = ImageDraw.Draw(self.image)
 
     def at(self, x: float, y: float) -> tuple[float, float]:
         width, height = self.size
         across = (x - self.x0) / (self.x1 - self.x0)
-        up = y / self.y1
+        if self.plot.y_axis == "log":
+            up = log10(max(y, 1e-12) / self.y0) / log10(self.y1 / self.y0)
+        else:
+            up = (y - self.y0) / (self.y1 - self.y0)
         return LEFT + across * (width - LEFT - RIGHT), height - BOTTOM - up * (height - TOP - BOTTOM)
 
     def line(self, points: Sequence[tuple[float, float]], colour: tuple[int, int, int], width: float) -> None:
@@ -72,10 +110,10 @@ class _Plot:
         self.pen.text((OVERSAMPLED * x, OVERSAMPLED * y), text, fill=colour, font=font, anchor=anchor)
         return self.pen.textlength(text, font=font) / OVERSAMPLED
 
-    def draw(self, path: Path, title: str, x_label: str, y_label: str) -> None:
+    def finished(self) -> Image.Image:
         width, height = self.size
-        self._axes(x_label, y_label)
-        self.text(LEFT, 14, title, "lm", INK, 14)
+        self._axes(self.plot.x_label, self.plot.y_label)
+        self.text(LEFT, 14, self.plot.title, "lm", INK, 14)
         for i, line in enumerate(self.lines):
             self._curve(line, COLOURS[i % len(COLOURS)])
         if len(self.lines) > 1:
@@ -86,25 +124,30 @@ class _Plot:
                     x, y = float(LEFT), y + 15
                 self.line([(x, y), (x + 18, y)], COLOURS[i % len(COLOURS)], 2.4)
                 x += 24 + self.text(x + 24, y, line.label, "lm", INK) + 16
-        path.parent.mkdir(parents=True, exist_ok=True)
-        aside = path.with_name(f".{path.name}.part")
-        small = self.image.resize((width, height), Image.Resampling.LANCZOS)
-        small.quantize(128).save(aside, format="PNG", optimize=True)
-        aside.replace(path)
+        return self.image.resize((width, height), Image.Resampling.LANCZOS)
 
     def _axes(self, x_label: str, y_label: str) -> None:
         width, height = self.size
-        for tick in round_ticks(0.0, self.y1):
+        for tick in self._y_ticks():
             _, y = self.at(self.x0, tick)
             self.line([(LEFT, y), (width - RIGHT, y)], GRID, 1)
             self.text(LEFT - 8, y, f"{tick:g}", "rm")
+        bottom = height - BOTTOM
         for tick in round_ticks(self.x0, self.x1, 10):
-            x, bottom = self.at(tick, 0.0)
+            x, _ = self.at(tick, self.y1)
             self.line([(x, bottom), (x, bottom + 4)], FAINT, 1)
             self.text(x, bottom + 8, f"{tick:g}", "mt")
-        self.line([(LEFT, height - BOTTOM), (width - RIGHT, height - BOTTOM)], FAINT, 1)
+        self.line([(LEFT, bottom), (width - RIGHT, bottom)], FAINT, 1)
         self.text((LEFT + width - RIGHT) / 2, height - 8, x_label, "mb")
         self._upright(y_label)
+
+    def _y_ticks(self) -> list[float]:
+        if self.plot.y_axis != "log":
+            return round_ticks(self.y0, self.y1)
+        powers = range(floor(log10(self.y0)), ceil(log10(self.y1)) + 1)
+        factors = (1, 2, 5) if len(powers) <= 4 else (1,)
+        ticks = [factor * 10.0**power for power in powers for factor in factors]
+        return [tick for tick in ticks if self.y0 <= tick <= self.y1]
 
     def _upright(self, text: str) -> None:
         """The y axis's label, turned to run upwards along the left edge."""
