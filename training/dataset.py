@@ -1,29 +1,37 @@
-"""All training rays of a scene, kept on the device as cameras and 8 bit pixels; rays are made from pixel
-indices inside jit.
+"""All training rays of a scene, kept on the devices as cameras and 8 bit pixels; rays are made from ray ids inside jit.
 
-Notation: V views of H x W pixels with C = 3 or 4 channels (4 where some pixel is not opaque: RGB not
-premultiplied); N rays of a batch; (x, y) pixel coordinates, centres at +0.5. Geometry and lens model:
-training.scenes.rays, whose JAX twin this is (a test compares them).
+Notation: V views, P pixels in all (views need not share one size), C = 3 or 4 channels (4 where some pixel is not
+opaque: RGB not premultiplied); N rays of a batch. A ray's id in [0, P) counts views, then rows, then columns; (x, y)
+are pixel coordinates, centres at +0.5. Geometry and lens model: training.scenes.rays, whose JAX twin this is (a test
+compares them).
 
-RayDataset is a pytree: pass it to a jitted function as an argument, so that its pictures are no constants
-of the program.
+RayDataset is a pytree: pass it to a jitted function as an argument, so that its pictures are no constants of the
+program. Pixels are stored along the mesh (training.devices): a process decodes only the photographs that its devices
+hold, and a batch's colours are fetched from whichever device has them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 
+from console import UserError
+from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
-from training.scenes import Camera, Scene, load_pictures
+from training.scenes import Camera, Photograph, Scene, load_pixels
 from training.scenes.rays import NDC_NEAR, camera_rays, ndc_rays
 
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
+MOST_RAYS = 2**31 - 1  # ids are int32
 
 
 class SceneFacts(NamedTuple):
@@ -31,7 +39,7 @@ class SceneFacts(NamedTuple):
 
     near, far: bounds of t. aabb: ((x, y, z), (x, y, z)), training frame (NDC space where ndc). ndc_camera:
     (width, height, focal) or None. disparity: spread samples in 1/t. background: sRGB. distorted: some
-    lens is not a pinhole.
+    lens is not a pinhole. size: (width, height) of every view, or None where they differ.
     """
 
     near: float
@@ -41,22 +49,31 @@ class SceneFacts(NamedTuple):
     disparity: bool
     background: tuple[float, float, float]
     distorted: bool
+    size: tuple[int, int] | None
 
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=("pixels", "world_T_camera", "intrinsics", "distortion"),
-    meta_fields=("facts",),
+    data_fields=("pixels", "world_T_camera", "intrinsics", "distortion", "first", "width", "drawable"),
+    meta_fields=("facts", "count", "mesh"),
 )
 @dataclass(frozen=True)
 class RayDataset:
-    """pixels uint8 [V, H, W, C]; world_T_camera [V, 3, 4]; intrinsics [V, 4] = fx, fy, cx, cy; distortion [V, 4]."""
+    """pixels uint8 [P (padded to a multiple of D), C], stored along the mesh. Of each view: world_T_camera [V, 3, 4];
+    intrinsics [V, 4] = fx, fy, cx, cy; distortion [V, 4]; first int32 [V], the id of its first ray; width int32 [V].
+    drawable int32 [M]: ids that batches are drawn from, or None for all (masks leave pixels out). count: P, all rays.
+    """
 
     pixels: jax.Array
     world_T_camera: jax.Array
     intrinsics: jax.Array
     distortion: jax.Array
+    first: jax.Array
+    width: jax.Array
+    drawable: jax.Array | None
     facts: SceneFacts = field(repr=False)
+    count: int
+    mesh: Mesh = field(repr=False)
 
     @property
     def near(self) -> float:
@@ -86,29 +103,66 @@ class RayDataset:
     @property
     def views(self) -> int:
         """Number of training photographs V."""
-        return self.pixels.shape[0]
+        return self.width.shape[0]
 
-    @property
-    def count(self) -> int:
-        """Number of training rays V H W; a ray's id counts views, then rows, then columns."""
-        views, height, width, _ = self.pixels.shape
-        return views * height * width
+    def every_drawable(self) -> jax.Array:
+        """int32 [M]: the ids that batches may be drawn from."""
+        return jnp.arange(self.count, dtype=jnp.int32) if self.drawable is None else self.drawable
+
+    def local(self) -> RayDataset:
+        """The same on one device of this process, for work outside of the step. With many devices it has no pixels."""
+        if self.mesh.size == 1:
+            return self
+        without = replace(self, pixels=jnp.zeros((0, self.pixels.shape[1]), jnp.uint8))
+        return replace(here(without), mesh=Mesh(np.array(jax.local_devices()[:1]), (AXIS,)))
+
+    def draw(self, key: jax.Array, size: int) -> jax.Array:
+        """Ids int32 [size], drawn evenly from all drawable pixels; jittable."""
+        if self.drawable is None:
+            return jax.random.randint(key, (size,), 0, self.count)
+        return self.drawable[jax.random.randint(key, (size,), 0, self.drawable.shape[0])]
+
+    def batch(self, key: jax.Array, size: int) -> tuple[Rays, jax.Array]:
+        """`size` rays through the centres of drawn pixels, and their colours [N, 3]; jittable."""
+        return self.rays_at(self.draw(key, size))
 
     def rays_at(self, ids: jax.Array) -> tuple[Rays, jax.Array]:
         """Rays of int32 ids [N] in [0, count), and their colours [N, 3]; jittable."""
-        _, height, width, _ = self.pixels.shape
-        view, rest = ids // (height * width), ids % (height * width)
-        y, x = rest // width, rest % width
-        return self.rays(view, x, y), self.colours(view, x, y)
+        return self.geometry_at(ids), self.colours_at(ids)
 
-    def batch(self, key: jax.Array, size: int) -> tuple[Rays, jax.Array]:
-        """`size` rays through pixel centres drawn evenly from all views, and their colours [N, 3]; jittable."""
-        views, height, width, _ = self.pixels.shape
-        view, y, x = (
-            jax.random.randint(k, (size,), 0, limit)
-            for k, limit in zip(jax.random.split(key, 3), (views, height, width), strict=True)
-        )
-        return self.rays(view, x, y), self.colours(view, x, y)
+    def geometry_at(self, ids: jax.Array) -> Rays:
+        """Rays of int32 ids [N]; jittable."""
+        if self.facts.size is not None:
+            width, height = self.facts.size
+            view, rest = ids // (width * height), ids % (width * height)
+            return self.rays(view, rest % width, rest // width)
+        view = jnp.searchsorted(self.first, ids, side="right") - 1
+        rest = ids - self.first[view]
+        return self.rays(view, rest % self.width[view], rest // self.width[view])
+
+    def colours_at(self, ids: jax.Array) -> jax.Array:
+        """Colours float32 [N, 3] of rays over the background; jittable."""
+        pixel = self._fetch(ids).astype(jnp.float32) / 255.0
+        if pixel.shape[-1] == 3:
+            return pixel
+        alpha = pixel[:, 3:]
+        return pixel[:, :3] * alpha + (1.0 - alpha) * jnp.asarray(self.background, jnp.float32)
+
+    def _fetch(self, ids: jax.Array) -> jax.Array:
+        """Pixels uint8 [N, C] from the devices that have them; N is padded to a multiple of D within."""
+        if self.mesh.size == 1:
+            return self.pixels[ids]
+        padded = jnp.pad(ids, (0, -ids.shape[0] % self.mesh.size))
+
+        def own_share(pixels: jax.Array, ids: jax.Array) -> jax.Array:
+            row = ids - jax.lax.axis_index(AXIS) * pixels.shape[0]
+            mine = (row >= 0) & (row < pixels.shape[0])
+            found = pixels[jnp.clip(row, 0, pixels.shape[0] - 1)].astype(jnp.int32)
+            # each pixel is held once, so the sum over devices is the pixel; every device keeps the rows of its share
+            return jax.lax.psum_scatter(jnp.where(mine[:, None], found, 0), AXIS, tiled=True)
+
+        fetch = jax.shard_map(own_share, mesh=self.mesh, in_specs=(SPLIT, WHOLE), out_specs=SPLIT)
+        return fetch(self.pixels, padded)[: ids.shape[0]]
 
     def rays(self, view: jax.Array, x: jax.Array, y: jax.Array) -> Rays:
         """Rays through the centres of pixels: column x [N], row y [N] of photograph `view` [N]; jittable."""
@@ -120,14 +174,6 @@ class RayDataset:
         directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1))
         directions /= jnp.linalg.norm(directions, axis=-1, keepdims=True)
         return finish_rays(pose[:, :, 3], directions, self.facts)
-
-    def colours(self, view: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
-        """Colours float32 [N, 3] of pixels over the background; jittable."""
-        pixel = self.pixels[view, y, x].astype(jnp.float32) / 255.0
-        if pixel.shape[-1] == 3:
-            return pixel
-        alpha = pixel[:, 3:]
-        return pixel[:, :3] * alpha + (1.0 - alpha) * jnp.asarray(self.background, jnp.float32)
 
     def view_rays(self, camera: Camera) -> Rays:
         """Rays [H W] of every pixel of any camera, row by row, for evaluation (float64 geometry on the host)."""
@@ -179,11 +225,36 @@ def undistort(u: jax.Array, v: jax.Array, distortion: jax.Array) -> tuple[jax.Ar
     return a, b
 
 
-def make_dataset(scene: Scene, split: str = "train") -> RayDataset:
-    """Decodes the photographs of a split and puts them on the device. UserError where a picture is bad."""
+def make_dataset(scene: Scene, split: str = "train", mesh: Mesh | None = None) -> RayDataset:
+    """Decodes the photographs of a split and puts them on the devices (of all processes, unless a mesh is given).
+
+    UserError where a picture is bad, in every process.
+    """
+    mesh = mesh or every_device()
     photographs = scene.splits[split]
-    pixels = load_pictures(photographs)
     cameras = [photograph.camera for photograph in photographs]
+    sizes = np.array([camera.width * camera.height for camera in cameras], np.int64)
+    count = int(sizes.sum())
+    if count > MOST_RAYS:
+        raise UserError("too many pixels", where=scene.path, expected=f"at most {MOST_RAYS}", found=count,
+                        remedy="use --downscale")  # fmt: skip
+    low, high = own_rows(count, mesh)
+    with together():
+        own = load_pixels(photographs, low, high)
+        drawable = drawable_ids(photographs)
+    if not anywhere(bool(np.any(own[:, 3] != 255))):
+        own = np.ascontiguousarray(own[:, :3])
+    whole = put_whole(
+        {
+            "world_T_camera": np.stack([c.world_T_camera[:3] for c in cameras]).astype(np.float32),
+            "intrinsics": np.array([[c.fx, c.fy, c.cx, c.cy] for c in cameras], np.float32),
+            "distortion": np.array([c.distortion for c in cameras], np.float32),
+            "first": (np.cumsum(sizes) - sizes).astype(np.int32),
+            "width": np.array([c.width for c in cameras], np.int32),
+            "drawable": drawable,
+        },
+        mesh,
+    )
     facts = SceneFacts(
         near=float(scene.near),
         far=float(scene.far),
@@ -192,11 +263,26 @@ def make_dataset(scene: Scene, split: str = "train") -> RayDataset:
         disparity=scene.disparity,
         background=tuple(float(c) for c in scene.background),  # type: ignore[arg-type]
         distorted=any(any(camera.distortion) for camera in cameras),
+        size=(cameras[0].width, cameras[0].height) if len({(c.width, c.height) for c in cameras}) == 1 else None,
     )
-    return RayDataset(
-        pixels=jnp.asarray(pixels),
-        world_T_camera=jnp.asarray(np.stack([c.world_T_camera[:3] for c in cameras]), jnp.float32),
-        intrinsics=jnp.asarray([[c.fx, c.fy, c.cx, c.cy] for c in cameras], jnp.float32),
-        distortion=jnp.asarray([c.distortion for c in cameras], jnp.float32),
-        facts=facts,
-    )
+    return RayDataset(pixels=put_split(own, count, mesh), **whole, facts=facts, count=count, mesh=mesh)
+
+
+def drawable_ids(photographs: Sequence[Photograph]) -> np.ndarray | None:
+    """int32 [M]: ids of the pixels that count, where some photograph leaves pixels out; None where none does.
+
+    UserError where nothing is left.
+    """
+    if all(photograph.load_counted is None for photograph in photographs):
+        return None
+
+    def counted(photograph: Photograph) -> np.ndarray:
+        if photograph.load_counted is None:
+            return np.ones(photograph.camera.width * photograph.camera.height, bool)
+        return photograph.load_counted().ravel()
+
+    with ThreadPoolExecutor(min(16, (os.cpu_count() or 1) + 2)) as pool:
+        (ids,) = np.nonzero(np.concatenate(list(pool.map(counted, photographs))))
+    if not len(ids):
+        raise UserError("the masks leave out every pixel", where="--ignore-masked", expected="white where it counts")
+    return ids.astype(np.int32)

@@ -36,9 +36,7 @@ LAUNCHERS = (
 )
 
 
-def join_processes(
-    coordinator: str | None = None, processes: int | None = None, process_id: int | None = None
-) -> None:
+def join_processes(coordinator: str | None = None, processes: int | None = None, process_id: int | None = None) -> None:
     """Connects this process with the others of its run; does nothing where it is the only one. Call before JAX is used.
 
     What is left out is taken from the launcher (Slurm, Open MPI and MPICH's environment; JAX itself knows Slurm, Open
@@ -101,12 +99,14 @@ def whole(tree: Tree, mesh: Mesh) -> Tree:
 
 
 def put_whole(tree: Tree, mesh: Mesh) -> Tree:
-    """Host arrays, the same in every process, onto every device."""
-    if mesh.size == 1:
-        return jax.tree.map(jnp.asarray, tree)
+    """Arrays, the same in every process, onto every device; plain Python numbers stay what they are."""
     sharding = NamedSharding(mesh, WHOLE)
 
-    def put(value: Any) -> jax.Array:
+    def put(value: Any) -> Any:
+        if not isinstance(value, (jax.Array, np.ndarray, np.generic)):
+            return value
+        if mesh.size == 1:
+            return jnp.asarray(value)
         if isinstance(value, jax.Array) and value.sharding == sharding:
             return value
         host = np.asarray(value)
@@ -146,7 +146,7 @@ def agree(tree: Tree) -> Tree:
         return tree
     from jax.experimental import multihost_utils
 
-    return jax.tree.map(np.asarray, multihost_utils.broadcast_one_to_all(tree))
+    return jax.tree.map(np.asarray, multihost_utils.broadcast_one_to_all(tree))  # type: ignore[return-value]
 
 
 def anywhere(flag: bool) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import shlex
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np

@@ -10,8 +10,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from viewer.benchmark import Measurement
 from console.plots import Line, draw_plot
+from viewer.benchmark import Measurement
 
 HEADINGS = ("", "ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU MiB")
 

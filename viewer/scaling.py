@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from console import UserError, run_command
+from console.plots import Line, draw_plot
 from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp
 from viewer.arguments import parse_numbers
 from viewer.benchmark import Contender, measure
 from viewer.camera import orbit_path
-from console.plots import Line, draw_plot
 from viewer.settings import RenderSettings
 
 DESCRIPTION = "Plots frame time against grid resolution, picture size and opacity, on carved scenes."

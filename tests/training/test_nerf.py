@@ -10,33 +10,131 @@ import numpy as np
 import pytest
 
 from console import UserError
+from training.arrays import named_leaves
 from training.config import PAPER, PRESETS, SMALL, TINY, NerfConfig
 from training.dataset import make_dataset
+from training.encoding import encode_points
 from training.metrics import psnr
 from training.nerf.field import apply_field, init_field
 from training.nerf.method import NerfMethod, batch_slices, in_slices
-from training.nerf.render import init_nerf
+from training.nerf.render import NerfParams, draw_chance, init_nerf
 from training.scenes import Scene
 from training.validation import render_photograph
 
 
 def size_of(tree) -> int:
-    return sum(leaf.size for leaf in jax.tree.leaves(jax.eval_shape(lambda: tree) if callable(tree) else tree))
+    return sum(leaf.size for leaf in jax.tree.leaves(tree))
 
 
-def test_the_papers_field_has_1_907_720_parameters():
-    field = jax.eval_shape(lambda key: init_field(key, PAPER.nerf), jax.random.key(0))
-    first, skip, hidden = 63 * 512 + 512, (512 + 63) * 512 + 512, 512 * 512 + 512
-    # layers 1-4, then the one that gets the encoding again, then 6 and 7; 8 outputs
-    assert size_of(field) == first + 4 * hidden + skip + 2 * hidden + 512 * 8 + 8 == 1_907_720
-    assert field.trunk[5].weight.shape == (575, 512)
+def parameters(config: NerfConfig) -> NerfParams:
+    """Shapes of both models' parameters."""
+    return jax.eval_shape(lambda key: init_nerf(key, config), jax.random.key(0))
 
 
-def test_both_models_have_a_field_and_a_view_mlp_of_their_own():
-    params = jax.eval_shape(lambda key: init_nerf(key, PAPER.nerf), jax.random.key(0))
-    assert size_of(params) == 2 * (1_907_720 + 883)
-    diffuse = dataclasses.replace(PAPER.nerf, view_dependence=False)
-    assert size_of(jax.eval_shape(lambda key: init_nerf(key, diffuse), jax.random.key(0))) == 2 * 1_907_720
+# Layers by hand: the encoding has 63 channels, 27 for directions; the sixth layer gets the encoding again.
+TRUNK_512 = (63 * 512 + 512) + 4 * (512 * 512 + 512) + (575 * 512 + 512) + 2 * (512 * 512 + 512)
+TRUNK_256 = (63 * 256 + 256) + 4 * (256 * 256 + 256) + (319 * 256 + 256) + 2 * (256 * 256 + 256)
+VIEW_MLP = (34 * 16 + 16) + (16 * 16 + 16) + (16 * 3 + 3)
+
+
+def nerf_head(width: int) -> int:
+    return (width * width + width) + ((width + 27) * 128 + 128) + (128 * 3 + 3)
+
+
+@pytest.mark.parametrize(
+    ("preset", "of_one_model"),
+    [
+        ("paper", TRUNK_512 + 512 * 8 + 8 + VIEW_MLP),
+        ("deferred", TRUNK_512 + 512 * 8 + 8 + VIEW_MLP),
+        ("no-sparsity", TRUNK_512 + 512 * 8 + 8 + VIEW_MLP),
+        ("tinyview", TRUNK_512 + 512 * 8 + 8 + VIEW_MLP),
+        ("diffuse", TRUNK_512 + 512 * 4 + 4),
+        ("jaxnerf-plus", TRUNK_512 + 512 * 1 + 1 + nerf_head(512)),
+        ("jaxnerf", TRUNK_256 + 256 * 1 + 1 + nerf_head(256)),
+    ],
+)
+def test_presets_of_the_papers_tables_have_the_parameters_counted_by_hand(preset: str, of_one_model: int):
+    assert size_of(parameters(PRESETS[preset].nerf)) == 2 * of_one_model
+
+
+def test_the_counts_are_the_published_ones():
+    assert TRUNK_512 + 512 * 8 + 8 == 1_907_720 and VIEW_MLP == 883
+    assert TRUNK_256 + 257 + nerf_head(256) == 595_844  # NeRF's own
+    assert parameters(PAPER.nerf).fine.field.trunk[5].weight.shape == (575, 512)
+
+
+def test_presets_differ_from_the_paper_in_what_their_rows_name_and_in_nothing_else():
+    for name in ("jaxnerf", "jaxnerf-plus", "tinyview", "deferred", "diffuse", "no-sparsity"):
+        preset = PRESETS[name]
+        assert (preset.steps, preset.batch_size, preset.method) == (250_000, 8192, "nerf")
+        same = dataclasses.replace(preset.nerf, view="deferred")
+        assert name == "jaxnerf" or same == PAPER.nerf
+    jaxnerf = PRESETS["jaxnerf"].nerf
+    assert (jaxnerf.coarse_samples, jaxnerf.fine_samples, jaxnerf.width) == (64, 128, 256)
+    assert {name: p.nerf.view for name, p in PRESETS.items() if p.method == "nerf" and p.nerf.view != "deferred"} == {
+        "jaxnerf": "nerf", "jaxnerf-plus": "nerf", "tinyview": "tiny", "diffuse": "none",
+    }  # fmt: skip
+    assert PRESETS["no-sparsity"].sparsity_weight == 0 and PRESETS["deferred"].sparsity_weight == 1e-4
+
+
+@pytest.mark.parametrize("view", ["deferred", "tiny", "nerf", "none"])
+def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scene: Scene, view):
+    dataset = make_dataset(procedural_scene)
+    nerf = dataclasses.replace(
+        TINY.nerf, view=view, depth=3, skip_after=1, coarse_samples=8, fine_samples=8, warmup_steps=0, clip_norm=0
+    )
+    method = NerfMethod(dataclasses.replace(TINY, batch_size=128, steps=40, nerf=nerf), dataset)
+    state = method.start(jax.random.key(0))
+    rays, target = dataset.batch(jax.random.key(1), 128)
+    gradient, _ = method._gradient(state.params, rays, target, draw_chance(jax.random.key(2), 128, nerf))
+    for name, leaf in named_leaves(gradient).items():
+        assert np.abs(np.asarray(leaf)).max() > 0, f"no gradient reaches {name}"
+    losses = []
+    for step in range(40):
+        state, metrics = method.step(state, step)
+        losses.append(float(metrics["loss"]))
+    assert np.mean(losses[-10:]) < 0.7 * np.mean(losses[:5])
+    picture = method.render(state, dataset.view_rays(procedural_scene.splits["test"][0].camera))
+    assert np.isfinite(np.asarray(picture.rgb)).all() and picture.features.shape[-1] == 4
+    assert (method.view_mlp(state) is not None) == (view == "deferred")
+
+
+def test_the_trunk_is_the_plain_mlp_with_its_skip(monkeypatch):
+    config = NerfConfig(depth=4, width=16, skip_after=1, matmul="float32")
+    params = init_field(jax.random.key(0), config)
+    points = jax.random.normal(jax.random.key(1), (50, 3))
+    encoded = x = encode_points(points)
+    for layer, (weight, bias) in enumerate(params.trunk):
+        x = jax.nn.relu(x @ weight + bias)
+        if layer == 1:
+            x = jnp.concatenate([x, encoded], -1)
+    raw = x @ params.head.weight + params.head.bias
+    out = apply_field(params, points, config)
+    np.testing.assert_allclose(out.density, jax.nn.relu(raw[:, 0]), atol=1e-5)
+    np.testing.assert_allclose(out.features, jax.nn.sigmoid(raw[:, 4:]), atol=1e-5)
+
+
+def test_bfloat16_products_hold_the_quality_of_float32(procedural_scene: Scene):
+    dataset = make_dataset(procedural_scene)
+    ends, first = {}, {}
+    for matmul in ("float32", "bfloat16"):
+        nerf = dataclasses.replace(TINY.nerf, matmul=matmul, warmup_steps=0)
+        method = NerfMethod(dataclasses.replace(TINY, steps=120, batch_size=256, nerf=nerf), dataset)
+        state = method.start(jax.random.key(0))
+        losses = []
+        for step in range(120):
+            state, metrics = method.step(state, step)
+            losses.append(float(metrics["loss"]))
+        assert all(leaf.dtype == jnp.float32 for leaf in jax.tree.leaves(state.params))
+        ends[matmul], first[matmul] = np.mean(losses[-20:]), losses[0]
+    assert first["bfloat16"] != first["float32"], "the option does something"
+    assert first["bfloat16"] == pytest.approx(first["float32"], rel=2e-3)
+    assert ends["bfloat16"] == pytest.approx(ends["float32"], rel=0.05)
+
+
+def test_products_are_float32_on_a_cpu_unless_asked_otherwise(procedural_scene: Scene):
+    method = NerfMethod(TINY, make_dataset(procedural_scene))
+    assert method.config.nerf.matmul == ("float32" if jax.default_backend() == "cpu" else "bfloat16")
 
 
 def test_the_small_field_is_the_same_at_256_channels():
@@ -55,32 +153,32 @@ def test_the_small_field_is_the_same_at_256_channels():
 
 def test_density_is_never_negative_and_colours_and_features_stay_in_the_unit_range():
     config = NerfConfig(depth=2, width=16, skip_after=0)
-    out = apply_field(init_field(jax.random.key(0), config), 5 * jax.random.normal(jax.random.key(1), (500, 3)), 0)
+    out = apply_field(init_field(jax.random.key(0), config), 5 * jax.random.normal(jax.random.key(1), (500, 3)), config)
     assert out.density.shape == (500,) and out.diffuse.shape == (500, 3) and out.features.shape == (500, 4)
     assert (np.asarray(out.density) >= 0).all() and (np.asarray(out.density) > 0).any()
     for values in (out.diffuse, out.features):
         assert float(values.min()) >= 0 and float(values.max()) <= 1
 
 
-def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scene, monkeypatch):
-    def linear_fit(self, params, rays, target, key):
-        loss = jnp.mean(jnp.square(rays.directions @ params - target))
-        return loss, {"loss": loss}
-
-    monkeypatch.setattr(NerfMethod, "_loss", linear_fit)
+def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scene):
     dataset = make_dataset(procedural_scene)
     rays, target = dataset.batch(jax.random.key(1), 32)
-    whole = dataclasses.replace(TINY, batch_size=32)
-    sliced = dataclasses.replace(whole, nerf=dataclasses.replace(TINY.nerf, gradient_rays=8))
-    params, key = jax.random.normal(jax.random.key(2), (3, 3)), jax.random.key(3)
-    expected, metrics = NerfMethod(whole, dataset)._gradient(params, rays, target, key)
-    gradient, means = NerfMethod(sliced, dataset)._gradient(params, rays, target, key)
-    np.testing.assert_allclose(gradient, expected, atol=1e-6)
+    nerf = dataclasses.replace(TINY.nerf, depth=2, skip_after=0, coarse_samples=8, fine_samples=8)
+    whole = dataclasses.replace(TINY, batch_size=32, nerf=nerf)
+    sliced = dataclasses.replace(whole, nerf=dataclasses.replace(nerf, gradient_rays=8))
+    params, chance = init_nerf(jax.random.key(2), nerf), draw_chance(jax.random.key(3), 32, nerf)
+    expected, metrics = NerfMethod(whole, dataset)._gradient(params, rays, target, chance)
+    gradient, means = NerfMethod(sliced, dataset)._gradient(params, rays, target, chance)
+    for ours, theirs in zip(jax.tree.leaves(gradient), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-6)
     assert float(means["loss"]) == pytest.approx(float(metrics["loss"]), rel=1e-5)
 
 
 def test_a_batch_that_cannot_be_cut_evenly_is_refused():
     assert batch_slices(8192, 1024) == 8 and batch_slices(8192, 0) == 1 and batch_slices(100, 200) == 1
+    assert batch_slices(8192, 1024, devices=4) == 2 and batch_slices(8192, 1024, devices=8) == 1
+    with pytest.raises(UserError, match="multiple of 3"):
+        batch_slices(1000, 0, devices=3)
     with pytest.raises(UserError, match="evenly"):
         batch_slices(1000, 300)
 

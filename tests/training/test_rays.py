@@ -75,8 +75,8 @@ def test_a_batch_comes_from_its_key_alone_and_is_composited_over_the_background(
     np.testing.assert_array_equal(rgb, rgb_again)
     np.testing.assert_array_equal(rays.directions, again.directions)
     assert rays.origins.shape == (64, 3) and rgb.shape == (64, 3)
-    every = dataset.colours(*jnp.zeros((3, 1), jnp.int32))
-    red, green, _, alpha = np.asarray(dataset.pixels[0, 0, 0]) / 255
+    every = dataset.colours_at(jnp.zeros(1, jnp.int32))
+    red, green, _, alpha = np.asarray(dataset.pixels[0]) / 255
     np.testing.assert_allclose(every[0, :2], [red * alpha, green * alpha + 1 - alpha], atol=1e-6)
 
 

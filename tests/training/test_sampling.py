@@ -12,14 +12,14 @@ NEAR, FAR = jnp.full(5, 2.0), jnp.full(5, 6.0)
 
 
 def test_coarse_samples_fall_one_to_each_interval_in_order():
-    t = np.asarray(coarse_samples(jax.random.key(0), NEAR, FAR, 32))
+    t = np.asarray(coarse_samples(jax.random.uniform(jax.random.key(0), (5, 32)), NEAR, FAR, 32))
     even = np.linspace(2, 6, 32)
     assert (np.diff(t) >= 0).all() and t.min() >= 2 and t.max() <= 6
     assert (np.abs(t - even) <= 0.5 * (even[1] - even[0]) + 1e-6).all()
     assert np.abs(t - even).max() > 0  # jittered
 
 
-def test_without_a_key_coarse_samples_are_even_and_with_disparity_even_in_inverse_distance():
+def test_without_jitter_coarse_samples_are_even_and_with_disparity_even_in_inverse_distance():
     np.testing.assert_allclose(coarse_samples(None, NEAR, FAR, 5)[0], [2, 3, 4, 5, 6], rtol=1e-6)
     inverse = 1 / np.asarray(coarse_samples(None, NEAR, FAR, 5, disparity=True)[0])
     np.testing.assert_allclose(np.diff(inverse), np.diff(inverse)[0], rtol=1e-4)
@@ -28,7 +28,7 @@ def test_without_a_key_coarse_samples_are_even_and_with_disparity_even_in_invers
 def test_fine_samples_crowd_where_the_coarse_weights_are():
     t = coarse_samples(None, NEAR, FAR, 41)
     weights = jnp.exp(-0.5 * ((t - 4.5) / 0.05) ** 2)
-    fine = np.asarray(fine_samples(jax.random.key(1), t, weights, 64))
+    fine = np.asarray(fine_samples(jax.random.uniform(jax.random.key(1), (5, 64)), t, weights, 64))
     assert (np.diff(fine) >= 0).all()
     assert (np.abs(fine - 4.5) < 0.3).mean() > 0.95
 
@@ -41,7 +41,8 @@ def test_an_empty_ray_samples_evenly_instead_of_dividing_by_zero():
 
 def test_samples_follow_the_histogram():
     edges = jnp.asarray([[0.0, 1.0, 3.0, 4.0]])
-    t = np.asarray(inverse_cdf(jax.random.key(2), edges, jnp.asarray([[1.0, 2.0, 1.0]]), 4000))
+    jitter = jax.random.uniform(jax.random.key(2), (1, 4000))
+    t = np.asarray(inverse_cdf(jitter, edges, jnp.asarray([[1.0, 2.0, 1.0]]), 4000))
     np.testing.assert_allclose(np.histogram(t, [0, 1, 3, 4])[0] / 4000, [0.25, 0.5, 0.25], atol=2e-3)
 
 

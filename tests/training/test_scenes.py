@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from console import UserError
-from training.scenes import Scene, load_pictures, load_scene
+from training.scenes import Scene, load_pixels, load_scene
 from training.scenes.pictures import area_average, over_background, read_picture, shrink
 
 
@@ -31,7 +31,7 @@ def edit(path: Path, change) -> None:
 
 def complaint(path: Path, **options) -> str:
     with pytest.raises(UserError) as raised:
-        load_pictures(load_scene(path, **options).splits["train"])
+        load_pixels(load_scene(path, **options).splits["train"])
     line = str(raised.value)
     assert "\n" not in line
     return line
@@ -86,10 +86,14 @@ def test_colour_hidden_under_transparency_does_not_bleed_into_edges():
     np.testing.assert_allclose(shrink(picture, 1, 1)[0, 0], (1, 0, 0, 0.25))
 
 
-def test_loading_many_pictures_stacks_them_and_drops_an_alpha_that_says_nothing(procedural_scene: Scene, tmp_path):
-    stack = load_pictures(procedural_scene.splits["train"])
-    assert stack.shape == (12, 48, 48, 4) and stack.dtype == np.uint8
-    np.testing.assert_array_equal(stack[2], np.rint(procedural_scene.splits["train"][2].load() * 255))
+def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene: Scene, tmp_path):
+    train = procedural_scene.splits["train"]
+    pixels = load_pixels(train)
+    assert pixels.shape == (12 * 48 * 48, 4) and pixels.dtype == np.uint8
+    third = np.rint(train[2].load() * 255).reshape(-1, 4)
+    np.testing.assert_array_equal(pixels[2 * 48 * 48 : 3 * 48 * 48], third)
+    np.testing.assert_array_equal(load_pixels(train, 2 * 48 * 48 - 5, 3 * 48 * 48 - 7)[5:], third[:-7])
+    assert not load_pixels(train, len(pixels) - 1, len(pixels) + 3)[1:].any(), "padding is 0"
     for kind, grey in (("L", 128), ("RGB", 128), ("P", 5)):
         Image.new(kind, (3, 2), grey if kind != "RGB" else (128,) * 3).save(tmp_path / f"{kind}.png")
         assert read_picture(tmp_path / f"{kind}.png").shape == (2, 3, 4)

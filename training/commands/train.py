@@ -18,8 +18,17 @@ from training.scenes import SceneOptions
 
 DEFAULT_PRESET = "cpu"
 DESCRIPTION = "Trains a deferred NeRF on posed photographs. The run can be stopped and resumed at any time."
-FREE = ("steps", "minutes", "log_every", "validate_every", "validate_views", "checkpoint_every")  # may change with --resume
-PresetName = Literal["cpu", "fast", "paper", "small", "tiny"]
+FREE = (
+    "steps",
+    "minutes",
+    "log_every",
+    "validate_every",
+    "validate_views",
+    "checkpoint_every",
+)  # may change with --resume
+PresetName = Literal[
+    "cpu", "fast", "paper", "small", "tiny", "jaxnerf", "jaxnerf-plus", "tinyview", "deferred", "diffuse", "no-sparsity"
+]
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -60,7 +69,9 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
             out: Folder of the run: config, checkpoints, metrics, validation pictures.
             config: Every setting of the preset can be changed on its own.
             preset: Named settings, whose numbers are shown below as defaults - cpu (minutes on two cores), fast (a
-                GPU), paper (the paper's own numbers, days), small (the same method, smaller), tiny (tests).
+                GPU), paper (the paper's own numbers, days), small (the same method, smaller), tiny (tests); and those of
+                the paper's tables: jaxnerf, jaxnerf-plus, tinyview (none of these can be baked), deferred (is paper),
+                diffuse, no-sparsity.
             downscale: Divide width and height of the pictures by this whole number (1 where not given).
             spherify: Read an LLFF capture as one from all around, also where its cameras look forward.
             masks: Cut the object out by the masks beside the pictures.

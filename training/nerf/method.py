@@ -4,26 +4,29 @@
     samples
 
 Gradients are clipped by value, then by norm, and go to Adam. Compiled once: shapes never change between
-steps.
+steps. Rays are spread over the devices of the dataset's mesh (training.devices), parameters are whole on each.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jax.sharding import NamedSharding
 
 from console import UserError
 from training.arrays import from_arrays, to_arrays
 from training.config import NerfConfig, TrainConfig
 from training.dataset import RayDataset
+from training.devices import SPLIT, WHOLE, here, put_whole, split
 from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, squared_error
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.nerf.field import apply_field
-from training.nerf.render import NerfParams, init_nerf, render_rays
+from training.nerf.render import Chance, NerfParams, draw_chance, init_nerf, render_rays
 from training.schedule import learning_rate
 
 
@@ -35,46 +38,64 @@ class NerfState(NamedTuple):
 
 
 class NerfMethod:
-    """A Method (training.method) of the paper's deferred NeRF on the rays of a dataset."""
+    """A Method (training.method) of the paper's deferred NeRF, or of its baselines, on the rays of a dataset."""
 
     def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
-        nerf = config.nerf
-        self.config, self.dataset = config, dataset
-        self._slices = batch_slices(config.batch_size, nerf.gradient_rays)
+        if config.nerf.matmul == "auto":
+            matmul = "float32" if jax.default_backend() == "cpu" else "bfloat16"
+            config = dataclasses.replace(config, nerf=dataclasses.replace(config.nerf, matmul=matmul))
+        nerf, mesh = config.nerf, dataset.mesh
+        self.config, self.dataset, self.mesh = config, dataset, mesh
+        self._slices = batch_slices(config.batch_size, nerf.gradient_rays, mesh.size)
         self._optimizer: Any = make_optimizer(nerf, config.steps)
-        self._update = jax.jit(self._update_traced, donate_argnums=1)
+        everywhere = NamedSharding(mesh, WHOLE)
+        inputs = jax.tree.map(lambda _: everywhere, dataset)
+        inputs = dataclasses.replace(inputs, pixels=NamedSharding(mesh, SPLIT))
+        self._update = jax.jit(
+            self._update_traced,
+            in_shardings=(inputs, everywhere, everywhere),
+            out_shardings=everywhere,
+            donate_argnums=1,
+        )
         self._render = jax.jit(lambda params, rays: render_rays(params, rays, nerf, dataset.facts).fine)
-        self._query = jax.jit(lambda params, points: apply_field(params.fine.field, points, nerf.skip_after))
+        self._query = jax.jit(lambda params, points: apply_field(params.fine.field, points, nerf))
 
     def start(self, key: jax.Array) -> NerfState:
         """The state before step 0."""
-        params = init_nerf(key, self.config.nerf)
-        return NerfState(params, self._optimizer.init(params))
+        return put_whole(self._fresh(key), self.mesh)
 
     def step(self, state: NerfState, step: int) -> tuple[NerfState, dict[str, jax.Array]]:
         """One update on a batch that depends on seed and step alone; the old state's buffers are given away."""
-        return self._update(self.dataset, state, jnp.asarray(step, jnp.int32))
+        return self._update(self.dataset, state, np.int32(step))
 
     def render(self, state: NerfState, rays: Rays) -> RenderOutput:
         """Renders any number of rays with the fine model, `render_rays` at a time; colours are clamped to [0, 1]."""
-        out = in_slices(lambda part: self._render(state.params, part), rays, self.config.nerf.render_rays)
+        params = here(state.params)
+        out = in_slices(lambda part: self._render(params, part), rays, self.config.nerf.render_rays)
         return out._replace(rgb=jnp.clip(out.rgb, 0.0, 1.0))
 
     def query(self, state: NerfState, points: jax.Array) -> FieldOutput:
         """The fine field at points [N, 3], `query_points` at a time."""
-        return in_slices(lambda part: self._query(state.params, part), points, self.config.nerf.query_points)
+        params = here(state.params)
+        return in_slices(lambda part: self._query(params, part), points, self.config.nerf.query_points)
 
     def view_mlp(self, state: NerfState) -> ViewMlpParams | None:
-        """The fine model's deferred head."""
-        return state.params.fine.view
+        """The fine model's deferred head; None for a diffuse model, and for the baselines, which have none a ray."""
+        view = here(state.params.fine.view)
+        return view if self.config.nerf.view == "deferred" else None
 
     def save(self, state: NerfState) -> dict[str, np.ndarray]:
         """Parameters and optimiser as named arrays."""
-        return to_arrays(state)
+        return to_arrays(here(state))
 
     def restore(self, arrays: dict[str, np.ndarray]) -> NerfState:
         """The inverse of save; UserError where the arrays are of another configuration."""
-        return from_arrays(jax.eval_shape(self.start, jax.random.PRNGKey(0)), arrays)
+        template = jax.eval_shape(self._fresh, jax.random.PRNGKey(0))
+        return put_whole(from_arrays(template, arrays), self.mesh)
+
+    def _fresh(self, key: jax.Array) -> NerfState:
+        params = init_nerf(key, self.config.nerf)
+        return NerfState(params, self._optimizer.init(params))
 
     def _update_traced(
         self, dataset: RayDataset, state: NerfState, step: jax.Array
@@ -82,7 +103,8 @@ class NerfMethod:
         key = jax.random.fold_in(jax.random.PRNGKey(self.config.seed), step)
         key_batch, key_render = jax.random.split(key)
         rays, target = dataset.batch(key_batch, self.config.batch_size)
-        gradient, metrics = self._gradient(state.params, rays, target, key_render)
+        chance = draw_chance(key_render, self.config.batch_size, self.config.nerf)
+        gradient, metrics = self._gradient(state.params, *split((rays, target, chance), self.mesh))
         updates, optimizer = self._optimizer.update(gradient, state.optimizer, state.params)
         mse = metrics.pop("mse")
         metrics |= {"psnr": psnr_of(mse), "gradient_norm": optax.tree.norm(gradient)}
@@ -90,27 +112,27 @@ class NerfMethod:
         params: Any = optax.apply_updates(state.params, updates)  # type: ignore[arg-type]
         return NerfState(params, optimizer), metrics
 
-    def _gradient(self, params: NerfParams, rays: Rays, target: jax.Array, key: jax.Array):
+    def _gradient(self, params: NerfParams, rays: Rays, target: jax.Array, chance: Chance):
         """The batch's gradient and metrics, slice by slice where memory asks for it."""
         gradient_of = jax.grad(self._loss, has_aux=True)
         if self._slices == 1:
-            return gradient_of(params, rays, target, key)
+            return gradient_of(params, rays, target, chance)
 
         def add_slice(total, part):
-            return jax.tree.map(jnp.add, total, gradient_of(params, *part)), None
+            return jax.tree.map(jnp.add, total, gradient_of(params, *split(part, self.mesh))), None
 
-        parts = jax.tree.map(lambda v: v.reshape(self._slices, -1, *v.shape[1:]), (rays, target))
-        parts = (*parts, jax.random.split(key, self._slices))
+        # slice s takes rays s, s + slices, ...: of each device's share equally many
+        parts = jax.tree.map(lambda v: v.reshape(-1, self._slices, *v.shape[1:]).swapaxes(0, 1), (rays, target, chance))
         shapes = jax.eval_shape(gradient_of, params, *jax.tree.map(lambda v: v[0], parts))
         zeros = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
         total, _ = jax.lax.scan(add_slice, zeros, parts)
         return jax.tree.map(lambda v: v / self._slices, total)
 
     def _loss(
-        self, params: NerfParams, rays: Rays, target: jax.Array, key: jax.Array
+        self, params: NerfParams, rays: Rays, target: jax.Array, chance: Chance
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         config = self.config
-        out = render_rays(params, rays, config.nerf, self.dataset.facts, key)
+        out = render_rays(params, rays, config.nerf, self.dataset.facts, chance)
         photometric = squared_error(out.coarse.rgb, target) + squared_error(out.fine.rgb, target)
         sparsity = sparsity_of(out.coarse_sigma, out.fine_sigma, config)
         loss = photometric + config.sparsity_weight * sparsity
@@ -147,18 +169,28 @@ def make_optimizer(config: NerfConfig, steps: int) -> optax.GradientTransformati
     return optax.chain(*chain, optax.adam(lambda count: rate_at(config, steps, jnp.asarray(count))))
 
 
-def batch_slices(batch_size: int, gradient_rays: int) -> int:
-    """Into how many equal slices of at most gradient_rays a batch is cut; UserError where that does not go evenly."""
-    if gradient_rays <= 0 or gradient_rays >= batch_size:
+def batch_slices(batch_size: int, gradient_rays: int, devices: int = 1) -> int:
+    """Into how many equal slices of at most gradient_rays a device a batch is cut; UserError where that does not go
+    evenly.
+    """
+    if batch_size % devices:
+        raise UserError(
+            "the batch cannot be spread evenly over the devices",
+            where="--batch-size",
+            expected=f"a multiple of {devices}",
+            found=batch_size,
+        )
+    share = batch_size // devices
+    if gradient_rays <= 0 or gradient_rays >= share:
         return 1
-    if batch_size % gradient_rays:
+    if share % gradient_rays:
         raise UserError(
             "the batch cannot be cut evenly",
             where="--nerf.gradient-rays",
-            expected=f"a divisor of {batch_size}",
+            expected=f"a divisor of {share}",
             found=gradient_rays,
         )
-    return batch_size // gradient_rays
+    return share // gradient_rays
 
 
 def in_slices(function, values: Any, size: int) -> Any:

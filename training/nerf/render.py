@@ -1,6 +1,6 @@
 """A batch of rays through the coarse and the fine model (SNeRG sections 4.1 and 4.2; NeRF section 5.2).
 
-Notation: N rays, K coarse and F fine samples. Each of the two models has a field and a view MLP of its own
+Notation: N rays, K coarse and F fine samples. Each of the two models has a field and a view-dependent head of its own
 (as in the release), and the fine field is asked at all K + F positions.
 """
 
@@ -14,17 +14,25 @@ import jax.numpy as jnp
 from training.config import NerfConfig
 from training.dataset import SceneFacts
 from training.method import Rays, RenderOutput, ViewMlpParams
-from training.nerf.field import FieldParams, apply_field, init_field
+from training.nerf.field import (
+    FieldParams,
+    NerfHead,
+    apply_nerf_head,
+    apply_trunk,
+    field_of,
+    init_field,
+    init_nerf_head,
+)
 from training.nerf.sampling import coarse_samples, fine_samples, merge_samples
-from training.view_mlp import init_view_mlp
-from training.volume import composite, intervals, shade, weights_of
+from training.view_mlp import apply_view_mlp, init_view_mlp
+from training.volume import composite, intervals, over_background, shade, weights_of
 
 
 class ModelParams(NamedTuple):
-    """One field and its view MLP (None in the diffuse ablation)."""
+    """One field and what depends on direction: a view MLP (deferred, tiny), JAXNeRF's head (nerf), None (none)."""
 
     field: FieldParams
-    view: ViewMlpParams | None
+    view: ViewMlpParams | NerfHead | None
 
 
 class NerfParams(NamedTuple):
@@ -46,47 +54,81 @@ class Rendered(NamedTuple):
     fine_sigma: jax.Array
 
 
+class Chance(NamedTuple):
+    """All that is random about N rays: jitter in [0, 1) of coarse [N, K] and fine [N, F] positions, and noise on raw
+    density at coarse [N, K] and at all [N, K + F] samples (None: no noise).
+
+    Drawn for a whole batch at once, so that no result depends on how the batch is cut or spread.
+    """
+
+    coarse: jax.Array
+    fine: jax.Array
+    coarse_noise: jax.Array | None
+    fine_noise: jax.Array | None
+
+
+def draw_chance(key: jax.Array, count: int, config: NerfConfig) -> Chance:
+    """Chance for `count` rays."""
+    keys = jax.random.split(key, 4)
+    coarse, fine, scale = config.coarse_samples, config.fine_samples, config.density_noise
+    noise = [
+        scale * jax.random.normal(k, (count, samples)) if scale > 0 else None
+        for k, samples in ((keys[2], coarse), (keys[3], coarse + fine))
+    ]
+    return Chance(jax.random.uniform(keys[0], (count, coarse)), jax.random.uniform(keys[1], (count, fine)), *noise)
+
+
 def init_nerf(key: jax.Array, config: NerfConfig) -> NerfParams:
     """Fresh parameters of both models."""
     keys = jax.random.split(key, 4)
     models = [
-        ModelParams(init_field(k_field, config), init_view_mlp(k_view) if config.view_dependence else None)
-        for k_field, k_view in (keys[:2], keys[2:])
+        ModelParams(init_field(k_field, config), _init_head(k_view, config)) for k_field, k_view in (keys[:2], keys[2:])
     ]
     return NerfParams(*models)
 
 
+def _init_head(key: jax.Array, config: NerfConfig) -> ViewMlpParams | NerfHead | None:
+    if config.view == "none":
+        return None
+    return init_nerf_head(key, config.width) if config.view == "nerf" else init_view_mlp(key)
+
+
 def render_rays(
-    params: NerfParams, rays: Rays, config: NerfConfig, facts: SceneFacts, key: jax.Array | None = None
+    params: NerfParams, rays: Rays, config: NerfConfig, facts: SceneFacts, chance: Chance | None = None
 ) -> Rendered:
-    """Renders N rays. With a key, positions are jittered and density noise is added; without, all is deterministic."""
-    keys = (None,) * 4 if key is None else tuple(jax.random.split(key, 4))
-    t = coarse_samples(keys[0], rays.near, rays.far, config.coarse_samples, facts.disparity)
-    coarse, coarse_sigma, weights = _render_model(params.coarse, rays, t, config, facts, keys[1])
-    fine_t = fine_samples(keys[2], t, weights, config.fine_samples)
+    """Renders N rays. With chance, positions are jittered and density noise is added; without, all is deterministic."""
+    jitter, fine_jitter, noise, fine_noise = (None,) * 4 if chance is None else chance
+    t = coarse_samples(jitter, rays.near, rays.far, config.coarse_samples, facts.disparity)
+    coarse, coarse_sigma, weights = _render_model(params.coarse, rays, t, config, facts, noise)
+    fine_t = fine_samples(fine_jitter, t, weights, config.fine_samples)
     t, is_coarse = merge_samples(t, fine_t)
-    fine, fine_sigma, _ = _render_model(params.fine, rays, t, config, facts, keys[3])
+    fine, fine_sigma, _ = _render_model(params.fine, rays, t, config, facts, fine_noise)
     return Rendered(coarse, fine, coarse_sigma, jnp.where(is_coarse, fine_sigma, 0.0))
 
 
 def _render_model(
-    model: ModelParams, rays: Rays, t: jax.Array, config: NerfConfig, facts: SceneFacts, key: jax.Array | None
+    model: ModelParams, rays: Rays, t: jax.Array, config: NerfConfig, facts: SceneFacts, noise: jax.Array | None
 ) -> tuple[RenderOutput, jax.Array, jax.Array]:
     """One model at positions t [N, S]: its picture, densities [N, S] and weights [N, S]."""
     points = rays.origins[:, None] + t[..., None] * rays.directions[:, None]
-    noise: jax.Array | float = 0.0
-    if key is not None and config.density_noise > 0:
-        noise = config.density_noise * jax.random.normal(key, t.shape)
-    field = apply_field(model.field, points, config.skip_after, noise)
+    trunk = apply_trunk(model.field, points, config)
+    field = field_of(model.field, trunk, 0.0 if noise is None else noise)
     weights = weights_of(field.density, intervals(t, rays.directions))
     opacity = jnp.sum(weights, -1)
-    picture = shade(
-        model.view,
-        composite(weights, field.diffuse),
-        composite(weights, field.features),
-        opacity,
-        jnp.sum(weights * t, -1) / jnp.maximum(opacity, 1e-6),
-        rays.viewdirs,
-        facts.background,
-    )
-    return picture, field.density, weights
+    depth = jnp.sum(weights * t, -1) / jnp.maximum(opacity, 1e-6)
+    features = composite(weights, field.features)
+    if config.view in ("deferred", "none"):
+        assert not isinstance(model.view, NerfHead)
+        diffuse = composite(weights, field.diffuse)
+        picture = shade(model.view, diffuse, features, opacity, depth, rays.viewdirs, facts.background)
+        return picture, field.density, weights
+    # the baselines: a colour that depends on direction at every sample
+    if isinstance(model.view, NerfHead):
+        diffuse = colours = apply_nerf_head(model.view, trunk, rays.viewdirs, config)
+    else:
+        assert model.view is not None
+        viewdirs = jnp.broadcast_to(rays.viewdirs[:, None], points.shape)
+        diffuse = field.diffuse
+        colours = diffuse + apply_view_mlp(model.view, diffuse, field.features, viewdirs)
+    rgb, diffuse = (over_background(composite(weights, c), opacity, facts.background) for c in (colours, diffuse))
+    return RenderOutput(rgb, diffuse, features, opacity, depth), field.density, weights

@@ -1,7 +1,7 @@
 """Posed photographs: readers, cameras, undistortion, downscaling. NumPy and Pillow only; no JAX here."""
 
-from training.scenes.pictures import load_pictures
+from training.scenes.pictures import load_pixels
 from training.scenes.read import load_scene
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions
 
-__all__ = ["Camera", "Photograph", "Scene", "SceneOptions", "load_pictures", "load_scene"]
+__all__ = ["Camera", "Photograph", "Scene", "SceneOptions", "load_pixels", "load_scene"]

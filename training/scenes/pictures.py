@@ -11,7 +11,6 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
@@ -123,32 +122,37 @@ def photograph_loader(path: Path, source_size: tuple[int, int], size: tuple[int,
     return load
 
 
-def load_pictures(photographs: Sequence[Photograph], *, dtype: Literal["uint8", "float32"] = "uint8") -> np.ndarray:
-    """Decodes pictures of one size in threads: [N, H, W, 4], or [N, H, W, 3] where every pixel is opaque.
+def load_pixels(photographs: Sequence[Photograph], first: int = 0, last: int | None = None) -> np.ndarray:
+    """Pixels uint8 [last - first, 4] of photographs laid end to end, row by row; their sizes may differ.
 
-    uint8 is rounded from [0, 1]. UserError where a picture fails to decode or the sizes differ.
+    Only those photographs are decoded (in threads) that have a pixel in [first, last); beyond the last pixel all is 0.
+    UserError where a picture fails to decode, or is not of its camera's size.
     """
     if not photographs:
         raise UserError("no pictures to load", expected="at least one")
+    sizes = np.array([p.camera.width * p.camera.height for p in photographs])
+    starts = np.cumsum(sizes) - sizes
+    last = int(sizes.sum()) if last is None else last
+    pixels = np.zeros((last - first, 4), np.uint8)
 
-    def decode(photograph: Photograph) -> np.ndarray:
+    def decode(index: int) -> None:
+        photograph, start = photographs[index], int(starts[index])
         picture = photograph.load()
-        return np.rint(picture * 255.0).astype(np.uint8) if dtype == "uint8" else picture
-
-    with ThreadPoolExecutor(min(16, (os.cpu_count() or 1) + 2)) as pool:
-        pictures = list(pool.map(decode, photographs))
-    for photograph, picture in zip(photographs, pictures, strict=True):
-        if picture.shape != pictures[0].shape:
+        if picture.shape[:2] != (photograph.camera.height, photograph.camera.width):
             raise UserError(
                 "the picture is of another size",
                 where=photograph.name,
-                expected=_times(pictures[0].shape[1::-1]),
+                expected=_times((photograph.camera.width, photograph.camera.height)),
                 found=_times(picture.shape[1::-1]),
-                remedy="all pictures of a scene must have one size",
             )
-    stack = np.stack(pictures)
-    opaque = 255 if dtype == "uint8" else 1.0
-    return np.ascontiguousarray(stack[..., :3]) if np.all(stack[..., 3] == opaque) else stack
+        rows = np.rint(picture.reshape(-1, 4) * 255.0).astype(np.uint8)
+        low, high = max(first, start), min(last, start + len(rows))
+        pixels[low - first : high - first] = rows[low - start : high - start]
+
+    needed = np.nonzero((starts < last) & (starts + sizes > first))[0]
+    with ThreadPoolExecutor(min(16, (os.cpu_count() or 1) + 2)) as pool:
+        list(pool.map(decode, needed))
+    return pixels
 
 
 def over_background(picture: np.ndarray, background: Sequence[float]) -> np.ndarray:

@@ -10,16 +10,18 @@ Per ray i, sample k: raw r(g) interpolated; sigma = softplus(r_0 + shift) / refe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh, NamedSharding
 
 from training.config import TrainConfig
 from training.dataset import RayDataset
+from training.devices import WHOLE, here, put_whole, split
 from training.losses import psnr_of
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.view_mlp import apply_view_mlp, init_view_mlp
@@ -121,17 +123,26 @@ def variation(values: jax.Array, ids: jax.Array) -> tuple[jax.Array, jax.Array]:
     return norms[:, 0].mean(), norms[:, 1:].sum(-1).mean()
 
 
-@partial(jax.jit, static_argnames=("sizes", "rays", "settings"), donate_argnums=(0, 1, 2))
+@lru_cache
+def compiled_update(mesh: Mesh) -> Callable[..., Any]:
+    """`update`, jitted for the devices of a mesh; the trainable values and their moments are given away."""
+    return jax.jit(
+        update, static_argnames=("sizes", "rays", "settings"), donate_argnums=(0, 1, 2),
+        out_shardings=NamedSharding(mesh, WHOLE),
+    )  # fmt: skip
+
+
 def update(
     trainable: Trainable, first: Trainable, second: Trainable, updates: jax.Array, layout: GridLayout, cells: jax.Array,
     hits: jax.Array, hit_count: jax.Array, dataset: RayDataset, key: jax.Array, step: jax.Array, progress: jax.Array,
     *, sizes: MarchSizes, rays: int, settings: Settings,
 ) -> tuple[Trainable, Trainable, Trainable, jax.Array, dict[str, jax.Array]]:  # fmt: skip
-    """One step: draw rays, march, render, differentiate, Adam."""
+    """One step: draw rays, march, render, differentiate, Adam. Samples are spread over the devices of the dataset's mesh."""
     ray_key, phase_key, voxel_key = jax.random.split(jax.random.fold_in(key, step), 3)
     ids = hits[jax.random.randint(ray_key, (rays,), 0, hit_count)]
-    batch, target = dataset.rays_at(ids)
+    batch, target = split(dataset.rays_at(ids), dataset.mesh)
     samples = march(layout, to_grid(layout, batch), jax.random.uniform(phase_key, (rays,)), sizes, settings.step_voxels)
+    samples = split(samples, dataset.mesh)
     counted = samples.complete & (samples.counts > 0)
     total = jnp.maximum(counted.sum(), 1)
     picked = jax.random.randint(
@@ -203,6 +214,7 @@ class VoxelMethod:
 
     def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
         self.config, self.dataset, self.voxels = config, dataset, config.voxels
+        self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
         self.box = np.asarray(dataset.aabb, np.float64)
         extent = (self.box[1] - self.box[0]).max()
         coarse, fine = extent / self.voxels.resolutions[0], extent / self.voxels.resolutions[-1]
@@ -229,36 +241,36 @@ class VoxelMethod:
         if self.voxels.view_dependence:
             head = init_view_mlp(key)
             head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
-        return stages.dense_start(self, head)
+        return put_whole(stages.dense_start(self, head), self.dataset.mesh)
 
     def step(self, state: VoxelState, step: int) -> tuple[VoxelState, dict[str, jax.Array]]:
         if step in self.schedule and step > 0:
-            state = stages.refine(self, state, self.schedule[step])
-        *new, metrics = update(
+            state = put_whole(stages.refine(self, here(state), self.schedule[step]), self.dataset.mesh)
+        *new, metrics = compiled_update(self.dataset.mesh)(
             state.trainable, state.first, state.second, state.updates, state.layout, state.cells, state.hits,
-            state.hit_count, self.dataset, self.key, jnp.int32(step), jnp.float32(step / max(self.config.steps, 1)),
+            state.hit_count, self.dataset, self.key, np.int32(step), np.float32(step / max(self.config.steps, 1)),
             sizes=state.sizes, rays=state.rays, settings=self.settings,
         )  # fmt: skip
         return state._replace(trainable=new[0], first=new[1], second=new[2], updates=new[3]), metrics
 
     def render(self, state: VoxelState, rays: Rays) -> RenderOutput:
-        return stages.render_all(self, state, rays)
+        return stages.render_all(self, here(state), rays)
 
     def query(self, state: VoxelState, points: jax.Array) -> FieldOutput:
-        return query(state.trainable.rows, state.layout, points, self.settings)
+        return query(*here((state.trainable.rows, state.layout)), points, self.settings)
 
     def may_hold(self, state: VoxelState, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """bool [N]: whether boxes from low to high [N, 3], training frame, meet any present voxel's support."""
-        return stages.boxes_with_voxels(state.layout, low, high)
+        return stages.boxes_with_voxels(here(state.layout), low, high)
 
     def view_mlp(self, state: VoxelState) -> ViewMlpParams | None:
-        return state.trainable.head
+        return here(state.trainable.head)
 
     def save(self, state: VoxelState) -> dict[str, np.ndarray]:
-        return stages.save(state)
+        return stages.save(here(state))
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
-        return stages.restore(self, arrays)
+        return put_whole(stages.restore(self, arrays), self.dataset.mesh)
 
 
 @partial(jax.jit, static_argnames="settings")

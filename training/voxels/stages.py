@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from training.dataset import RayDataset
+from training.devices import agree
 from training.method import Rays, RenderOutput, ViewMlpParams
 from training.voxels.march import GridRays, MarchSizes, march, occupied_segments, to_grid
 from training.voxels.sparse_grid import (
@@ -58,9 +59,9 @@ def dense_start(method: VoxelMethod, head: ViewMlpParams | None) -> VoxelState:
     shape = np.maximum(np.ceil((method.box[1] - method.box[0]) / voxel - 1e-6).astype(int), 1)
     present = np.ones(tuple(shape[::-1]), bool)
     rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
-    every_ray = jnp.arange(method.dataset.count, dtype=jnp.int32)
+    every_ray = method.geometry.every_drawable()
     layout = build_layout(present, method.box[0], voxel)
-    return _assemble(method, rows, head, layout, every_ray, method.dataset.count)
+    return _assemble(method, rows, head, layout, every_ray, len(every_ray))
 
 
 def refine(method: VoxelMethod, state: VoxelState, resolution: int) -> VoxelState:
@@ -80,7 +81,7 @@ def refine(method: VoxelMethod, state: VoxelState, resolution: int) -> VoxelStat
     if finest_asked < 0.75 * voxel:
         keep, voxel = _resample(keep, voxel, finest_asked)
     layout = build_layout(keep, origin, voxel)
-    rows = _resample_rows(state, voxel_centres(keep, origin, voxel))
+    rows = agree(_resample_rows(state, voxel_centres(keep, origin, voxel)))
     return _assemble(method, rows, state.trainable.head, layout, state.hits, int(state.hit_count), state)
 
 
@@ -137,7 +138,7 @@ def _assemble(
     """A state around new voxels: rays that meet them, list sizes that fit, fresh moments for voxels."""
     from training.voxels.method import Trainable, VoxelState
 
-    hits, hit_count = _rays_that_hit(method.dataset, layout, hits, hit_count, method.settings.step_voxels)
+    hits, hit_count = _rays_that_hit(method.geometry, layout, hits, hit_count, method.settings.step_voxels)
     present = np.asarray(layout.lookup)
     (cells,) = np.nonzero(present)
     zeros = jnp.zeros_like(rows)
@@ -167,7 +168,7 @@ def _segments(layout: GridLayout, step_voxels: float) -> int:
 
 @partial(jax.jit, static_argnames=("segments", "step"))
 def _meets_content(dataset: RayDataset, layout: GridLayout, ids: jax.Array, segments: int, step: float) -> jax.Array:
-    rays, _ = dataset.rays_at(ids)
+    rays = dataset.geometry_at(ids)
     return occupied_segments(layout, to_grid(layout, rays), jnp.zeros(ids.shape[0]), segments, step).any(-1)
 
 
@@ -183,7 +184,7 @@ def _rays_that_hit(
         np.asarray(_meets_content(dataset, layout, jnp.asarray(part), segments, step))
         for part in padded.reshape(-1, CHUNK)
     ]
-    kept = candidates[np.concatenate(meets)[: len(candidates)]]
+    kept = candidates[agree(np.concatenate(meets)[: len(candidates)])]
     out = np.zeros(dataset.count, np.int32)
     out[: len(kept)] = kept
     return jnp.asarray(out), max(len(kept), 1)
@@ -194,8 +195,8 @@ def _fit_sizes(method: VoxelMethod, layout: GridLayout, hits: jax.Array, hit_cou
     step = method.settings.step_voxels
     probe = np.random.default_rng(0).integers(0, hit_count, PROBE_RAYS)
     segments = _segments(layout, step)
-    rays, _ = method.dataset.rays_at(hits[jnp.asarray(probe)])
-    coarse, fine = (np.asarray(a) for a in _count(layout, to_grid(layout, rays), segments, step))
+    rays = method.geometry.geometry_at(hits[jnp.asarray(probe)])
+    coarse, fine = (agree(np.asarray(a)) for a in _count(layout, to_grid(layout, rays), segments, step))
     total = method.voxels.samples_per_step
     per_ray = int(fine.max() * HEADROOM) + 8
     count = int(np.clip(total / max(fine.mean(), 1.0), 256, 8 * method.config.batch_size))
@@ -237,9 +238,9 @@ def _visible_weights(method: VoxelMethod, state: VoxelState) -> np.ndarray:
     ids = np.random.default_rng(1).permutation(np.asarray(state.hits)[:count])[:PRUNE_RAYS]
     for start in range(0, len(ids), state.rays):
         part = np.resize(ids[start : start + state.rays], state.rays)
-        rays, _ = method.dataset.rays_at(jnp.asarray(part))
+        rays = method.geometry.geometry_at(jnp.asarray(part))
         best = _nearest_weights(state.trainable, state.layout, best, rays, state.sizes, method.settings)
-    return np.asarray(best)
+    return agree(np.asarray(best))  # processes that differ in the last bit would keep different voxels
 
 
 def boxes_with_voxels(layout: GridLayout, low: np.ndarray, high: np.ndarray) -> np.ndarray:
