@@ -19,7 +19,7 @@ from console import UserError, progress
 from scenepack.blocks import atlas_from_volume
 from scenepack.pack import Pack, ViewMlp
 from training.allocator import keep_freed_memory
-from training.run import Run
+from training.run import Run, require_bakeable
 
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
 
@@ -42,6 +42,7 @@ class BakeConfig:
 
 def bake(run: Run, config: BakeConfig) -> Pack:
     """Bakes the run's field. UserError where the field holds nothing that a training camera sees."""
+    require_bakeable(run)
     if config.resolution < BLOCK_SIZE:
         raise UserError("too coarse", where="--resolution", expected=f"at least {BLOCK_SIZE}", found=config.resolution)
     keep_freed_memory()

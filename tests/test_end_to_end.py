@@ -191,6 +191,18 @@ def test_a_folder_that_is_no_run_cannot_be_baked(tmp_path: Path, scene: Path, ca
     assert not (tmp_path / "pack").exists()
 
 
+@pytest.mark.parametrize("preset", ["jaxnerf", "tinyview"])
+def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(
+    preset: str, scene: Path, tmp_path: Path, capsys
+) -> None:
+    small = "--steps 2 --batch-size 32 --nerf.depth 1 --nerf.width 8 --nerf.coarse-samples 4 --nerf.fine-samples 4"
+    line = [str(scene), "--out", str(tmp_path / "run"), "--preset", preset, "--downscale", "6", *small.split()]
+    assert snerg_train([*line, "--nerf.gradient-rays", "0"]) == 0
+    told = one_line(capsys, snerg_bake, [str(tmp_path / "run"), "--out", str(tmp_path / "pack")])
+    assert "cannot be baked" in told and str(tmp_path / "run") in told
+    assert not (tmp_path / "pack").exists()
+
+
 def test_photographs_are_never_overwritten_by_a_pack(made: Path, scene: Path, capsys) -> None:
     before = sorted(path.name for path in scene.rglob("*"))
     assert str(scene) in one_line(capsys, snerg_bake, [str(made / "run"), "--out", str(scene)])

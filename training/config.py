@@ -49,7 +49,7 @@ class NerfConfig:
     matmul: Literal["auto", "float32", "bfloat16"] = "auto"
     """Type in which the field's hidden layers multiply (sums are float32 always). auto: bfloat16 but on CPUs."""
     gradient_rays: int = 0
-    """Rays per device whose gradient is computed at once, to save memory; 0 for the whole batch. Changes no result."""
+    """Rays per device whose gradient is computed at once, to save memory; 0 for the whole batch. Draws no other samples."""
     render_rays: int = 1024
     """Rays per slice when rendering."""
     query_points: int = 65536

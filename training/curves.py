@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -38,7 +38,11 @@ def draw_curves(records: Records, path: Path, title: str) -> None:
     psnr = [line for line in psnr if line.xs]
     if psnr:
         plots.append(Plot(psnr, title, "steps", "PSNR (dB)", "data"))
-    for label, name, axis in (("loss", "loss", "log"), ("rays per second", "rays_per_second", "zero")):
+    axes: tuple[tuple[str, str, Literal["log", "zero"]], ...] = (
+        ("loss", "loss", "log"),
+        ("rays per second", "rays_per_second", "zero"),
+    )
+    for label, name, axis in axes:
         xs, ys = series(records, name)
         if axis == "log":
             xs, ys = [x for x, y in zip(xs, ys, strict=True) if y > 0], [y for y in ys if y > 0]

@@ -16,11 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 from console import UserError
 from training.checkpoints import cannot_write, list_checkpoints, read_newest_checkpoint, write_aside
 from training.config import TrainConfig, from_json, to_json
 from training.dataset import RayDataset, make_dataset
+from training.devices import agree, is_writer, together
 from training.method import Method
 from training.methods import make_method
 from training.scenes import Scene, SceneOptions, load_scene
@@ -71,14 +73,17 @@ def start_run(path: Path, scene_path: Path, config: TrainConfig, options: SceneO
     """Reads the scene, initialises the method and writes config.json. UserError where `path` holds
     something already.
     """
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        remedy = "continue it with --resume, or choose another --out" if is_run(path) else "choose another --out"
-        raise UserError("exists already", where=path, remedy=remedy)
-    scene = load_scene(scene_path, **vars(options))
+    with together():
+        if is_writer() and path.exists() and (not path.is_dir() or any(path.iterdir())):
+            remedy = "continue it with --resume, or choose another --out" if is_run(path) else "choose another --out"
+            raise UserError("exists already", where=path, remedy=remedy)
+        scene = load_scene(scene_path, **vars(options))
     dataset = make_dataset(scene)
-    method = make_method(config, scene, dataset)
+    with together():
+        method = make_method(config, scene, dataset)
     state = method.start(jax.random.PRNGKey(config.seed))
-    write_description(path, RunDescription(config, scene_path.resolve(), options, _provenance()))
+    with together():
+        write_description(path, RunDescription(config, scene_path.resolve(), options, _provenance()))
     return Run(path, config, scene, options, dataset, method, state, step=0)
 
 
@@ -91,10 +96,22 @@ def load_run(path: str | Path, *, scene_path: str | Path | None = None, config: 
     path = Path(path)
     description = read_description(path)
     config = config or description.config
-    step, arrays = read_newest_checkpoint(path / "checkpoints")
-    scene = load_scene(scene_path or description.scene, **vars(description.options))
+    with together():
+        step, arrays = read_newest_checkpoint(path / "checkpoints")
+        scene = load_scene(scene_path or description.scene, **vars(description.options))
+    first_step = int(agree(np.array(step)))
+    with together():
+        if step != first_step:
+            raise UserError(
+                "the processes of this run see different checkpoints",
+                where=path,
+                expected=f"step {first_step}",
+                found=f"step {step}",
+                remedy="the run's folder must be one that all hosts share",
+            )
     dataset = make_dataset(scene)
-    method = make_method(config, scene, dataset)
+    with together():
+        method = make_method(config, scene, dataset)
     return Run(path, config, scene, description.options, dataset, method, method.restore(arrays), step)
 
 
@@ -104,7 +121,8 @@ def resume_run(path: Path, scene_path: Path, config: TrainConfig) -> Run:
     if list_checkpoints(path / "checkpoints"):
         run = load_run(path, scene_path=scene_path, config=config)
     else:
-        scene = load_scene(scene_path, **vars(description.options))
+        with together():
+            scene = load_scene(scene_path, **vars(description.options))
         dataset = make_dataset(scene)
         method = make_method(config, scene, dataset)
         state = method.start(jax.random.PRNGKey(config.seed))
@@ -116,13 +134,28 @@ def resume_run(path: Path, scene_path: Path, config: TrainConfig) -> Run:
     return run
 
 
+def require_bakeable(run: Run) -> None:
+    """UserError where the run's model is none that a pack can hold: colour decided at every sample, not once a pixel."""
+    view = run.config.nerf.view
+    if run.config.method == "nerf" and view not in ("deferred", "none"):
+        raise UserError(
+            "this run cannot be baked: its colour depends on the viewing direction at every sample",
+            where=run.path,
+            expected="a deferred or diffuse model",
+            found=f"--nerf.view {view}",
+            remedy="train with another preset (cpu, fast, paper, diffuse); snerg-eval scores this run as it is",
+        )
+
+
 def is_run(path: Path) -> bool:
     """Whether a folder looks like a run."""
     return (path / "config.json").is_file()
 
 
 def write_description(path: Path, description: RunDescription) -> None:
-    """Writes config.json, atomically."""
+    """Writes config.json, atomically (process 0 does)."""
+    if not is_writer():
+        return
     document = {
         "format": FORMAT,
         "scene": str(description.scene),
@@ -168,6 +201,7 @@ def _provenance() -> dict[str, Any]:
         "snerg": version,
         "jax": jax.__version__,
         "device": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
+        "processes": jax.process_count(),
         "host": platform.platform(),
         "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }

@@ -61,6 +61,9 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         spherify: bool = False,
         masks: bool = False,
         resume: bool = False,
+        coordinator: str | None = None,
+        processes: int | None = None,
+        process_id: int | None = None,
     ) -> None:
         """Trains a deferred NeRF on posed photographs. A run can be stopped and resumed at any time.
 
@@ -76,8 +79,16 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
             spherify: Read an LLFF capture as one from all around, also where its cameras look forward.
             masks: Cut the object out by the masks beside the pictures.
             resume: Go on with the run in --out from its newest checkpoint, with the run's own settings.
+            coordinator: HOST:PORT of process 0, for a run of several processes whose launcher says nothing of them (see
+                docs/distributed.md; Slurm, MPI and Kubernetes mostly need none of these three).
+            processes: How many processes train together.
+            process_id: Which of them this one is, from 0.
         """
-        from training.loop import train  # JAX starts here, not for --help
+        from training.devices import join_processes  # JAX starts here, not for --help
+
+        join_processes(coordinator, processes, process_id)
+        from training.devices import is_writer
+        from training.loop import train
         from training.run import read_description
 
         if resume:
@@ -87,7 +98,8 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         else:
             options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks)
         run = train(scene, out, config, **vars(options), resume=resume)
-        print(f"{out}: {run.step} of {config.steps} steps done; bake it with: snerg-bake {out} --out PACK")
+        if is_writer():
+            print(f"{out}: {run.step} of {config.steps} steps done; bake it with: snerg-bake {out} --out PACK")
 
     return snerg_train
 

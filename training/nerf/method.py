@@ -82,7 +82,7 @@ class NerfMethod:
     def view_mlp(self, state: NerfState) -> ViewMlpParams | None:
         """The fine model's deferred head; None for a diffuse model, and for the baselines, which have none a ray."""
         view = here(state.params.fine.view)
-        return view if self.config.nerf.view == "deferred" else None
+        return view if self.config.nerf.view == "deferred" and isinstance(view, ViewMlpParams) else None
 
     def save(self, state: NerfState) -> dict[str, np.ndarray]:
         """Parameters and optimiser as named arrays."""

@@ -10,6 +10,8 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+EMPTY_BIN = 1e-5  # least weight of a bin
+
 
 def coarse_samples(
     jitter: jax.Array | None, near: jax.Array, far: jax.Array, count: int, disparity: bool = False
@@ -43,8 +45,9 @@ def inverse_cdf(jitter: jax.Array | None, edges: jax.Array, weights: jax.Array, 
     """Stratified samples [N, count] of the histogram with edges [N, B + 1] and weights [N, B] >= 0 (not
     normalised).
     """
-    # an even trifle everywhere: a ray through empty space samples evenly instead of dividing by 0
-    weights = weights + jnp.maximum(1e-5 - jnp.sum(weights, axis=-1, keepdims=True), 0.0) / weights.shape[-1] + 1e-8
+    # An even trifle everywhere (NeRF's): empty rays sample evenly instead of dividing by 0, and a quantile crosses an empty
+    # bin over many floats, so that the last bit of a sum, which differs between devices, moves no sample far.
+    weights = weights + EMPTY_BIN
     cdf = jnp.cumsum(weights / jnp.sum(weights, axis=-1, keepdims=True), axis=-1)
     cdf = jnp.concatenate([jnp.zeros_like(cdf[:, :1]), jnp.minimum(cdf[:, :-1], 1.0), jnp.ones_like(cdf[:, :1])], -1)
     within_interval = 0.5 if jitter is None else jitter
