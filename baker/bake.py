@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from baker.culling import TAU_ALPHA, TAU_VIS, Culling, content_box, cull
 from baker.field_query import field_query, occupied_query
 from baker.fine_tune import EPOCHS, fine_tune
 from baker.grid import BakeGrid, box_in_grid_frame, make_grid
+from baker.joint_loop import JointConfig, joint_tune
 from baker.supersample import fill_atlas, supersample
 from baker.work_folder import Arrays, WorkFolder, once
 from console import UserError, progress
@@ -42,6 +43,8 @@ class BakeConfig:
     """Macroblocks whose largest opacity is below this are dropped."""
     tau_vis: float = TAU_VIS
     """Macroblocks that no training camera sees with at least this transmittance are dropped."""
+    fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp"
+    """What is fine-tuned: nothing, the view MLP (the paper's), or the stored voxels and the view MLP together."""
     fine_tune_epochs: int = EPOCHS
     """Passes over the training pixels that refine the view MLP; 0 for none."""
     seed: int = 0
@@ -98,19 +101,26 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
     with stages("padding"):
         restore_padding(pack, pack.atlas_rgba)
         restore_padding(pack, atlas[2])
-    with stages("fine-tuning"), progress("fine-tuning the view MLP", 1.0) as bar:
-        pack, before, after = fine_tune(
-            pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update
-        )
+    tuned: dict[str, Any] = {}
+    if config.fine_tune == "all":
+        with stages("fine-tuning"), progress("fine-tuning voxels and view MLP", 1.0) as bar:
+            pack, tuned = joint_tune(pack, run.dataset, JointConfig(seed=config.seed), bar.update)
+    elif config.fine_tune == "view-mlp":
+        with stages("fine-tuning"), progress("fine-tuning the view MLP", 1.0) as bar:
+            pack, before, after = fine_tune(
+                pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update
+            )
+        if np.isfinite(after):
+            tuned = {
+                "epochs": config.fine_tune_epochs,
+                "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
+            }  # fmt: skip
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
         "downscale": run.downscale, "resolution": config.resolution, "macroblocks": culling.counts(),
     }  # fmt: skip
-    if np.isfinite(after):
-        provenance["fine_tuning"] = {
-            "epochs": config.fine_tune_epochs,
-            "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
-        }  # fmt: skip
+    if tuned:
+        provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run))
 
 

@@ -186,7 +186,7 @@ def _opacity_of_layer(
     blocks = np.argwhere(holds)
     for start in range(0, len(blocks), group):
         part = blocks[start : start + group]
-        points = np.concatenate([centres + np.float32([i * size, j * size, k * size]) for j, i in part])
+        points = np.concatenate([centres + np.array([i * size, j * size, k * size], np.float32) for j, i in part])
         sigma = np.asarray(query(grid.training_points(points)).density).reshape(len(part), *(per_block, grid.cell) * 3)
         for (j, i), values in zip(part, sigma, strict=True):
             alpha = 1 - np.exp(-values.max(axis=(1, 3, 5)) * grid.voxel_size)
