@@ -7,7 +7,7 @@ picture itself) is behind `Stage`, which viewer.canvas implements.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import atan, degrees
@@ -71,6 +71,17 @@ class OpenScene:
     name: str
     pack: Pack
     rig: CameraRig
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be done with the pack that is being read.
+
+    other: it shall be compared with, not shown instead. then: called once it is shown.
+    """
+
+    other: bool = False
+    then: Callable[[App], None] | None = None
 
 
 @dataclass
@@ -139,7 +150,7 @@ class App:
     file_request: FileRequest | None = None
     demo: Path | None = None  # the bundled pack, where there is one
     loading: Loading | None = None
-    loading_other: bool = False  # what is being read shall be compared with, not shown instead
+    wanted: Wanted = field(default_factory=lambda: Wanted())  # what shall be done with it
     quitting: bool = False
     frames_owed: int = FRAMES_AFTER_EVENT
 
@@ -160,7 +171,7 @@ class App:
         self.comparison.scene_changed(pack)
         if path.exists():
             self.preferences.opened(path)
-        self.messages.log(f"{name} is open, from {path}")
+        self.messages.log(f"{self.scene.name} is open, from {path}")
         self.touch()
 
     @contextmanager
@@ -203,10 +214,20 @@ class App:
             rest_scale=self.governor.rest_scale,
         )
 
-    def open(self, path: Path, *, other: bool = False) -> None:
-        """Starts to read a pack; what comes of it shows itself in later ticks. other: to compare with it."""
+    def open(
+        self,
+        path: Path,
+        *,
+        other: bool = False,
+        then: Callable[[App], None] | None = None,
+    ) -> None:
+        """Starts to read a pack; what comes of it shows itself in later ticks.
+
+        other: to compare with it. then: called once it is shown.
+        """
         self.cancel_loading()
-        self.loading, self.loading_other = Loading(path), other
+        self.loading = Loading(path)
+        self.wanted = Wanted(other, then)
         self.touch()
 
     def drop(self, paths: list[Path]) -> None:
@@ -246,10 +267,12 @@ class App:
             if loading.error is not None:
                 raise loading.error
             if loading.pack is not None:
-                if self.loading_other and self.scene is not None:
+                if self.wanted.other and self.scene is not None:
                     self.comparison.with_pack(self, loading.pack, loading.path)
                 else:
                     self.show(loading.pack, loading.path)
+                if self.wanted.then is not None:
+                    self.wanted.then(self)
         except Exception as error:  # a dialog, and the program goes on
             self.messages.fail(f"{loading.path.name} cannot be opened", error)
         self.touch()

@@ -16,7 +16,9 @@ from viewer.camera import ViewCamera
 if TYPE_CHECKING:
     from viewer.app.application import App
 
-SIZES: dict[str, tuple[int, int]] = {
+Size = tuple[int, int]  # width, height in pixels
+
+SIZES: dict[str, Size] = {
     "Full HD": (1920, 1080),
     "4K": (3840, 2160),
     "Square": (1080, 1080),
@@ -38,7 +40,7 @@ class Filming:
     selected: int | None = None
     time: float = 0.0
     playing: bool = False
-    size: tuple[int, int] = SIZES["Full HD"]
+    size: Size = SIZES["Full HD"]
     fps: float = 30.0
     export: Export | None = None
 
