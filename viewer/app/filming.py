@@ -153,6 +153,8 @@ class Filming:
             raise UserError("another export is still running", remedy="cancel it, or wait for its end")
         if app.stage is None or app.scene is None:
             return
+        if not app.scene.whole:
+            raise UserError("the scene is still being read", remedy="wait until it is all there")
         side = app.governor.tile_side()
         self.export = Export(cameras, app.settings, target, app.stage.snapshot, self.fps, side)
         self.playing = False
