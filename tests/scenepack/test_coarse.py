@@ -18,7 +18,7 @@ def test_the_coarse_pack_lies_where_the_whole_does():
     pack = toy_pack()
     coarse = coarse_pack(pack, np.ones(len(pack.atlas_rgba), bool))
     f = factor_for(pack.block_size)
-    assert coarse is not None and coarse.voxel_size == f * pack.voxel_size
+    assert coarse is not None and f is not None and coarse.voxel_size == f * pack.voxel_size
     assert coarse.grid_blocks == pack.grid_blocks and coarse.atlas_blocks == pack.atlas_blocks
     assert np.all(coarse.max_xyz >= pack.max_xyz - 1e-9)
 
