@@ -1,27 +1,36 @@
 """From a trained run to a pack (SNeRG section 5.4): box, culling, supersampling, quantisation, fine-tuning.
 
-Works macroblock by macroblock: no array of N³ × channels is ever made.
+Works macroblock by macroblock, and keeps on disk what is done: no array of N³ × channels is ever made, and a bake that
+was killed goes on where it was (baker.work_folder).
 """
 
 from __future__ import annotations
 
 import time
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
-from baker.culling import TAU_ALPHA, TAU_VIS, content_box, cull
+from baker.culling import TAU_ALPHA, TAU_VIS, Culling, content_box, cull
 from baker.field_query import field_query, occupied_query
 from baker.fine_tune import EPOCHS, fine_tune
-from baker.grid import box_in_grid_frame, make_grid
-from baker.supersample import supersample
+from baker.grid import BakeGrid, box_in_grid_frame, make_grid
+from baker.joint_loop import JointConfig, joint_tune
+from baker.supersample import fill_atlas, supersample
+from baker.work_folder import Arrays, WorkFolder, once
 from console import UserError, progress
-from scenepack.blocks import atlas_from_volume
+from console.progress import Progress
+from scenepack.codecs.pieces import restore_padding
 from scenepack.pack import Pack, ViewMlp
 from training.allocator import keep_freed_memory
 from training.run import Run, require_bakeable
 
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
+FORMAT = 1  # of a work folder: raised whenever the same key would give other pieces
 
 
 @dataclass(frozen=True)
@@ -34,42 +43,50 @@ class BakeConfig:
     """Macroblocks whose largest opacity is below this are dropped."""
     tau_vis: float = TAU_VIS
     """Macroblocks that no training camera sees with at least this transmittance are dropped."""
+    fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp"
+    """What is fine-tuned: nothing, the view MLP (the paper's), or the stored voxels and the view MLP together."""
     fine_tune_epochs: int = EPOCHS
     """Passes over the training pixels that refine the view MLP; 0 for none."""
     seed: int = 0
     """Seed of the Gaussian samples within voxels and of fine-tuning."""
 
 
-def bake(run: Run, config: BakeConfig) -> Pack:
-    """Bakes the run's field. UserError where the field holds nothing that a training camera sees."""
+class Stages:
+    """Seconds spent in each stage of a bake, by name, in order."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        started = time.monotonic()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.monotonic() - started
+
+
+def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
+    """What the voxels of a bake depend on, for its work folder: the run as it is now, and the options before fine-tuning."""
+    crc = 0
+    for name, array in sorted(run.method.save(run.state).items()):
+        crc = zlib.crc32(np.ascontiguousarray(array).data, zlib.crc32(name.encode(), crc))
+    return {
+        "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
+        "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
+        "resolution": config.resolution, "tau_alpha": config.tau_alpha, "tau_vis": config.tau_vis,
+    }  # fmt: skip
+
+
+def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: Stages | None = None) -> Pack:
+    """Bakes the run's field. UserError where the field holds nothing that a training camera sees.
+
+    work: where a broken-off bake with the same work_key goes on; the caller removes it when the pack is saved.
+    """
     require_bakeable(run)
     if config.resolution < BLOCK_SIZE:
         raise UserError("too coarse", where="--resolution", expected=f"at least {BLOCK_SIZE}", found=config.resolution)
     keep_freed_memory()
-    started = time.monotonic()
-    query = field_query(run)
-    frame = np.asarray(run.scene.worldspace_T_opengl, np.float64)
-    with progress("baking", 1.0) as bar:
-        bar.update(0.0, "looking for content")
-        found = content_box(
-            query, *box_in_grid_frame(run.dataset.aabb, frame), config.resolution, frame, config.tau_alpha
-        )
-        if found is None:
-            raise _nothing_there(run)
-        grid = make_grid(*found, config.resolution, BLOCK_SIZE, frame)
-        culling = cull(
-            query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha, tau_vis=config.tau_vis,
-            on_blocks=lambda share: bar.update(0.3 * share, "opacity"),
-            on_rays=lambda share: bar.update(0.3 + 0.1 * share, "visibility"),
-        )  # fmt: skip
-        count = int(culling.kept.sum())
-        if count == 0:
-            raise _nothing_there(run)
-        store = supersample(
-            query, grid, culling, tau_alpha=config.tau_alpha, seed=config.seed,
-            on_block=lambda n: bar.update(0.4 + 0.6 * n / count, f"macroblock {n} of {count}"),
-        )  # fmt: skip
-    indices, rgba, features = atlas_from_volume(store.read_box, grid.size, BLOCK_SIZE, culling.kept)
+    stages = stages or Stages()
+    grid, culling, atlas = _voxels(run, config, work, stages)
     head = run.method.view_mlp(run.state)
     view_mlp = head and ViewMlp(
         tuple(np.asarray(w, np.float32) for w in head.weights),  # type: ignore[arg-type]
@@ -78,25 +95,81 @@ def bake(run: Run, config: BakeConfig) -> Pack:
     camera = run.scene.splits["train"][0].camera
     pack = Pack(
         voxel_size=grid.voxel_size, min_xyz=grid.min_xyz, grid_size=grid.size, block_size=BLOCK_SIZE,
-        atlas_indices=indices, atlas_rgba=rgba, atlas_features=features, view_mlp=view_mlp,
-        worldspace_T_opengl=frame, ndc=run.scene.ndc,
+        atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=view_mlp,
+        worldspace_T_opengl=grid.worldspace_T_opengl, ndc=run.scene.ndc,
         input_width=camera.width, input_height=camera.height, input_focal=float(camera.fx),
     )  # fmt: skip
-    with progress("fine-tuning the view MLP", 1.0) as bar:
-        pack, before, after = fine_tune(
-            pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update
-        )
-    provenance = {
+    with stages("padding"):
+        restore_padding(pack, pack.atlas_rgba)
+        restore_padding(pack, atlas[2])
+    tuned: dict[str, Any] = {}
+    if config.fine_tune == "all":
+        with stages("fine-tuning"), progress("fine-tuning voxels and view MLP", 1.0) as bar:
+            pack, tuned = joint_tune(pack, run.dataset, JointConfig(seed=config.seed), bar.update)
+    elif config.fine_tune == "view-mlp":
+        with stages("fine-tuning"), progress("fine-tuning the view MLP", 1.0) as bar:
+            pack, before, after = fine_tune(
+                pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update
+            )
+        if np.isfinite(after):
+            tuned = {
+                "epochs": config.fine_tune_epochs,
+                "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
+            }  # fmt: skip
+    provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
-        "downscale": run.downscale, "resolution": config.resolution, "seconds": round(time.monotonic() - started, 1),
-        "macroblocks": {"with_opacity": culling.opaque, "hidden": culling.hidden, "kept": count},
+        "downscale": run.downscale, "resolution": config.resolution, "macroblocks": culling.counts(),
     }  # fmt: skip
-    if np.isfinite(after):
-        provenance["fine_tuning"] = {
-            "epochs": config.fine_tune_epochs,
-            "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
-        }  # fmt: skip
+    if tuned:
+        provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run))
+
+
+def _voxels(
+    run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stages
+) -> tuple[BakeGrid, Culling, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """The grid, what was culled, and the atlas (indices, rgba, features) with its padding still empty."""
+    query = field_query(run)
+    frame = np.asarray(run.scene.worldspace_T_opengl, np.float64)
+
+    def find_box() -> Arrays:
+        found = content_box(
+            query, *box_in_grid_frame(run.dataset.aabb, frame), config.resolution, frame, config.tau_alpha
+        )
+        if found is None:
+            raise _nothing_there(run)
+        return {"low": found[0], "high": found[1]}
+
+    with stages("box"), progress("looking for content", 1.0):
+        box = once(work, "box", find_box)
+    grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame)
+    with progress("culling", 1.0) as bar:
+        culling = cull(
+            query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha, tau_vis=config.tau_vis,
+            on_blocks=lambda share: bar.update(0.75 * share, "opacity"),
+            on_rays=lambda share: bar.update(0.75 + 0.25 * share, "visibility"), work=work, stages=stages,
+        )  # fmt: skip
+    count = int(culling.kept.sum())
+    if count == 0:
+        raise _nothing_there(run)
+    with stages("supersampling"), progress("supersampling", count) as bar:
+        blocks = supersample(
+            query, grid, culling, tau_alpha=config.tau_alpha, seed=config.seed, on_blocks=_Rate(bar, count), work=work
+        )
+        atlas = fill_atlas(blocks, culling.kept, BLOCK_SIZE)
+    return grid, culling, atlas
+
+
+class _Rate:
+    """Tells a bar how many macroblocks are done, and how many samples a second were taken since it was made."""
+
+    def __init__(self, bar: Progress, count: int) -> None:
+        self.bar, self.count, self.samples, self.started = bar, count, 0, time.monotonic()
+
+    def __call__(self, blocks: int, samples: int) -> None:
+        self.samples += samples
+        rate = self.samples / max(time.monotonic() - self.started, 1e-3) / 1e6
+        self.bar.update(blocks, f"macroblock {blocks} of {self.count}, {rate:.1f} M samples/s")
 
 
 def cameras_of(run: Run) -> list[dict]:

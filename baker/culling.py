@@ -1,12 +1,13 @@
 """Which macroblocks are worth storing (SNeRG section 5.4): those with opacity, and seen by some training camera.
 
-Notation: tau_alpha, tau_vis the thresholds; v the voxel size in the field's frame; a cell is CELL³ voxels, the unit of
-the visibility test (the release, too, tests on a grid of half the resolution).
+Notation: tau_alpha, tau_vis the thresholds; v the voxel size in the field's frame; a cell is grid.cell³ voxels, the unit
+of the visibility test (2, as in the release, which tests on a grid of half the resolution; more in very fine grids).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from baker.field_query import FieldQuery, Occupied
 from baker.grid import BakeGrid, to_training
+from baker.work_folder import Arrays, WorkFolder, once
 from training.dataset import RayDataset
 from training.method import Rays
 from training.voxels.march import MarchSizes, march, to_grid, transmittance
@@ -24,7 +26,6 @@ from training.voxels.stages import dilate
 
 TAU_ALPHA = 0.005
 TAU_VIS = 0.01
-CELL = 2
 BOX_PROBE = 256  # most cells a side when looking for the box around the content
 BOX_MARGIN = 1.0  # probe cells added on every side of it
 BOX_TAIL, BOX_GROWTH = 0.0005, 1.1  # share of the opacity cut off at either end of an axis; what the rest is grown by
@@ -46,6 +47,12 @@ class Culling:
     cells: np.ndarray
     opaque: int
     hidden: int
+
+    def counts(self) -> dict[str, int]:
+        """How many macroblocks the grid has, each threshold removed, and are left."""
+        total = int(self.kept.size)
+        return {"grid": total, "below_tau_alpha": total - self.opaque, "below_tau_vis": self.hidden,
+                "kept": self.opaque - self.hidden}  # fmt: skip
 
 
 def content_box(
@@ -103,17 +110,22 @@ def cull(
     tau_vis: float = TAU_VIS,
     on_blocks: Tick | None = None,
     on_rays: Tick | None = None,
+    work: WorkFolder | None = None,
+    stages: Callable[[str], AbstractContextManager] = nullcontext,
 ) -> Culling:
     """Both tests of section 5.4. occupied: spares asking the field where it is surely empty (baker.field_query).
 
-    on_blocks, on_rays are told the share done of either.
+    on_blocks, on_rays are told the share done of either. work: where a broken-off bake goes on. stages: times the two.
     """
-    opaque, density = _opacity(query, occupied, grid, tau_alpha, on_blocks)
+    with stages("opacity"):
+        opaque, density = _opacity(query, occupied, grid, tau_alpha, on_blocks, work)
     cells = density > 0
-    seen = _visibility(density, grid, dataset, on_rays) >= tau_vis
+    with stages("visibility"):
+        bits = once(work, "visibility", lambda: _seen(density, grid, dataset, tau_vis, on_rays))["bits"]
+    seen = np.unpackbits(bits, count=cells.size).reshape(cells.shape).astype(bool)
     for _ in range(DILATION):
         seen = dilate(seen)
-    per_block = grid.block_size // CELL
+    per_block = grid.block_size // grid.cell
     kept = opaque & _any_in_blocks(seen & cells, per_block)
     inside = np.repeat(np.repeat(np.repeat(kept, per_block, 0), per_block, 1), per_block, 2)
     return Culling(kept, dilate(cells) & inside, int(opaque.sum()), int((opaque & ~kept).sum()))
@@ -125,37 +137,69 @@ def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
 
 
 def _opacity(
-    query: FieldQuery, occupied: Occupied | None, grid: BakeGrid, tau_alpha: float, tick: Tick | None
-) -> tuple[np.ndarray, np.ndarray]:
+    query: FieldQuery, occupied: Occupied | None, grid: BakeGrid, tau_alpha: float, tick: Tick | None,
+    work: WorkFolder | None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """bool [blocks] with some voxel's alpha >= tau_alpha, and the cells' mean density [cells], 0 where below it.
 
-    The field is asked at every voxel centre, macroblock by macroblock; only the coarser cells are kept.
+    The field is asked at every voxel centre, one layer of macroblocks after another; only the coarser cells are kept.
     """
-    size, per_block = grid.block_size, grid.block_size // CELL
     bx, by, bz = grid.blocks
+    size, per_block = grid.block_size, grid.block_size // grid.cell
+    holds = np.ones((bz, by, bx), bool)
+    if occupied is not None:
+        corners = np.argwhere(holds)[:, ::-1] * size
+        ends = grid.training_points(corners), grid.training_points(corners + size)
+        holds = np.asarray(occupied(np.minimum(*ends), np.maximum(*ends))).reshape(bz, by, bx)
     opaque = np.zeros((bz, by, bx), bool)
     density = np.zeros((bz * per_block, by * per_block, bx * per_block), np.float32)
-    z, y, x = np.meshgrid(*(np.arange(size) + 0.5,) * 3, indexing="ij")
+    total, done = max(int(holds.sum()), 1), 0
+
+    def on_some(count: int) -> None:
+        nonlocal done
+        done += count
+        if tick:
+            tick(done / total)
+
+    for k in range(bz):
+        if not holds[k].any():
+            continue
+        before = done
+        layer = once(
+            work, f"opacity_{k:03d}", lambda k=k: _opacity_of_layer(query, holds[k], k, grid, tau_alpha, on_some)
+        )
+        on_some(before + int(holds[k].sum()) - done)
+        opaque[k], density[k * per_block : (k + 1) * per_block] = layer["opaque"], layer["density"]
+    return opaque, density
+
+
+def _opacity_of_layer(
+    query: FieldQuery, holds: np.ndarray, k: int, grid: BakeGrid, tau_alpha: float, tick: Callable[[int], None]
+) -> Arrays:
+    """opaque bool [blocks y, x] and density float32 [cells z, y, x] of the layer k of macroblocks; holds [blocks y, x]."""
+    size, per_block = grid.block_size, grid.block_size // grid.cell
+    by, bx = holds.shape
+    opaque, density = np.zeros((by, bx), bool), np.zeros((per_block, by * per_block, bx * per_block), np.float32)
+    z, y, x = np.meshgrid(*(np.arange(size, dtype=np.float32) + np.float32(0.5),) * 3, indexing="ij")
     centres = np.stack([x, y, z], -1).reshape(-1, 3)
-    blocks = [(k, j, i) for k in range(bz) for j in range(by) for i in range(bx)]
-    if occupied is not None:
-        corners = np.array([(i, j, k) for k, j, i in blocks]) * size
-        ends = grid.training_points(corners), grid.training_points(corners + size)
-        holds = occupied(np.minimum(*ends), np.maximum(*ends))
-        blocks = [block for block, some in zip(blocks, holds, strict=True) if some]
     group = max(131_072 * 4 // size**3, 1)
+    blocks = np.argwhere(holds)
     for start in range(0, len(blocks), group):
         part = blocks[start : start + group]
-        points = np.concatenate([centres + np.array([i, j, k]) * size for k, j, i in part])
-        sigma = np.asarray(query(grid.training_points(points)).density).reshape(len(part), *(per_block, CELL) * 3)
-        for (k, j, i), values in zip(part, sigma, strict=True):
+        points = np.concatenate([centres + np.array([i * size, j * size, k * size], np.float32) for j, i in part])
+        sigma = np.asarray(query(grid.training_points(points)).density).reshape(len(part), *(per_block, grid.cell) * 3)
+        for (j, i), values in zip(part, sigma, strict=True):
             alpha = 1 - np.exp(-values.max(axis=(1, 3, 5)) * grid.voxel_size)
-            opaque[k, j, i] = alpha.max() >= tau_alpha
-            at = tuple(slice(b * per_block, (b + 1) * per_block) for b in (k, j, i))
-            density[at] = np.where(alpha >= tau_alpha, values.mean(axis=(1, 3, 5)), 0)
-        if tick:
-            tick(min(start + group, len(blocks)) / len(blocks))
-    return opaque, density
+            opaque[j, i] = alpha.max() >= tau_alpha
+            at = tuple(slice(b * per_block, (b + 1) * per_block) for b in (j, i))
+            density[(slice(None), *at)] = np.where(alpha >= tau_alpha, values.mean(axis=(1, 3, 5)), 0)
+        tick(len(part))
+    return {"opaque": opaque, "density": density}
+
+
+def _seen(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tau_vis: float, tick: Tick | None) -> Arrays:
+    """Which cells a training ray reaches with transmittance tau_vis, as packed bits."""
+    return {"bits": np.packbits(_visibility(density, grid, dataset, tick) >= tau_vis)}
 
 
 def _visibility(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick | None) -> np.ndarray:
@@ -163,7 +207,7 @@ def _visibility(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: 
     present = density > 0
     if not present.any():
         return np.zeros(density.shape, np.float32)
-    layout = build_layout(present, grid.min_xyz, grid.voxel_size * CELL)
+    layout = build_layout(present, grid.min_xyz, grid.voxel_size * grid.cell)
     rows = jnp.asarray(np.concatenate([[0.0], density[present]]).astype(np.float32))
     segments = int(np.ceil(np.linalg.norm(density.shape) / BRICK)) + 1
     sizes = MarchSizes(segments, CHUNK_SAMPLES // BRICK * 2, CHUNK_SAMPLES, segments * BRICK)

@@ -17,7 +17,7 @@ import numpy as np
 import optax
 
 from baker.culling import in_grid_frame
-from baker.pack_layout import PackLayout, accumulate, pack_layout, pack_sizes
+from baker.pack_layout import PackLayout, accumulate, pack_layout, pack_sizes, pack_voxels
 from scenepack.constants import TRANSMITTANCE_SHADED, UNPREMULTIPLY_GAIN
 from scenepack.pack import Pack, ViewMlp
 from training.dataset import RayDataset
@@ -73,7 +73,7 @@ def shaded_pixels(
     pack: Pack, dataset: RayDataset, seed: int, on_share: Callable[[float, str], None] | None
 ) -> Pixels | None:
     """Marches the training pixels through the pack and keeps those that the viewer shades (T <= 254/255)."""
-    layout, voxels = pack_layout(pack)
+    layout, voxels = pack_layout(pack), pack_voxels(pack)
     sizes = pack_sizes(pack, CHUNK_SAMPLES)
     grid_T_training = jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32)
     ids = np.random.default_rng(seed).permutation(dataset.count)[:MAX_PIXELS].astype(np.int32)

@@ -14,6 +14,8 @@ import numpy as np
 from console import UserError
 from scenepack.constants import MAX_BLOCK_INDEX
 
+MAX_CELLS = 512  # of culling, along an axis
+
 
 @dataclass(frozen=True)
 class BakeGrid:
@@ -26,6 +28,15 @@ class BakeGrid:
     worldspace_T_opengl: np.ndarray
 
     @property
+    def cell(self) -> int:
+        """Side in voxels of a cell, the unit of culling: the finest of at least 2 that gives at most MAX_CELLS an axis.
+
+        So culling takes the same memory however fine the grid is.
+        """
+        sides = [n for n in range(2, self.block_size + 1) if self.block_size % n == 0]
+        return next((n for n in sides if max(self.blocks) * self.block_size // n <= MAX_CELLS), self.block_size)
+
+    @property
     def size(self) -> tuple[int, int, int]:
         """Voxels (x, y, z)."""
         x, y, z = (n * self.block_size for n in self.blocks)
@@ -33,7 +44,11 @@ class BakeGrid:
 
     def training_points(self, voxels_xyz: np.ndarray) -> np.ndarray:
         """float32 [N, 3] training-frame points of positions [N, 3] in voxels (a voxel's centre is at + 0.5)."""
-        return to_training(self.worldspace_T_opengl, self.min_xyz + voxels_xyz * self.voxel_size)
+        rotation = self.worldspace_T_opengl[:3, :3]
+        offset = rotation @ self.min_xyz + self.worldspace_T_opengl[:3, 3]
+        kind = np.float32 if voxels_xyz.dtype == np.float32 else np.float64
+        moved = voxels_xyz @ (self.voxel_size * rotation.T).astype(kind)
+        return (moved + offset.astype(kind)).astype(np.float32, copy=False)
 
 
 def to_training(worldspace_T_opengl: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -80,26 +80,34 @@ class Accumulated(NamedTuple):
     transmittance: jax.Array
 
 
-def pack_layout(pack: Pack) -> tuple[PackLayout, jax.Array]:
-    """The layout of a pack and its voxels uint8 [slots B³, 8]."""
+def pack_voxels(pack: Pack) -> jax.Array:
+    """The padded copies of a pack's macroblocks, uint8 [slots B³, 8]."""
     blocks = np.argwhere(pack.occupied)
-    size, side = pack.block_size, pack.padded_block_size
+    side = pack.padded_block_size
     voxels = np.zeros((max(len(blocks), 1), side, side, side, 4 + FEATURES), np.uint8)
-    slots = np.full(pack.occupied.shape, -1, np.int32)
-    bricks = np.zeros([-(-n * size // BRICK) for n in pack.occupied.shape], np.uint8)
-    support = np.zeros(voxels.shape[:4], np.uint8)
     for slot, block in enumerate(map(tuple, blocks)):
-        slots[block] = slot
         voxels[slot, ..., :4] = block_copy(pack, pack.atlas_rgba, block)
         if pack.atlas_features is not None:
             voxels[slot, ..., 4:] = block_copy(pack, pack.atlas_features, block)
-        some = voxels[slot, ..., 3] > 0
+    return jnp.asarray(voxels.reshape(-1, 4 + FEATURES))
+
+
+def pack_layout(pack: Pack) -> PackLayout:
+    """Where the voxels of a pack are."""
+    blocks = np.argwhere(pack.occupied)
+    size, side = pack.block_size, pack.padded_block_size
+    slots = np.full(pack.occupied.shape, -1, np.int32)
+    bricks = np.zeros([-(-n * size // BRICK) for n in pack.occupied.shape], np.uint8)
+    support = np.zeros((max(len(blocks), 1), side, side, side), np.uint8)
+    for slot, block in enumerate(map(tuple, blocks)):
+        slots[block] = slot
+        some = block_copy(pack, pack.atlas_rgba, block)[..., 3] > 0
         for axis in range(3):
             some = some | np.roll(some, -1, axis)  # the last cell along an axis is never a lower corner
         support[slot] = some
         _mark_bricks(bricks, some[: size + 1, : size + 1, : size + 1], np.array(block) * size)
     width, height, depth = pack.grid_size
-    layout = PackLayout(
+    return PackLayout(
         origin=jnp.asarray(pack.min_xyz, jnp.float32),
         voxel=jnp.float32(pack.voxel_size),
         dims=jnp.asarray([width, height, depth], jnp.int32),
@@ -110,7 +118,6 @@ def pack_layout(pack: Pack) -> tuple[PackLayout, jax.Array]:
         bricks=jnp.asarray(bricks.ravel()),
         brick_dims=jnp.asarray(bricks.shape[::-1], jnp.int32),
     )
-    return layout, jnp.asarray(voxels.reshape(-1, 4 + FEATURES))
 
 
 def _mark_bricks(bricks: np.ndarray, some: np.ndarray, start: np.ndarray) -> None:

@@ -1,47 +1,28 @@
-"""The content of kept macroblocks: 16 Gaussian samples per voxel, averaged and quantised (SNeRG sections 5.4 and 5.5)."""
+"""The content of kept macroblocks: 16 Gaussian samples per voxel, averaged and quantised (SNeRG sections 5.4 and 5.5).
+
+Macroblocks are made some at a time, in z, y, x order, and kept on disk where a work folder is given; of each only the
+voxels that are not empty. The random numbers of a macroblock depend on the seed and its place alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from baker.culling import CELL, TAU_ALPHA, Culling
+from baker.culling import TAU_ALPHA, Culling
 from baker.field_query import FieldQuery
 from baker.grid import BakeGrid
+from baker.work_folder import Arrays, WorkFolder, once
+from scenepack.blocks import atlas_shape, choose_atlas_blocks
+from scenepack.constants import EMPTY_BLOCK
 
 SAMPLES = 16
-SIGMA = 1 / np.sqrt(12)  # of the Gaussian, in voxels
+SIGMA = np.float32(1 / np.sqrt(12))  # of the Gaussian, in voxels
 VOXELS_AT_ONCE = 65_536
+BLOCKS_AT_ONCE = 32  # macroblocks to a piece of work: about a second of it on two cores
 
-
-class BlockStore:
-    """Baked voxels by macroblock: uint8 [blocks, block_size³ as z, y, x, 8]; rgb and alpha, premultiplied, then features.
-
-    read_box serves scenepack.blocks.atlas_from_volume; macroblocks that were not kept read as zeros.
-    """
-
-    def __init__(self, kept: np.ndarray, block_size: int) -> None:
-        self.block_size = block_size
-        self.slot = np.full(kept.shape, -1, np.int64)
-        self.slot[kept] = np.arange(kept.sum())
-        self.voxels = np.zeros((int(kept.sum()), *(block_size,) * 3, 8), np.uint8)
-
-    def read_box(self, low: tuple[int, int, int], high: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Voxels of the box from low to high, both (z, y, x): rgba and features, uint8 [z, y, x, 4] each."""
-        out = np.zeros((*(b - a for a, b in zip(low, high, strict=True)), 8), np.uint8)
-        size = self.block_size
-        ranges = [range(a // size, (b - 1) // size + 1) for a, b in zip(low, high, strict=True)]
-        for block in ((k, j, i) for k in ranges[0] for j in ranges[1] for i in ranges[2]):
-            slot = self.slot[block]
-            if slot < 0:
-                continue
-            start = [max(b * size, a) for b, a in zip(block, low, strict=True)]
-            stop = [min((b + 1) * size, a) for b, a in zip(block, high, strict=True)]
-            to = tuple(slice(s - a, e - a) for s, e, a in zip(start, stop, low, strict=True))
-            of = tuple(slice(s - b * size, e - b * size) for s, e, b in zip(start, stop, block, strict=True))
-            out[to] = self.voxels[(slot, *of)]
-        return out[..., :4], out[..., 4:]
+OnBlocks = Callable[[int, int], None]  # macroblocks done, samples taken since the last call
 
 
 def supersample(
@@ -51,40 +32,89 @@ def supersample(
     *,
     tau_alpha: float = TAU_ALPHA,
     seed: int = 0,
-    on_block: Callable[[int], None] | None = None,
-) -> BlockStore:
-    """Fills the kept macroblocks. Voxels far from any opacity stay zero without being asked.
+    on_blocks: OnBlocks | None = None,
+    work: WorkFolder | None = None,
+) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """(place z, y, x; uint8 [block_size³ as z, y, x, 8]) of the kept macroblocks: rgb and alpha, premultiplied, features.
 
-    Voxels fainter than tau_alpha become empty: what is too faint to keep a macroblock alive only costs samples (a fifth
-    of those that a ray took on lego) and bytes.
+    Voxels far from any opacity stay zero without being asked. Voxels fainter than tau_alpha become empty: what is too
+    faint to keep a macroblock alive only costs samples (a fifth of those that a ray took on lego) and bytes.
     """
-    store = BlockStore(culling.kept, grid.block_size)
-    per_block = grid.block_size // CELL
-    for slot, block in enumerate(np.argwhere(culling.kept)):
-        at = tuple(slice(b * per_block, (b + 1) * per_block) for b in block)
-        wanted = np.repeat(np.repeat(np.repeat(culling.cells[at], CELL, 0), CELL, 1), CELL, 2)
+    blocks = np.argwhere(culling.kept)
+    size = grid.block_size
+    for start in range(0, len(blocks), BLOCKS_AT_ONCE):
+        part = blocks[start : start + BLOCKS_AT_ONCE]
+        taken = 0
+
+        def make(part: np.ndarray = part) -> Arrays:
+            nonlocal taken
+            places, values = _content(query, grid, culling, part, tau_alpha, seed)
+            taken = SAMPLES * len(places)
+            some = values.any(axis=1)
+            return {"places": places[some], "values": values[some]}
+
+        piece = once(work, f"voxels_{start:06d}", make)
+        voxels = np.zeros((len(part), size, size, size, 8), np.uint8)
+        voxels.reshape(-1, 8)[piece["places"]] = piece["values"]
+        if on_blocks:
+            on_blocks(start + len(part), taken)
+        yield from zip(map(tuple, part.tolist()), voxels, strict=True)
+
+
+def _content(
+    query: FieldQuery, grid: BakeGrid, culling: Culling, blocks: np.ndarray, tau_alpha: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Flat places int32 [N] among the voxels of `blocks` [n, 3], one after another, and their content uint8 [N, 8]."""
+    size, cell = grid.block_size, grid.cell
+    per_block = size // cell
+    places, voxels, offsets = [], [], []
+    for number, block in enumerate(blocks):
+        cells = culling.cells[tuple(slice(b * per_block, (b + 1) * per_block) for b in block)]
+        wanted = np.repeat(np.repeat(np.repeat(cells, cell, 0), cell, 1), cell, 2)
         z, y, x = np.nonzero(wanted)
-        local = np.stack([x, y, z], -1)
+        places.append((number * size**3 + np.flatnonzero(wanted)).astype(np.int32))
+        voxels.append((np.stack([x, y, z], -1) + block[::-1] * size).astype(np.float32))
         rng = np.random.default_rng((seed, *block))
-        values = np.empty((len(local), 8), np.float32)
-        for start in range(0, len(local), VOXELS_AT_ONCE):
-            part = local[start : start + VOXELS_AT_ONCE]
-            values[start : start + len(part)] = _average(query, grid, part + block[::-1] * grid.block_size, rng)
-        values[values[:, 3] < tau_alpha] = 0
-        store.voxels[slot][z, y, x] = np.round(255 * values)
-        if on_block:
-            on_block(slot + 1)
-    return store
+        offsets.append(rng.standard_normal((len(x), SAMPLES, 3), np.float32))
+    centres, noise = np.concatenate(voxels) + np.float32(0.5), np.concatenate(offsets)
+    values = np.empty((len(centres), 8), np.uint8)
+    for start in range(0, len(centres), VOXELS_AT_ONCE):
+        part = slice(start, start + VOXELS_AT_ONCE)
+        mean = _average(query, grid, centres[part, None] + SIGMA * noise[part])
+        mean[mean[:, 3] < tau_alpha] = 0
+        values[part] = np.round(255 * mean)
+    return np.concatenate(places), values
 
 
-def _average(query: FieldQuery, grid: BakeGrid, voxels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """float32 [N, 8] of voxels [N, 3] (x, y, z): premultiplied rgb, alpha and features, averaged over the samples.
+def _average(query: FieldQuery, grid: BakeGrid, positions: np.ndarray) -> np.ndarray:
+    """float32 [N, 8], premultiplied rgb, alpha and features, averaged over positions [N, SAMPLES, 3] in voxels.
 
     Colours are weighted by opacity before they are averaged: what is transparent must not tint what is not.
     """
-    offsets = rng.normal(0.0, SIGMA, (len(voxels), SAMPLES, 3))
-    points = (voxels[:, None] + 0.5 + offsets).reshape(-1, 3)
-    field = query(grid.training_points(points))
-    alpha = (1 - np.exp(-np.asarray(field.density) * grid.voxel_size))[:, None]
-    stacked = np.concatenate([field.diffuse * alpha, alpha, field.features * alpha], axis=-1)
-    return stacked.reshape(len(voxels), SAMPLES, 8).mean(1)
+    field = query(grid.training_points(positions.reshape(-1, 3)))
+    alpha = -np.expm1(-np.asarray(field.density, np.float32) * np.float32(grid.voxel_size))
+    values = np.empty((len(alpha), 8), np.float32)
+    np.multiply(field.diffuse, alpha[:, None], out=values[:, :3], casting="same_kind")
+    values[:, 3] = alpha
+    np.multiply(field.features, alpha[:, None], out=values[:, 4:], casting="same_kind")
+    return values.reshape(*positions.shape[:2], 8).mean(1)
+
+
+def fill_atlas(
+    blocks: Iterator[tuple[tuple[int, ...], np.ndarray]], kept: np.ndarray, block_size: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """atlas_indices, atlas_rgba and atlas_features (as Pack has them) of macroblocks in the order of `kept`.
+
+    Only their data voxels are written: scenepack's restore_padding does the rest.
+    """
+    count = int(kept.sum())
+    across, down, layers = choose_atlas_blocks(count, block_size)
+    shape = (*atlas_shape((across, down, layers), block_size), 4)
+    indices = np.full((*kept.shape, 3), EMPTY_BLOCK, np.uint8)
+    rgba, features = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    for slot, (place, voxels) in enumerate(blocks):
+        atlas_block = (slot % across, slot // across % down, slot // (across * down))
+        indices[place] = atlas_block
+        at = tuple(slice(i * (block_size + 2) + 1, (i + 1) * (block_size + 2) - 1) for i in atlas_block[::-1])
+        rgba[at], features[at] = voxels[..., :4], voxels[..., 4:]
+    return indices, rgba, features

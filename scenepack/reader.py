@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -24,6 +24,7 @@ import numpy as np
 from console import UserError
 from scenepack.atomic import recover_interrupted_write
 from scenepack.blocks import grid_block_counts
+from scenepack.coarse import coarse_pack, order_of_groups
 from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, probe_png
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
@@ -37,6 +38,7 @@ MAX_JSON_BYTES = 256 << 20
 DECODING_THREADS = min(8, os.cpu_count() or 1)
 
 OnProgress = Callable[[int, int], None]
+OnPreview = Callable[[Pack], None]
 
 
 @dataclass(frozen=True)
@@ -51,19 +53,19 @@ class AtlasPlanes:
     pixels: np.ndarray
 
 
-def load_pack(path: Path, *, on_progress: OnProgress | None = None) -> Pack:
+def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:
     """Reads a pack, a folder or one .zip of it, completely.
 
-    on_progress(done, total) is called in this thread after each of `total` images. Raises UserError where the
-    pack cannot be opened; warns with PackWarning where it is untidy. A folder that is replaced meanwhile is
-    read anew.
+    on_progress(done, total) is called in this thread after each of `total` images, and on_preview(pack) a few times
+    before the end, with the same scene in coarser voxels (scenepack.coarse). Raises UserError where the pack cannot be
+    opened; warns with PackWarning where it is untidy. A folder that is replaced meanwhile is read anew.
     """
     path = Path(path)
     for _ in range(3):
         before = _identity(path)
         try:
             with open_pack(path) as reader:
-                pack = reader.read(on_progress)
+                pack = reader.read(on_progress, on_preview)
         except UserError:
             if before is None or _identity(path) == before:
                 raise
@@ -138,7 +140,7 @@ class PackReader:
     def close(self) -> None:
         self.files.close()
 
-    def read(self, on_progress: OnProgress | None = None) -> Pack:
+    def read(self, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:
         """The whole pack; see load_pack."""
         depth, height, width = self.outline.atlas_rgba.shape[:3]
         whole = (self._groups * PLANES_PER_IMAGE, height, width, 4)
@@ -147,15 +149,30 @@ class PackReader:
             atlas = {part: (np.zeros if self._pieces else np.empty)(whole, np.uint8) for part in parts}
         except MemoryError as error:
             raise UserError(f"its atlas does not fit in memory ({error})", where=self.files.path) from error
+        features = atlas[FEATURE][:depth] if FEATURE in atlas else None
+        pack = replace(self.outline, atlas_rgba=atlas[RGBA][:depth], atlas_features=features)
+        known = np.zeros(depth, bool)
+        groups, steps = order_of_groups(depth, pack.padded_block_size)
         if self._pieces:
+            known[:] = True  # where nothing has arrived there are zeros
+            previews = {1, self.total // 4, self.total // 2}
             finished = self._pieces.fill(atlas[RGBA][:depth], _upto(atlas.get(FEATURE), depth), DECODING_THREADS)
         else:
-            finished = (n for n, _ in enumerate(self._decoded(lambda part, group: _group(atlas[part], group)), 1))
+            previews = {step * len(parts) for step in steps}
+            finished = self._fill(lambda part, group: _group(atlas[part], group), groups, known)
         for done in finished:
             if on_progress is not None:
                 on_progress(done, self.total)
-        features = atlas[FEATURE][:depth] if FEATURE in atlas else None
-        return replace(self.outline, atlas_rgba=atlas[RGBA][:depth], atlas_features=features)
+            coarse = coarse_pack(pack, known) if on_preview and done in previews and done < self.total else None
+            if on_preview is not None and coarse is not None:
+                on_preview(coarse)
+        return pack
+
+    def _fill(self, target: Callable[[str, int], np.ndarray], groups: list[int], known: np.ndarray) -> Iterator[int]:
+        """Decodes all images in the order of `groups` and marks planes that are `known` now; yields how many are done."""
+        for done, (_, group, _) in enumerate(self._decoded(target, groups), 1):
+            known[group * PLANES_PER_IMAGE : (group + 1) * PLANES_PER_IMAGE] = True
+            yield done
 
     def planes(self) -> Iterator[AtlasPlanes]:
         """Decodes image by image, some ahead in threads, in the order rgba 0, feature 0, rgba 1, …
@@ -178,10 +195,15 @@ class PackReader:
     def _where(self, name: str) -> str:
         return f"{self.files.path}: {name}"
 
-    def _decoded(self, target: Callable[[str, int], np.ndarray]) -> Iterator[tuple[str, int, np.ndarray]]:
-        """Decodes each present image into target(part, group), uint8 [4, H, W, 4]; yields them in order."""
-        jobs = [(group, part) for part, groups in self._present.items() for group in groups]
-        jobs.sort(key=lambda job: job[0])  # rgba stays before feature
+    def _decoded(
+        self, target: Callable[[str, int], np.ndarray], order: Iterable[int] | None = None
+    ) -> Iterator[tuple[str, int, np.ndarray]]:
+        """Decodes each present image into target(part, group), uint8 [4, H, W, 4]; yields them, rgba before feature.
+
+        order: of the groups; by default from the first to the last.
+        """
+        parts = [part for part in (RGBA, FEATURE) if self._present[part]]
+        jobs = [(group, part) for group in order or range(self._groups) for part in parts]
 
         def decode(group: int, part: str) -> tuple[str, int, np.ndarray]:
             out = target(part, group)

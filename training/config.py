@@ -29,6 +29,8 @@ class NerfConfig:
     """Stratified samples per ray for the coarse field; the sparsity loss is computed at these."""
     fine_samples: int = 384
     """Samples per ray drawn from the coarse weights; the fine field is asked at both sets."""
+    last_interval: float = 1e10
+    """World units that the last sample of a ray stands for (NeRF: all the rest, so that any density there is opaque)."""
     density_noise: float = 0.0
     """Standard deviation of the noise on raw density while training (the release: 1.0 on real scenes)."""
     first_rate: float = 2e-3

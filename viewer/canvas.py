@@ -124,6 +124,7 @@ class Canvas:
     def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture] | None = None) -> None:
         self.ctx = ctx
         self.renderer: Renderer | None = None
+        self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
         self._retired = [] if retired is None else retired
         self._quick, self._full, self._still = (_Target(ctx, self._retired) for _ in range(3))
         self._wanted: tuple[object, ...] = ()
@@ -145,11 +146,35 @@ class Canvas:
 
     def show(self, pack: Pack | None) -> None:
         """See Stage.show."""
+        self._drop_coming()
         renderer = Renderer(self.ctx, pack, at_once=False) if pack is not None else None
         if self.renderer is not None:
             self.renderer.release()
         self.renderer = renderer
         self.forget()
+
+    def refine(self, pack: Pack) -> None:
+        """See Stage.refine."""
+        coming = Renderer(self.ctx, pack, at_once=False)
+        self._drop_coming()
+        self._coming = coming
+
+    def _drop_coming(self) -> None:
+        if self._coming is not None:
+            self._coming.release()
+        self._coming = None
+
+    def _receive(self) -> None:
+        """Goes on with what is on its way to the card."""
+        assert self.renderer is not None
+        if self._coming is not None:
+            if self._coming.arrive(ARRIVING_S):
+                self.renderer.release()
+                self.renderer, self._coming = self._coming, None
+                self._wanted = ()
+        elif self.renderer.arriving:
+            self.renderer.arrive(ARRIVING_S)
+            self._wanted = ()  # more is to be seen now
 
     def show_other(self, pack: Pack | None) -> None:
         """See Stage.show_other."""
@@ -237,9 +262,7 @@ class Canvas:
         if self.renderer is None or camera is None:
             self.layers = []
             return False
-        if self.renderer.arriving:
-            self.renderer.arrive(ARRIVING_S)
-            self._wanted = ()  # more is to be seen now
+        self._receive()
         wanted = _key(camera, settings, governor.rest_scale)
         if wanted != self._wanted:
             self._wanted, self._changed_at, self._tiles = wanted, time.monotonic(), None
@@ -264,7 +287,9 @@ class Canvas:
     @property
     def pending(self) -> bool:
         """Whether the full picture is not there yet."""
-        return self.renderer is not None and (self.renderer.arriving or (bool(self._wanted) and self._tiles != []))
+        if self.renderer is None:
+            return False
+        return self.renderer.arriving or self._coming is not None or (bool(self._wanted) and self._tiles != [])
 
     def _draw_quick(self, camera: ViewCamera, settings: RenderSettings, governor: Governor) -> None:
         size = _scaled(camera, governor.moving_scale)
@@ -305,6 +330,7 @@ class Canvas:
     def release(self) -> None:
         """Frees everything on the card."""
         self.show_other(None)
+        self._drop_coming()
         for name in list(self._images):
             self.drop_image(name)
         if self._difference is not None:

@@ -21,7 +21,7 @@ import numpy as np
 from PIL import Image
 
 from console import Notice
-from viewer.app.application import App
+from viewer.app.application import FRAMES_AFTER_EVENT, App
 from viewer.canvas import Canvas
 from viewer.panels import theme
 from viewer.panels.ui import SystemClipboard, Ui
@@ -33,7 +33,7 @@ SMALLEST = (480, 360)
 IDLE_WAIT_S = 1.0
 BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
 LONGEST_STEP_S = 0.1  # after a pause, movements go on from where they were
-SETTLE_FRAMES = 2000
+SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
 
 
 class NoDisplay(Exception):
@@ -178,9 +178,18 @@ class Window:
         for _ in range(frames):
             self.app.touch(1)
             self.step()
-        for _ in range(SETTLE_FRAMES):
-            if not (unfinished(self.app, self.canvas) or self.app.frames_owed or self.app.loading is not None):
-                break
+        for _ in range(SETTLE_ROUNDS):
+            self._wait_while(lambda: self.app.loading is not None or unfinished(self.app, self.canvas))
+            for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
+                self.app.touch(1)
+                self.step()
+
+    def finish_export(self) -> None:
+        """Lives on until what is being exported is written, or has failed."""
+        self._wait_while(lambda: self.app.filming.export is not None)
+
+    def _wait_while(self, busy: Callable[[], bool]) -> None:
+        while busy() and not glfw.window_should_close(self.handle):
             self.step()
 
     def screenshot(self) -> np.ndarray:

@@ -46,9 +46,9 @@ def snerg_make(
         seed: Seed of everything random.
         no_view: Do not open the viewer at the end; without a display it is not opened anyway.
     """
-    from baker.bake import BakeConfig, bake
-    from baker.commands.bake import describe_pack
-    from scenepack import check_target, save_pack
+    from baker.bake import BakeConfig
+    from baker.commands.bake import bake_to
+    from scenepack import check_target
     from training.config import PRESETS
     from training.loop import train
     from training.run import is_run, read_description
@@ -71,9 +71,7 @@ def snerg_make(
         downscale = downscale or suggested_downscale(load_scene(scene), preset)
     run = train(scene, run_path, config, downscale=downscale or 1, resume=resume)
     trained = time.monotonic()
-    pack = bake(run, BakeConfig(resolution=resolution or RESOLUTION[preset]))
-    save_pack(pack, pack_path)
-    print(describe_pack(pack, pack_path))
+    bake_to(run, BakeConfig(resolution=resolution or RESOLUTION[preset]), pack_path)
     baked = time.monotonic()
     print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
     if not no_view and (

@@ -7,8 +7,12 @@ import pytest
 
 from baker.culling import content_box, cull
 from baker.grid import box_in_grid_frame, make_grid
-from baker.supersample import BlockStore, supersample
+from baker.supersample import fill_atlas, supersample
+from baker.work_folder import WorkFolder
 from console import UserError
+from scenepack import Pack, check_pack
+from scenepack.blocks import dense_from_pack
+from scenepack.codecs.pieces import restore_padding
 from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, nothing
 from tests.scenepack.random_packs import BLENDER_FRAME
 
@@ -73,11 +77,19 @@ def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_
     assert culling.kept[facing & seen].mean() > 0.6
 
 
+def baked(culling, grid, work=None) -> Pack:
+    """What supersample gives, as a pack of its own."""
+    atlas = fill_atlas(supersample(ball, grid, culling, work=work), culling.kept, grid.block_size)
+    pack = Pack(grid.voxel_size, grid.min_xyz, grid.size, grid.block_size, *atlas, None, BLENDER_FRAME)
+    for part in atlas[1:]:
+        restore_padding(pack, part)
+    return pack
+
+
 def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) -> None:
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
-    culling = cull(ball, grid, dataset)
-    store = supersample(ball, grid, culling)
-    rgba, features = store.read_box((0, 0, 0), (60, 60, 60))
+    rgba, features = dense_from_pack(baked(cull(ball, grid, dataset), grid))
+    assert features is not None
     alpha = rgba[..., 3].astype(float) / 255
     full = 1 - np.exp(-DENSITY * grid.voxel_size)
     solid = alpha > 0.999 * full - 0.5 / 255
@@ -87,15 +99,50 @@ def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) 
     edge = (alpha > 0.02) & ~solid
     assert edge.any(), "the border of the ball is averaged, not a staircase"
     np.testing.assert_allclose(rgba[edge][:, :3] / 255, alpha[edge][:, None] * COLOUR, atol=1.01 / 255)
+    centres = np.argwhere(solid) + 0.5 - 30
+    assert np.linalg.norm(centres * grid.voxel_size, axis=1).max() < RADIUS, "voxels lie where the ball is"
 
 
-def test_a_block_store_reads_boxes_across_blocks_and_zeros_where_nothing_was_kept() -> None:
-    rng = np.random.default_rng(0)
-    kept = rng.random((2, 3, 2)) < 0.6
-    store = BlockStore(kept, 4)
-    store.voxels[:] = rng.integers(0, 256, store.voxels.shape)
-    dense = np.zeros((8, 12, 8, 8), np.uint8)
-    for slot, (k, j, i) in enumerate(np.argwhere(kept)):
-        dense[4 * k : 4 * k + 4, 4 * j : 4 * j + 4, 4 * i : 4 * i + 4] = store.voxels[slot]
-    rgba, features = store.read_box((1, 2, 0), (8, 11, 7))
-    assert np.array_equal(np.concatenate([rgba, features], -1), dense[1:8, 2:11, 0:7])
+def test_the_atlas_holds_each_macroblock_and_copies_of_its_neighbours(dataset) -> None:
+    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
+    pack = baked(cull(ball, grid, dataset), grid)
+    assert all(finding.severity in ("ok", "note") for finding in check_pack(pack))
+
+
+def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, tmp_path, monkeypatch) -> None:
+    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
+    monkeypatch.setattr("baker.supersample.BLOCKS_AT_ONCE", 5)
+    whole = baked(cull(ball, grid, dataset), grid)
+    asked = 0
+
+    def mortal(points: np.ndarray):
+        nonlocal asked
+        asked += len(points)
+        if asked > limit:
+            raise KeyboardInterrupt
+        return ball(points)
+
+    limit, times, last = 0, 0, None
+    while last is None:
+        times += 1
+        assert times < 60, "each try must get further"
+        asked, limit = 0, 2_500_000 + 10 * times  # points before the next kill
+        work = WorkFolder(tmp_path / "work", {"bake": 1})
+        try:
+            culling = cull(mortal, grid, dataset, work=work)
+            blocks = supersample(mortal, grid, culling, work=work)
+            last = fill_atlas(blocks, culling.kept, 30)
+        except KeyboardInterrupt:
+            pass
+        work.close()
+    assert times >= 3
+    assert np.array_equal(last[0], whole.atlas_indices)
+    for part, expected in zip(last[1:], (whole.atlas_rgba, whole.atlas_features), strict=True):
+        restore_padding(whole, part)
+        assert np.array_equal(part, expected)
+
+
+def test_the_cells_of_culling_get_coarser_so_that_memory_stays_bounded() -> None:
+    for resolution, cell in ((60, 2), (1000, 2), (1100, 3), (2500, 5), (7620, 15)):
+        grid = make_grid(LOW, HIGH, resolution, 30, BLENDER_FRAME)
+        assert grid.cell == cell and max(grid.size) // cell <= 512

@@ -10,8 +10,10 @@ import pytest
 
 from baker.culling import in_grid_frame
 from baker.fine_tune import fine_tune
-from baker.pack_layout import accumulate, pack_layout, pack_sizes
+from baker.joint_loop import JointConfig, joint_tune
+from baker.pack_layout import accumulate, pack_layout, pack_sizes, pack_voxels
 from baker.reference_marcher import render_reference
+from scenepack import check_pack
 from tests.scenepack.random_packs import random_pack, random_view_mlp
 from training.scenes import Camera
 from viewer.camera import ViewCamera
@@ -36,7 +38,7 @@ def test_accumulated_colour_features_and_transmittance_match_the_reference(datas
     pose = np.eye(4)
     pose[:3, 3] = middle + np.array([0, 0, 1.6 * np.linalg.norm(pack.max_xyz - pack.min_xyz)])
     camera = Camera(pose, 40, 40, 55.0, 55.0, 20.0, 20.0)
-    layout, voxels = pack_layout(pack)
+    layout, voxels = pack_layout(pack), pack_voxels(pack)
     sums, complete = accumulate(layout, voxels, rays_of(dataset, pack, camera), pack_sizes(pack, 65536))
     assert bool(complete.all())
     truth = render_reference(pack, ViewCamera.from_scene_camera(pack, camera), background=(0.0, 0.0, 0.0))
@@ -62,3 +64,13 @@ def test_fine_tuning_brings_a_spoilt_view_mlp_closer_to_the_photographs(scene, d
 def test_a_diffuse_pack_has_nothing_to_tune(dataset) -> None:
     pack = random_pack(np.random.default_rng(3), block_size=14, grid_blocks=(2, 2, 2), diffuse=True)
     assert fine_tune(pack, dataset, epochs=3)[0] is pack
+
+
+def test_tuning_voxels_and_view_mlp_together_shows_the_photographs_better_and_keeps_all_copies_alike(dataset) -> None:
+    pack = random_pack(np.random.default_rng(7), block_size=14, grid_blocks=(3, 3, 3))
+    size = np.array(pack.grid_size) * 0.05
+    pack = replace(pack, voxel_size=0.05, min_xyz=-0.5 * size, view_mlp=random_view_mlp(np.random.default_rng(8)))
+    tuned, figures = joint_tune(pack, dataset, JointConfig(passes=20, samples=32_768, rate=20.0, held_out=0))
+    assert figures["held_out_psnr_after"] > figures["held_out_psnr_before"] + 0.5
+    assert not np.array_equal(tuned.atlas_rgba, pack.atlas_rgba)
+    assert not [f.message for f in check_pack(tuned) if f.severity in ("warning", "error")]

@@ -26,6 +26,9 @@ class FakeStage:
             raise UserError(self.refuse)
         self.shown.append(pack)
 
+    def refine(self, pack):
+        self.shown[-1] = pack
+
     def show_other(self, pack):
         self.other = pack
 
@@ -84,7 +87,7 @@ def test_a_bug_while_loading_is_a_dialog_too(open_app, pack_folder, monkeypatch)
 def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     go_on = threading.Event()
 
-    def slow(path, *, on_progress):
+    def slow(path, *, on_progress, on_preview):
         go_on.wait(20)
         on_progress(1, 2)
         return toy_pack()

@@ -113,7 +113,7 @@ def _render_model(
     points = rays.origins[:, None] + t[..., None] * rays.directions[:, None]
     trunk = apply_trunk(model.field, points, config)
     field = field_of(model.field, trunk, 0.0 if noise is None else noise)
-    weights = weights_of(field.density, intervals(t, rays.directions))
+    weights = weights_of(field.density, intervals(t, rays.directions, config.last_interval))
     opacity = jnp.sum(weights, -1)
     depth = jnp.sum(weights * t, -1) / jnp.maximum(opacity, 1e-6)
     features = composite(weights, field.features)

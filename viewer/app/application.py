@@ -7,7 +7,7 @@ picture itself) is behind `Stage`, which viewer.canvas implements.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import atan, degrees
@@ -47,6 +47,9 @@ class Stage(Protocol):
     def show(self, pack: Pack | None) -> None:
         """Puts another pack on the card; raises UserError and keeps the old one where it does not fit."""
 
+    def refine(self, pack: Pack) -> None:
+        """Puts a finer version of the pack that is shown on the card, and shows it once all of it is there."""
+
     def show_other(self, pack: Pack | None) -> None:
         """Puts a second pack on the card, to compare with; None takes it off."""
 
@@ -65,12 +68,24 @@ class Stage(Protocol):
 
 @dataclass
 class OpenScene:
-    """A pack that is shown. name: what the title bar says."""
+    """A pack that is shown. name: what the title bar says. whole: False while it is still being read."""
 
     path: Path
     name: str
     pack: Pack
     rig: CameraRig
+    whole: bool = True
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be done with the pack that is being read.
+
+    other: it shall be compared with, not shown instead. then: called once it is shown.
+    """
+
+    other: bool = False
+    then: Callable[[App], None] | None = None
 
 
 @dataclass
@@ -139,18 +154,22 @@ class App:
     file_request: FileRequest | None = None
     demo: Path | None = None  # the bundled pack, where there is one
     loading: Loading | None = None
-    loading_other: bool = False  # what is being read shall be compared with, not shown instead
+    wanted: Wanted = field(default_factory=lambda: Wanted())  # what shall be done with it
+    _share_told: float = -1.0
     quitting: bool = False
     frames_owed: int = FRAMES_AFTER_EVENT
 
     # Opening
 
-    def show(self, pack: Pack, path: Path, name: str | None = None) -> None:
-        """Shows a pack that was read. Raises UserError, with the old scene kept, where the card refuses it."""
+    def show(self, pack: Pack, path: Path, name: str | None = None, *, whole: bool = True) -> None:
+        """Shows a pack that was read. Raises UserError, with the old scene kept, where the card refuses it.
+
+        whole: False where more of it is on its way.
+        """
         if self.stage is not None:
             with self.noting_warnings():
                 self.stage.show(pack)
-        self.scene = OpenScene(path, name or name_of(path), pack, rig_for(pack))
+        self.scene = OpenScene(path, name or name_of(path), pack, rig_for(pack), whole)
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
             self.settings = replace(self.settings, mode="normal")
         self.settings = replace(self.settings, crop=None, near=0.0)
@@ -158,10 +177,16 @@ class App:
             self.filming.cancel(self)
         self.filming = Filming(size=self.filming.size, fps=self.filming.fps)
         self.comparison.scene_changed(pack)
-        if path.exists():
-            self.preferences.opened(path)
-        self.messages.log(f"{name} is open, from {path}")
+        if whole:
+            self._opened()
         self.touch()
+
+    def _opened(self) -> None:
+        """The whole pack is there: it is remembered, and told."""
+        assert self.scene is not None
+        if self.scene.path.exists():
+            self.preferences.opened(self.scene.path)
+        self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
 
     @contextmanager
     def noting_warnings(self) -> Iterator[None]:
@@ -203,10 +228,20 @@ class App:
             rest_scale=self.governor.rest_scale,
         )
 
-    def open(self, path: Path, *, other: bool = False) -> None:
-        """Starts to read a pack; what comes of it shows itself in later ticks. other: to compare with it."""
+    def open(
+        self,
+        path: Path,
+        *,
+        other: bool = False,
+        then: Callable[[App], None] | None = None,
+    ) -> None:
+        """Starts to read a pack; what comes of it shows itself in later ticks.
+
+        other: to compare with it. then: called once it is shown.
+        """
         self.cancel_loading()
-        self.loading, self.loading_other = Loading(path), other
+        self.loading = Loading(path)
+        self.wanted = Wanted(other, then)
         self.touch()
 
     def drop(self, paths: list[Path]) -> None:
@@ -233,34 +268,76 @@ class App:
             self.loading.cancel()
             self.messages.log(f"{self.loading.path}: opening was cancelled")
             self.loading = None
+            self._drop_unfinished()
+            self.touch()
+
+    def _drop_unfinished(self) -> None:
+        if self.scene is not None and not self.scene.whole:
+            self.close()
+
+    def _take_preview(self, loading: Loading) -> None:
+        """Shows what is there of a pack that is being read, unless a good scene is open: that stays until it is whole."""
+        pack = loading.preview
+        if pack is None or self.wanted.other:
+            return
+        if self.scene is None:
+            self.show(pack, loading.path, whole=False)
+        elif not self.scene.whole and self.scene.pack is not pack:
+            self._refine(pack)
+
+    def _refine(self, pack: Pack) -> None:
+        if self.stage is not None and self.scene is not None:
+            with self.noting_warnings():
+                self.stage.refine(pack)
+            self.scene.pack = pack
             self.touch()
 
     def _take_loaded(self) -> None:
+        """What the thread that reads has to say: something to see, a pack, or why not."""
         loading = self.loading
-        if loading is None or not loading.finished:
+        if loading is None:
             return
-        self.loading = None
-        for note in loading.notes:
-            self.messages.log(note, "warning")
         try:
+            if not loading.finished:
+                self._take_preview(loading)
+                return
+            self.touch()
+            self.loading = None
+            for note in loading.notes:
+                self.messages.log(note, "warning")
             if loading.error is not None:
                 raise loading.error
             if loading.pack is not None:
-                if self.loading_other and self.scene is not None:
-                    self.comparison.with_pack(self, loading.pack, loading.path)
-                else:
-                    self.show(loading.pack, loading.path)
+                self._show_whole(loading.pack, loading.path)
         except Exception as error:  # a dialog, and the program goes on
+            loading.cancel()
+            self.loading = None
+            self._drop_unfinished()
             self.messages.fail(f"{loading.path.name} cannot be opened", error)
-        self.touch()
+            self.touch()
+
+    def _show_whole(self, pack: Pack, path: Path) -> None:
+        if self.wanted.other and self.scene is not None:
+            self.comparison.with_pack(self, pack, path)
+        elif self.scene is not None and not self.scene.whole:
+            self._refine(pack)
+            self.scene.whole = True
+            self.scene.rig = self.scene.rig.grown(rig_for(pack))
+            self._opened()
+        else:
+            self.show(pack, path)
+        if self.wanted.then is not None:
+            self.wanted.then(self)
 
     # Each frame
 
     def tick(self, seconds: float) -> None:
         """Time passes: cameras glide, threads report."""
         if self.loading is not None:
+            if self.loading.share != self._share_told:
+                self._share_told = self.loading.share
+                self.touch(1)
             self._take_loaded()
-            self.touch(1)
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)

@@ -16,7 +16,9 @@ from viewer.camera import ViewCamera
 if TYPE_CHECKING:
     from viewer.app.application import App
 
-SIZES: dict[str, tuple[int, int]] = {
+Size = tuple[int, int]  # width, height in pixels
+
+SIZES: dict[str, Size] = {
     "Full HD": (1920, 1080),
     "4K": (3840, 2160),
     "Square": (1080, 1080),
@@ -38,7 +40,7 @@ class Filming:
     selected: int | None = None
     time: float = 0.0
     playing: bool = False
-    size: tuple[int, int] = SIZES["Full HD"]
+    size: Size = SIZES["Full HD"]
     fps: float = 30.0
     export: Export | None = None
 
@@ -151,6 +153,8 @@ class Filming:
             raise UserError("another export is still running", remedy="cancel it, or wait for its end")
         if app.stage is None or app.scene is None:
             return
+        if not app.scene.whole:
+            raise UserError("the scene is still being read", remedy="wait until it is all there")
         side = app.governor.tile_side()
         self.export = Export(cameras, app.settings, target, app.stage.snapshot, self.fps, side)
         self.playing = False

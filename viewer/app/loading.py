@@ -19,7 +19,8 @@ class Cancelled(Exception):
 class Loading:
     """A pack that is being read. Poll `finished` from the main thread, then take `pack` or `error`.
 
-    share: 0 … 1 of its images are decoded. error: a UserError or a bug's exception, None where all went well or it was
+    share: 0 … 1 of its images are decoded. preview: what can be shown of it already, another object whenever there is more
+    to see; None at first. error: a UserError or a bug's exception, None where all went well or it was
     cancelled. notes: what was mended while it was read.
     """
 
@@ -27,6 +28,7 @@ class Loading:
         self.path = Path(path)
         self.share = 0.0
         self.pack: Pack | None = None
+        self.preview: Pack | None = None
         self.error: Exception | None = None
         self.notes: list[str] = []
         self.cancelled = False
@@ -49,7 +51,7 @@ class Loading:
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                pack = load_pack(self.path, on_progress=self._progress)
+                pack = load_pack(self.path, on_progress=self._progress, on_preview=self._more_to_see)
                 skip_grid_of(pack)  # here and now, so that the window need not wait for it
             self.notes = [str(warning.message) for warning in caught]
             self.pack = None if self.cancelled else pack
@@ -59,6 +61,10 @@ class Loading:
             self.error = UserError("not enough free memory to open it", where=self.path, found=str(error) or None)
         except Exception as error:  # shown in a dialog; the program goes on
             self.error = error
+
+    def _more_to_see(self, pack: Pack) -> None:
+        skip_grid_of(pack)
+        self.preview = pack
 
     def _progress(self, done: int, total: int) -> None:
         self.share = done / max(total, 1)

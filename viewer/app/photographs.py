@@ -52,6 +52,15 @@ class Photographs:
         """Names of the splits, in the order of the shots."""
         return tuple(dict.fromkeys(shot.split for shot in self.shots))
 
+    def named(self, name: str) -> int:
+        """The shot of that name, or the first that begins or ends so. UserError where there is none."""
+        for fits in (str.__eq__, str.startswith, str.endswith):
+            for index, shot in enumerate(self.shots):
+                if fits(shot.name, name):
+                    return index
+        known = ", ".join(shot.name for shot in self.shots[:3])
+        raise UserError("the pack knows no such photograph", expected=f"one such as {known}", found=repr(name))
+
     def look_in(self, folder: Path) -> None:
         """Takes pictures from another folder from now on. UserError where it is no scene."""
         self._found, self._cache = None, {}

@@ -156,6 +156,13 @@ class CameraRig:
         """Changes the flying speed, by a fifth per notch."""
         self.speed = float(np.clip(self.speed * 1.2**notches, 1e-3 * self.radius, 10.0 * self.radius))
 
+    def grown(self, finer: CameraRig) -> CameraRig:
+        """The rig for a finer version of the same scene: `finer`, or this one where the hands have moved it already."""
+        if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and not self._undo:
+            return finer
+        self.middle, self.radius, self.home_pose = finer.middle, finer.radius, finer.home_pose
+        return self
+
     # Commands
 
     def go(self, pose: Pose, *, remember: bool = True) -> None:

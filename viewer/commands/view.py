@@ -8,22 +8,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
 from console import UserError, run_command
-from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from viewer.app import preferences
 from viewer.app.application import App, name_of
+from viewer.app.comparison import How
 from viewer.app.pose import pose_from_text
+from viewer.app.startup import Startup
+from viewer.arguments import join_negative_values
+from viewer.arguments import parse_size as parse_pixels
 from viewer.flyover import fly_over
 from viewer.settings import Mode, RenderSettings
 from viewer.window import NoDisplay, Window, display_problem
 
 DEMO = "demo.zip"
 OUT = Path("out")
+PageName = Literal["view", "camera", "crop", "photographs", "compare", "film", "performance", "log"]
 
 
 def demo_pack() -> Path | None:
@@ -43,21 +47,37 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def view(
     pack: Annotated[Path | None, tyro.conf.Positional] = None,
-    frames: int | None = None,
-    screenshot: Path | None = None,
-    size: str | None = None,
     mode: Mode = "normal",
     pose: str | None = None,
+    compare: Path | None = None,
+    photographs: Path | None = None,
+    photograph: str | None = None,
+    look: How | None = None,
+    path: Path | None = None,
+    export: Path | None = None,
+    export_size: str | None = None,
+    page: PageName | None = None,
+    size: str | None = None,
+    frames: int | None = None,
+    screenshot: Path | None = None,
 ) -> None:
-    """Opens a pack in the desktop viewer. Without a display, renders an orbit of it into out/ instead.
+    """Opens the desktop viewer. Without a display, renders an orbit into out/ instead.
 
     Args:
-        pack: folder or .zip of a baked scene; without it, the bundled demo.
-        frames: draw this many frames and quit (for scripts).
-        screenshot: before quitting, save the window's picture, scene and panels, as this PNG; asks for --frames.
-        size: of the window, in screen units, such as 1280x800; by default as it was left.
+        pack: folder or .zip of a baked scene; without it, the start page.
         mode: what is shown first; "normal" is the picture.
         pose: first camera: a pose copied from the viewer, or x,y,z,x,y,z of eye and target in the grid frame (y up).
+        compare: another pack, shown under the same camera.
+        photographs: folder of the scene that the pack was made from; by default where the pack says it was.
+        photograph: stand in this photograph; its name, or the beginning or end of it.
+        look: how photograph or other pack are compared with the picture.
+        path: camera path to load, as nerfstudio's viewer saves it (JSON).
+        export: write a .png of the view, or the path as .mp4 or into a new folder; a turntable where no path is loaded.
+        export_size: pixels of what is exported, such as 1920x1080.
+        page: page of the side panel to begin with.
+        size: of the window, in screen units, such as 1280x800; by default as it was left.
+        frames: draw this many frames, wait until the picture is sharp, and quit (for scripts).
+        screenshot: before quitting, save the window's picture, scene and panels, as this PNG; asks for --frames.
     """
     window_size = parse_size(size) if size else None
     if frames is not None and frames < 1:
@@ -66,36 +86,36 @@ def view(
         frames = 1
     if pose is not None:
         _check_pose(pose)
-    path = pack or demo_pack()
-    loaded = load_pack(path) if path is not None else None  # a bad pack is told before any window opens
-    start = Start(loaded, path, mode, pose, window_size, frames, screenshot)
+    wishes = Startup(
+        pack=pack,
+        mode=mode,
+        pose=pose,
+        compare=compare,
+        photographs=photographs,
+        photograph=photograph,
+        look=look,
+        path=path,
+        export=export,
+        export_size=parse_pixels(export_size, "--export-size") if export_size else None,
+        page=page,
+    )
+    if pack is None:
+        _check_has_pack(wishes)
     try:
-        _show_window(start)
+        _show_window(wishes, Script(window_size, frames, screenshot))
     except NoDisplay as reason:
-        print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
-        _render_instead(start)
+        if frames is not None or export is not None:
+            raise UserError(str(reason), remedy="start it with xvfb-run, or use snerg-render") from reason
+        _render_instead(pack, mode, reason)
 
 
 @dataclass(frozen=True)
-class Start:
-    """What the command line asks for. size: None means the remembered one."""
+class Script:
+    """How long the window lives. size: None means the remembered one. frames: None, until the user closes it."""
 
-    pack: Pack | None
-    path: Path | None
-    mode: Mode
-    pose: str | None
     size: tuple[int, int] | None
     frames: int | None
     screenshot: Path | None
-
-    @property
-    def name(self) -> str:
-        """What the pack is called."""
-        if self.path is None:
-            return ""
-        if self.path == demo_pack():
-            return "demo"
-        return name_of(self.path)
 
 
 def _check_pose(text: str) -> None:
@@ -105,46 +125,54 @@ def _check_pose(text: str) -> None:
         raise UserError(str(error), where="--pose") from error
 
 
-def _show_window(start: Start) -> None:
-    """Runs the viewer until it is closed. NoDisplay where there is none."""
+def _check_has_pack(wishes: Startup) -> None:
+    for name in ("pose", "compare", "photographs", "photograph", "path", "export"):
+        if getattr(wishes, name) is not None:
+            raise UserError("needs a pack", where=f"--{name}", expected=f"snerg-view PACK --{name} …")
+
+
+def _show_window(wishes: Startup, script: Script) -> None:
+    """Runs the viewer until it is closed. NoDisplay where there is none; UserError where a script met a failure."""
     problem = display_problem()
     if problem:
         raise NoDisplay(problem)
     app = App(demo=demo_pack())
-    scripted = start.frames is not None  # scripts get the same picture whatever was remembered
+    scripted = script.frames is not None  # scripts get the same picture whatever was remembered
     if not scripted:
         app.use(preferences.load(preferences.default_file()))
-    app.set(mode=start.mode)
-    with Window(app, start.size or app.preferences.window) as window:
-        if start.pack is not None and start.path is not None:
-            app.show(start.pack, start.path, start.name)
-            if start.pose is not None:
-                app.paste_pose(start.pose)
-        if start.frames is None:
+    with Window(app, script.size or app.preferences.window) as window:
+        wishes.begin(app)
+        if script.frames is None:
             window.run()
             app.preferences.window = window.size
             problem = preferences.save(app.remembered(), preferences.default_file())
             if problem:
                 print(f"snerg-view: {problem}", file=sys.stderr)
             return
-        window.draw_frames(start.frames)
-        if start.screenshot is not None:
-            window.save_screenshot(start.screenshot)
-            print(start.screenshot)
+        window.draw_frames(script.frames)
+        if script.screenshot is not None:
+            window.save_screenshot(script.screenshot)
+            print(script.screenshot)
+        window.finish_export()
+    if app.messages.dialogs:  # nobody is there to read it
+        dialog = app.messages.dialogs[0]
+        raise UserError(f"{dialog.title}: {dialog.text}")
 
 
-def _render_instead(start: Start) -> None:
-    if start.screenshot is not None:
-        raise UserError("needs a display", where="--screenshot", remedy="start it with xvfb-run, or use snerg-render")
-    if start.pack is None:
+def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
+    chosen = path or demo_pack()
+    if chosen is None:
         raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
-    for written in fly_over(start.pack, start.name, OUT, RenderSettings(mode=start.mode)):
+    loaded = load_pack(chosen)
+    print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
+    for written in fly_over(loaded, name_of(chosen), OUT, RenderSettings(mode=mode)):
         print(written)
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-view; returns the exit status."""
-    return run_command(view, prog="snerg-view", args=args)
+    words = join_negative_values(sys.argv[1:] if args is None else args, ("--pose",))
+    return run_command(view, prog="snerg-view", args=words)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,94 @@
+"""Something to see of a pack whose atlas is not whole yet: the same scene with coarser voxels.
+
+Notation: bs = block_size, B = bs + 2; f = how many voxels, along an axis, become one; a *layer* is the B planes of the
+atlas that one row of macroblocks along z takes. An atlas may be a single layer, so that no macroblock is whole before
+the last plane is there; but any plane tells a slice of every macroblock in its layer. The coarse macroblock takes every
+f-th data voxel and the outermost padding, and for a plane that is missing the nearest that is there. A ray takes 1/f as
+many samples, so that each must do the work of f: a becomes 1 - (1 - a)^f, and colour and features grow likewise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scenepack.constants import PLANES_PER_IMAGE
+from scenepack.pack import Pack
+
+FACTORS = (3, 2, 5, 4)  # the first that divides the block size
+
+
+def factor_for(block_size: int) -> int | None:
+    """f; None where no coarser macroblock fits the grid."""
+    return next((f for f in FACTORS if block_size % f == 0 and block_size > f), None)
+
+
+def order_of_groups(depth: int, padded_block_size: int) -> tuple[list[int], list[int]]:
+    """All groups of four planes of an atlas of `depth` planes, each once, and how many of them make a picture each.
+
+    First the middle of every layer, then its quarters, then the rest.
+    """
+    order: list[int] = []
+    steps: list[int] = []
+    layers = range(0, depth - padded_block_size + 1, padded_block_size)
+    for quarters in ((2,), (1, 3)):
+        planes = [start + padded_block_size * quarter // 4 for start in layers for quarter in quarters]
+        order += sorted({plane // PLANES_PER_IMAGE for plane in planes} - set(order))
+        steps.append(len(order))
+    return order + [group for group in range(-(-depth // PLANES_PER_IMAGE)) if group not in set(order)], steps
+
+
+def coarse_pack(pack: Pack, known: np.ndarray) -> Pack | None:
+    """`pack` with voxels of f times the side, from those planes of its atlas that are `known` (bool [D]).
+
+    None where its block size allows none. The grid's far faces may lie up to f - 1 voxels farther out.
+    """
+    f = factor_for(pack.block_size)
+    if f is None:
+        return None
+    side = pack.padded_block_size
+    kept = np.array([0, *range(1 + f // 2, side - 1, f), side - 1])
+    across, down, layers = pack.atlas_blocks
+    rows, columns = ((np.arange(count)[:, None] * side + kept).ravel() for count in (down, across))
+    planes = np.concatenate([_nearest(known, layer * side, side, kept) for layer in range(layers)] or [[]])
+
+    def part(atlas: np.ndarray) -> np.ndarray:
+        taken = np.zeros((len(planes), len(rows), len(columns), 4), np.uint8)
+        for i, plane in enumerate(planes.tolist()):
+            if plane >= 0:
+                taken[i] = atlas[plane][rows[:, None], columns]
+        return taken
+
+    rgba = part(pack.atlas_rgba)
+    times = _gains(f)[rgba[..., 3:]]
+    features = None
+    if pack.atlas_features is not None:
+        features = _times(part(pack.atlas_features), times)
+    x, y, z = (-(-n // f) for n in pack.grid_size)
+    return replace(
+        pack,
+        voxel_size=f * pack.voxel_size,
+        grid_size=(x, y, z),
+        block_size=pack.block_size // f,
+        atlas_rgba=_times(rgba, times),
+        atlas_features=features,
+    )
+
+
+def _nearest(known: np.ndarray, start: int, side: int, kept: np.ndarray) -> np.ndarray:
+    """For each of the `kept` planes of the layer at `start` the nearest that is known, -1 where none is."""
+    there = np.flatnonzero(known[start : start + side])
+    if not len(there):
+        return np.full(len(kept), -1)
+    return start + there[np.abs(there[None] - kept[:, None]).argmin(axis=1)]
+
+
+def _gains(f: int) -> np.ndarray:
+    """float32 [256]: by how much a premultiplied value grows, by its 8-bit opacity."""
+    alpha = np.arange(1, 256) / 255.0
+    return np.concatenate([[f], (1.0 - (1.0 - alpha) ** f) / alpha]).astype(np.float32)
+
+
+def _times(values: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    return np.rint(np.minimum(values * gain, 255.0)).astype(np.uint8)
