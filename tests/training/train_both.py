@@ -18,7 +18,7 @@ EVERY = {"steps": 50, "log_every": 1, "checkpoint_every": 25, "validate_every": 
 # NeRF's endless last interval makes a ray opaque or clear by the sign of one density: the last bit of a sum would show.
 NERF = dataclasses.replace(
     TINY,
-    batch_size=64,
+    batch_size=128,
     **EVERY,
     nerf=dataclasses.replace(
         TINY.nerf, depth=2, width=16, skip_after=0, coarse_samples=8, fine_samples=8, warmup_steps=5, last_interval=0.5
