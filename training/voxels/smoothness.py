@@ -37,7 +37,7 @@ def variation(values: jax.Array, ids: jax.Array) -> tuple[jax.Array, jax.Array]:
     return norms[:, 0].mean(), norms[:, 1:].sum(-1).mean()
 
 
-def distortion(samples: Samples, weights: jax.Array, spread: float, rays: int, per_ray: int) -> jax.Array:
+def distortion(samples: Samples, weights: jax.Array, spread: jax.Array | float, rays: int, per_ray: int) -> jax.Array:
     """Sum over rays of sum_kl w_k w_l |t_k - t_l| / spread + sum_k w_k^2 / (3 spread); weights [S], t in steps.
 
     spread: the length that counts as 1.

@@ -2,9 +2,11 @@
 
 Notation: a grid of dims (Dx, Dy, Dz) voxels starts at `origin`; voxel i covers [i, i+1) in grid coordinates
 g = (p - origin) / voxel and its value sits at its centre, i + 0.5. Voxels may be deeper than wide (NDC scenes: depth
-there is disparity, which cameras side by side tell less finely than directions). `rows` [V + 1, 8] holds raw density,
-3 diffuse colours and 4 features; row 0 stands for every absent voxel. `lookup` maps a voxel, padded by one on every
-side, to its row: flat int32, x fastest. Direct optimisation of such a grid follows Plenoxels (Fridovich-Keil et al. 2022); the raw
+there is disparity, which cameras side by side tell less finely than directions). `rows` [V + 1, 8] holds raw
+density, 3 diffuse colours and 4 features; row 0 stands for every absent voxel. `lookup` maps a voxel, padded
+by one on every
+side, to its row: flat int32, x fastest. Direct optimisation of such a grid follows Plenoxels (Fridovich-Keil
+et al. 2022); the raw
 values are interpolated first and activated afterwards, as DVGO (Sun et al. 2022) found to give sharper surfaces.
 """
 
