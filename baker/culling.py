@@ -233,10 +233,11 @@ def _reach(
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """Raises best [V + 1] to the transmittance of rays `ids` at the voxels they meet."""
     rays = in_grid_frame(dataset.rays_at(ids)[0], grid_T_training)
-    samples = march(layout, to_grid(layout, rays), jnp.full(ids.shape[0], 0.5), sizes, 1.0)
+    grid_rays = to_grid(layout, rays)
+    samples = march(layout, grid_rays, jnp.full(ids.shape[0], 0.5), sizes, 1.0)
     cell = jnp.clip(jnp.floor(samples.g).astype(jnp.int32) + 1, 0, layout.dims + 1)
     row = layout.lookup[(cell[:, 2] * (layout.dims[1] + 2) + cell[:, 1]) * (layout.dims[0] + 2) + cell[:, 0]]
-    before, _ = transmittance(samples, rows[row] * layout.voxel, ids.shape[0], sizes.per_ray)
+    before, _ = transmittance(samples, rows[row] * grid_rays.length[samples.ray], ids.shape[0], sizes.per_ray)
     return best.at[row].max(jnp.where(samples.valid, before, 0.0)), samples.complete
 
 

@@ -69,7 +69,7 @@ def convert(pack: Path, /, out: Path, codec: str = "avif", quality: int | None =
         out: Folder of the pack to write, or a file that ends in .zip; an old pack there is replaced when the new is done.
         codec: png (opens in the published web viewer, too), webp (lossless, two fifths smaller), avif (lossy, a quarter
             of PNG), h264 (lossy, the paper's, needs PyAV) or jpeg (lossy).
-        quality: 1 (smallest) to 100, for codecs that lose something. By default 80 for avif, 85 for h264, 95 for jpeg.
+        quality: 1 (smallest) to 100, for codecs that lose something. By default 83 for avif, 85 for h264, 95 for jpeg.
         png_level: 0 (fast, large) to 9 (slow, small), for PNG.
     """
     if not 0 <= png_level <= 9:

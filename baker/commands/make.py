@@ -7,12 +7,13 @@ import os
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from math import ceil
 from pathlib import Path
 from typing import Literal
 
-from console import UserError, run_command
+from console import Notice, UserError, run_command
 
 DESCRIPTION = (
     "Photographs to a scene you can fly through: trains, bakes, and opens the viewer where there is a display."
@@ -28,6 +29,8 @@ def snerg_make(
     out: Path,
     preset: Literal["cpu", "fast", "paper", "small", "tiny"] = "cpu",
     downscale: int | None = None,
+    spherify: bool = False,
+    masks: bool = False,
     steps: int | None = None,
     resolution: int | None = None,
     seed: int = 0,
@@ -40,7 +43,9 @@ def snerg_make(
         out: Folder for the results: DIR/run, then DIR/pack.
         preset: cpu (minutes on two cores), fast (a GPU), paper (the paper's numbers, days), small, tiny (tests).
         downscale: Divide the photographs' sides by this whole number; by default 1, and with `cpu` as much as brings the
-            longer side to 256 pixels or fewer.
+            longer side to 256 pixels or fewer. LLFF captures count from their full-size pictures.
+        spherify: Read an LLFF capture as one from all around, also where its cameras look forward.
+        masks: Cut the object out by the masks beside the pictures.
         steps: Training steps; by default the preset's.
         resolution: Voxels along the longest side of the baked grid; by default the preset's.
         seed: Seed of everything random.
@@ -52,7 +57,6 @@ def snerg_make(
     from training.config import PRESETS
     from training.loop import train
     from training.run import is_run, read_description
-    from training.scenes import load_scene
 
     run_path, pack_path = out / "run", out / "pack"
     check_target(pack_path)
@@ -68,8 +72,10 @@ def snerg_make(
                             remedy="choose another --out")  # fmt: skip
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
     else:
-        downscale = downscale or suggested_downscale(load_scene(scene), preset)
-    run = train(scene, run_path, config, downscale=downscale or 1, resume=resume)
+        downscale = downscale or suggested_downscale(scene, preset)
+    run = train(
+        scene, run_path, config, downscale=downscale or 1, spherify=spherify or None, masks=masks, resume=resume
+    )
     trained = time.monotonic()
     bake_to(run, BakeConfig(resolution=resolution or RESOLUTION[preset]), pack_path)
     baked = time.monotonic()
@@ -81,10 +87,23 @@ def snerg_make(
         subprocess.Popen([sys.executable, "-m", "viewer.commands.view", str(pack_path)])
 
 
-def suggested_downscale(scene, preset: str) -> int:
-    """The whole number that makes training on these photographs as quick as the preset promises."""
-    camera = scene.splits["train"][0].camera
-    return ceil(max(camera.width, camera.height) / LONGEST_SIDE[preset]) if preset in LONGEST_SIDE else 1
+def suggested_downscale(scene: Path, preset: str) -> int:
+    """The smallest whole number that brings the photographs to the size with which the preset keeps its promise.
+
+    Asked of the reader, since it knows what a downscale counts from: the pictures of an LLFF capture may be stored shrunk.
+    """
+    from training.scenes import load_scene
+
+    limit, downscale = LONGEST_SIDE.get(preset), 1
+    while limit is not None:
+        with warnings.catch_warnings():  # what the reader has to say is said when training reads the scene
+            warnings.simplefilter("ignore", Notice)
+            camera = load_scene(scene, downscale=downscale).splits["train"][0].camera
+        longest = max(camera.width, camera.height)
+        if longest <= limit:
+            break
+        downscale = max(downscale + 1, ceil(downscale * longest / limit))
+    return downscale
 
 
 def minutes(seconds: float) -> str:

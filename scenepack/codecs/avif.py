@@ -26,7 +26,7 @@ class AvifCodec(StreamCodec):
 
     name: ClassVar[str] = "avif"
     layout: ClassVar[Layout] = "grid"
-    default_quality: ClassVar[int | None] = 80
+    default_quality: ClassVar[int | None] = 83
     header_bytes: ClassVar[int] = 4096
     straight: ClassVar[bool] = True
     suffix: ClassVar[str] = "avif"

@@ -143,7 +143,7 @@ def test_a_small_scene_is_learnt_and_a_restored_state_goes_on_to_the_same_losses
     truth = rgba[..., :3] * rgba[..., 3:] + 1 - rgba[..., 3:]
     mse, flat = np.mean((picture - truth) ** 2), np.mean((truth.mean((0, 1)) - truth) ** 2)
     assert mse < 0.4 * flat, "far better than the mean colour (4 dB) in a view never seen"
-    present = present_voxels(state.layout).sum() * float(state.layout.voxel) ** 3
+    present = present_voxels(state.layout).sum() * float(np.prod(np.asarray(state.layout.voxel)))
     assert present < 0.75 * np.prod(dataset.aabb[1] - dataset.aabb[0]), "empty space was pruned"
 
     again = VoxelMethod(small_config, dataset)

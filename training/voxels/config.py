@@ -11,6 +11,10 @@ class VoxelConfig:
 
     resolutions: tuple[int, ...] = (64, 128, 256)
     """Grid resolution of each stage, coarse to fine."""
+    ndc_resolutions: tuple[int, ...] = (96, 192, 384)
+    """The same for forward-facing scenes, whose pictures fill their box from side to side."""
+    ndc_depth: float = 3.0
+    """Depth of a voxel in widths, in forward-facing scenes; depth there is disparity, which small baselines tell coarsely."""
     stage_starts: tuple[float, ...] = (0.0, 0.04, 0.2)
     """Where each stage begins, as a share of all steps."""
     prunings: tuple[float, ...] = (0.015, 0.1, 0.3, 0.6)
@@ -37,5 +41,9 @@ class VoxelConfig:
     """Weight of the total variation of raw colours and features."""
     variation_share: float = 0.02
     """Share of voxels whose variation is looked at in a step."""
+    distortion_weight: float = 0.0
+    """Weight of the distortion loss of mip-NeRF 360, with distances as shares of the box; 0 for none."""
+    horizon: float = 1e-3
+    """Samples behind which less light than this comes from are left out of a step."""
     view_dependence: bool = True
     """False trains a diffuse model: no view MLP."""

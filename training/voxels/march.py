@@ -3,6 +3,9 @@
 Two passes keep it cheap: first one test per BRICK steps against the dilated coarse occupancy, then one test per step
 against exact support. Both compact into lists of fixed size, so nothing recompiles. Nothing is dropped silently: rays
 are taken in order until the list is full, and `complete` says which rays have all their samples.
+
+A layout may also remember how deep, optically, its cells were when last seen. Then a march can end where the light
+does (`horizon`): in a dense scene most of what lies on a ray lies behind the first surface.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from training.voxels.sparse_grid import BRICK
 class Layout(Protocol):
     """What the march asks of a grid: the trainer's voxels (training.voxels.sparse_grid) and a baked pack (baker) answer.
 
-    origin [3], voxel [] in world units, dims int32 [3] = (x, y, z) voxels.
+    origin [3], voxel [] or [3] in world units, dims int32 [3] = (x, y, z) voxels.
     """
 
     @property
@@ -37,6 +40,14 @@ class Layout(Protocol):
 
     def near_content(self, g: jax.Array) -> jax.Array:
         """bool [...]: whether anything stored may lie within BRICK/2 voxels of g [..., 3]; False only where none does."""
+        ...
+
+
+class Remembering(Layout, Protocol):
+    """A layout that can end a march by its horizon."""
+
+    def optical_depth(self, g: jax.Array) -> jax.Array:
+        """int32 [...]: remembered optical depth of a step at g [..., 3] in units of the layout's choice, plus 1; 0: empty."""
         ...
 
 
@@ -63,13 +74,15 @@ class Samples(NamedTuple):
 
 
 class GridRays(NamedTuple):
-    """Rays in grid coordinates: origins, unit directions [N, 3], start and end [N] in voxels, scale [N] voxels per t."""
+    """Rays in grid coordinates: origins, unit directions [N, 3], start and end [N] in voxels, scale [N] voxels per t,
+    length [N] world units per voxel along the ray."""
 
     origins: jax.Array
     directions: jax.Array
     start: jax.Array
     end: jax.Array
     scale: jax.Array
+    length: jax.Array
 
 
 def to_grid(layout: Layout, rays: Rays) -> GridRays:
@@ -82,7 +95,7 @@ def to_grid(layout: Layout, rays: Rays) -> GridRays:
     to_low, to_high = -origins / safe, (layout.dims - origins) / safe
     start = jnp.maximum(jnp.minimum(to_low, to_high).max(-1), rays.near * scale)
     end = jnp.minimum(jnp.maximum(to_low, to_high).min(-1), rays.far * scale)
-    return GridRays(origins, directions, start, end, scale)
+    return GridRays(origins, directions, start, end, scale, jnp.linalg.norm(rays.directions, axis=-1) / scale)
 
 
 def occupied_segments(layout: Layout, rays: GridRays, phase: jax.Array, segments: int, step: float) -> jax.Array:
@@ -93,29 +106,60 @@ def occupied_segments(layout: Layout, rays: GridRays, phase: jax.Array, segments
     return layout.near_content(g) & ends_after
 
 
-def march(layout: Layout, rays: GridRays, phase: jax.Array, sizes: MarchSizes, step: float) -> Samples:
-    """The samples of N rays at start + (phase + k) step, k = 0, 1, …, that have support. step in voxels, at most 1."""
+def compact(mask: jax.Array, size: int) -> jax.Array:
+    """int32 [size]: where mask [M] is set, in order, as far as they fit; filled up with M."""
+    place = jnp.cumsum(mask.astype(jnp.int32)) - 1
+    index = jnp.arange(mask.size, dtype=jnp.int32)
+    return jnp.full(size, mask.size, jnp.int32).at[jnp.where(mask, place, size)].set(index, mode="drop")
+
+
+def before_within(values: jax.Array) -> jax.Array:
+    """Exclusive running sums of int32 values [C, BRICK] over the whole list, row after row; exact, as integers are."""
+    rows = values.sum(1)
+    return (jnp.cumsum(rows) - rows)[:, None] + jnp.cumsum(values, axis=1) - values
+
+
+def march(
+    layout: Layout, rays: GridRays, phase: jax.Array, sizes: MarchSizes, step: float, horizon: int | None = None
+) -> Samples:
+    """The samples of N rays at start + (phase + k) step, k = 0, 1, …, that have support. step in voxels, at most 1.
+
+    horizon: leave out what lies behind this much remembered optical depth (the layout must be Remembering).
+    """
     count = rays.start.shape[0]
     coarse = occupied_segments(layout, rays, phase, sizes.segments, step)
-    (picked,) = jnp.nonzero(coarse.ravel(), size=sizes.coarse, fill_value=count * sizes.segments)
-    coarse_overflow = coarse.sum() > sizes.coarse
-    last_coarse = jnp.where(coarse_overflow, picked[-1] // sizes.segments, count)
+    picked = compact(coarse.ravel(), sizes.coarse)
+    per_ray = coarse.sum(1)
+    ends = jnp.cumsum(per_ray)
+    starts = ends - per_ray  # of each ray's segments in the coarse list
 
+    listed = picked < count * sizes.segments
     ray = jnp.minimum(picked // sizes.segments, count - 1)[:, None]
     k = (picked % sizes.segments)[:, None] * BRICK + jnp.arange(BRICK)
     t = rays.start[ray] + (phase[ray] + k) * step
     g = rays.origins[ray] + t[..., None] * rays.directions[ray]
-    inside = (t < rays.end[ray]) & (picked < count * sizes.segments)[:, None]
-    fine = (inside & layout.has_support(g)).ravel()
-    (chosen,) = jnp.nonzero(fine, size=sizes.samples, fill_value=fine.size)
+    inside = (t < rays.end[ray]) & listed[:, None]
+    if horizon is None:
+        fine = inside & layout.has_support(g)
+    else:
+        depth = jnp.where(inside, layout.optical_depth(g), 0)  # type: ignore[attr-defined]
+        deep = before_within(jnp.maximum(depth - 1, 0))
+        at_start = deep[jnp.minimum(starts, sizes.coarse - 1), 0]
+        fine = (depth > 0) & (deep - at_start[ray] < horizon)
+
+    place = before_within(fine.astype(jnp.int32))
+    total = place[-1, -1] + fine[-1, -1]
+    padded = jnp.concatenate([place[:, 0], total[None]])  # samples before each coarse entry, and before the end
+    first = padded[jnp.minimum(starts, sizes.coarse)]
+    counts = padded[jnp.minimum(ends, sizes.coarse)] - first
+    complete = (first + counts <= sizes.samples) & (ends <= sizes.coarse) & (counts <= sizes.per_ray)
+
+    place, index = place.ravel(), jnp.arange(fine.size, dtype=jnp.int32)
+    chosen = jnp.full(sizes.samples, fine.size, jnp.int32)
+    chosen = chosen.at[jnp.where(fine.ravel(), place, sizes.samples)].set(index, mode="drop")
     valid = chosen < fine.size
     chosen = jnp.minimum(chosen, fine.size - 1)
-
-    ray_of = jnp.broadcast_to(ray, k.shape).ravel()
-    counts = jnp.zeros(count, jnp.int32).at[ray_of].add(fine.astype(jnp.int32))
-    first = jnp.cumsum(counts) - counts
-    complete = (first + counts <= sizes.samples) & (jnp.arange(count) < last_coarse) & (counts <= sizes.per_ray)
-    sample_ray = ray_of[chosen]
+    sample_ray = ray[chosen // BRICK, 0]
     rank = jnp.arange(sizes.samples) - first[sample_ray]
     valid = valid & complete[sample_ray]
     return Samples(sample_ray, rank, g.reshape(-1, 3)[chosen], t.ravel()[chosen], valid, complete, counts)

@@ -1,9 +1,12 @@
 """A sparse voxel grid: only occupied voxels own a row of raw values.
 
-Notation: a grid of dims (Dx, Dy, Dz) voxels of one size starts at `origin`; voxel i covers [i, i+1) in grid coordinates
-g = (p - origin) / voxel and its value sits at its centre, i + 0.5. `rows` [V + 1, 8] holds raw density, 3 diffuse
-colours and 4 features; row 0 stands for every absent voxel. `lookup` maps a voxel, padded by one on every side, to its
-row: flat int32, x fastest. Direct optimisation of such a grid follows Plenoxels (Fridovich-Keil et al. 2022); the raw
+Notation: a grid of dims (Dx, Dy, Dz) voxels starts at `origin`; voxel i covers [i, i+1) in grid coordinates
+g = (p - origin) / voxel and its value sits at its centre, i + 0.5. Voxels may be deeper than wide (NDC scenes: depth
+there is disparity, which cameras side by side tell less finely than directions). `rows` [V + 1, 8] holds raw
+density, 3 diffuse colours and 4 features; row 0 stands for every absent voxel. `lookup` maps a voxel, padded
+by one on every
+side, to its row: flat int32, x fastest. Direct optimisation of such a grid follows Plenoxels (Fridovich-Keil
+et al. 2022); the raw
 values are interpolated first and activated afterwards, as DVGO (Sun et al. 2022) found to give sharper surfaces.
 """
 
@@ -17,13 +20,16 @@ import numpy as np
 
 CHANNELS = 8  # raw density, rgb, 4 features
 BRICK = 4  # side of a coarse occupancy cell, in voxels
+DEPTH_UNITS = 16.0  # a cell's remembered optical depth is counted in sixteenths, up to DEEPEST of them
+DEEPEST = 254
 
 
 class GridLayout(NamedTuple):
-    """Where voxels are. origin [3], voxel []: world units; dims int32 [3] = (Dx, Dy, Dz).
+    """Where voxels are. origin, voxel [3]: world units; dims int32 [3] = (Dx, Dy, Dz).
 
     lookup int32 [(Dz+2)(Dy+2)(Dx+2)]: row of each padded voxel, 0 = absent.
-    support uint8, same size: 1 where any of the 8 voxels that interpolate a point of this cell is present.
+    support uint8, same size: 0 where none of the 8 voxels that interpolate a point of this cell is present, else 1 + the
+    optical depth that the cell was last seen to have along one step, in 1 / DEPTH_UNITS (0 until somebody looks).
     bricks uint8 [Bz*By*Bx]: 1 where a sample within BRICK/2 voxels of this brick could have support; brick_dims int32 [3].
     """
 
@@ -44,6 +50,10 @@ class GridLayout(NamedTuple):
     def has_support(self, g: jax.Array) -> jax.Array:
         """bool [N]: whether any present voxel interpolates the points g [N, 3] (grid coordinates, inside the box)."""
         return self.support[self.base_cell(g)[0]] > 0
+
+    def optical_depth(self, g: jax.Array) -> jax.Array:
+        """int32 [N]: optical depth of one step at g [N, 3] in units of 1 / DEPTH_UNITS, plus 1; 0 without support."""
+        return self.support[self.base_cell(g)[0]].astype(jnp.int32)
 
     def near_content(self, g: jax.Array) -> jax.Array:
         """bool [...]: whether content may lie within BRICK/2 voxels of g [..., 3]; False only where none does."""
@@ -81,8 +91,11 @@ def blend(values: jax.Array, weights: jax.Array) -> jax.Array:
     return jnp.einsum("nk,nkc->nc", weights, values)
 
 
-def build_layout(present: np.ndarray, origin: np.ndarray, voxel: float) -> GridLayout:
-    """The layout of the voxels marked in `present` bool [Dz, Dy, Dx]; rows are numbered from 1 in z, y, x order."""
+def build_layout(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | float) -> GridLayout:
+    """The layout of the voxels marked in `present` bool [Dz, Dy, Dx]; rows are numbered from 1 in z, y, x order.
+
+    voxel: sides (x, y, z), or one side for all.
+    """
     depth, height, width = present.shape
     padded = np.zeros((depth + 2, height + 2, width + 2), np.int32)
     padded[1:-1, 1:-1, 1:-1][present] = np.arange(1, np.count_nonzero(present) + 1, dtype=np.int32)
@@ -94,13 +107,28 @@ def build_layout(present: np.ndarray, origin: np.ndarray, voxel: float) -> GridL
     bricks = _bricks(support, present.shape)
     return GridLayout(
         origin=jnp.asarray(origin, jnp.float32),
-        voxel=jnp.float32(voxel),
+        voxel=jnp.asarray(np.broadcast_to(voxel, 3), jnp.float32),
         dims=jnp.asarray([width, height, depth], jnp.int32),
         lookup=jnp.asarray(padded.ravel()),
         support=jnp.asarray(support.ravel()),
         bricks=jnp.asarray(bricks.ravel()),
         brick_dims=jnp.asarray(bricks.shape[::-1], jnp.int32),
     )
+
+
+def cell_means(layout: GridLayout, values: jax.Array) -> jax.Array:
+    """float32, one for each padded cell: the mean of values [V + 1] over the 8 voxels that interpolate the cell's points."""
+    x, y = layout.dims[0] + 2, layout.dims[1] + 2
+    total = values[layout.lookup]
+    for ahead in (1, x, x * y):  # along x, y, z; what wraps round comes from the padding, where nothing is
+        total = total + jnp.roll(total, -ahead)
+    return total * 0.125
+
+
+def with_depths(layout: GridLayout, tau: jax.Array) -> GridLayout:
+    """The layout that remembers the optical depth tau of one step in every padded cell; `march` may stop by these."""
+    code = 1 + jnp.clip(tau * DEPTH_UNITS, 0, DEEPEST).astype(jnp.uint8)
+    return layout._replace(support=jnp.where(layout.support > 0, code, 0).astype(jnp.uint8))
 
 
 def _bricks(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -122,7 +150,9 @@ def present_voxels(layout: GridLayout) -> np.ndarray:
     return np.asarray(layout.lookup).reshape(depth + 2, height + 2, width + 2)[1:-1, 1:-1, 1:-1] > 0
 
 
-def voxel_centres(present: np.ndarray, origin: np.ndarray, voxel: float) -> np.ndarray:
+def voxel_centres(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | float) -> np.ndarray:
     """float32 [V, 3]: world positions of the centres of present voxels, in row order."""
     z, y, x = np.nonzero(present)
-    return (np.stack([x, y, z], axis=-1).astype(np.float32) + 0.5) * np.float32(voxel) + origin.astype(np.float32)
+    return (np.stack([x, y, z], axis=-1).astype(np.float32) + 0.5) * np.asarray(voxel, np.float32) + origin.astype(
+        np.float32
+    )

@@ -40,13 +40,13 @@ QUERY_POINTS = 131_072
 HEADROOM = 1.15  # lists are this much longer than the mean asks for
 
 
-def schedule(voxels: VoxelConfig, steps: int) -> dict[int, int]:
+def schedule(voxels: VoxelConfig, steps: int, resolutions: tuple[int, ...]) -> dict[int, int]:
     """step -> resolution of the grid from then on; a step that keeps the resolution only prunes."""
     events: dict[int, int] = {}
     for share in sorted({*voxels.stage_starts, *voxels.prunings}):
         stage = max(i for i, start in enumerate(voxels.stage_starts) if start <= share)
         step = round(share * steps)
-        events[max(step, SETTLING_STEPS) if step else 0] = voxels.resolutions[stage]
+        events[max(step, SETTLING_STEPS) if step else 0] = resolutions[stage]
     return events
 
 
@@ -55,7 +55,7 @@ def schedule(voxels: VoxelConfig, steps: int) -> dict[int, int]:
 
 def dense_start(method: VoxelMethod, head: ViewMlpParams | None) -> VoxelState:
     """Every voxel of the first stage present, raw values zero."""
-    voxel = (method.box[1] - method.box[0]).max() / method.voxels.resolutions[0]
+    voxel = (method.box[1] - method.box[0]).max() / method.resolutions[0] * method.shape
     shape = np.maximum(np.ceil((method.box[1] - method.box[0]) / voxel - 1e-6).astype(int), 1)
     present = np.ones(tuple(shape[::-1]), bool)
     rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
@@ -73,13 +73,13 @@ def refine(method: VoxelMethod, state: VoxelState, resolution: int) -> VoxelStat
     if not keep.any():
         return state  # nothing is visible yet: too early to prune
     keep = dilate(keep) & present
-    origin, voxel = np.asarray(state.layout.origin, np.float64), float(state.layout.voxel)
+    origin, voxel = np.asarray(state.layout.origin, np.float64), np.asarray(state.layout.voxel, np.float64)
     extents = (method.box[1] - method.box[0]).max()
     low, high = _bounds(keep)
     origin, keep = origin + low * voxel, keep[tuple(slice(a, b) for a, b in zip(low[::-1], high[::-1], strict=True))]
-    finest_asked = min(extents, (high - low).max() * voxel) / resolution
-    if finest_asked < 0.75 * voxel:
-        keep, voxel = _resample(keep, voxel, finest_asked)
+    finest_asked = min(extents, ((high - low) * voxel).max()) / resolution
+    if finest_asked < 0.75 * voxel[0]:
+        keep, voxel = _resample(keep, voxel, finest_asked * method.shape)
     layout = build_layout(keep, origin, voxel)
     rows = agree(_resample_rows(state, voxel_centres(keep, origin, voxel)))
     return _assemble(method, rows, state.trainable.head, layout, state.hits, int(state.hit_count), state)
@@ -106,12 +106,12 @@ def _bounds(volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([r[0] for r in ranges]), np.array([r[1] for r in ranges])
 
 
-def _resample(keep: np.ndarray, voxel: float, finer: float) -> tuple[np.ndarray, float]:
-    """`keep` at another voxel size: a finer voxel is set where its centre lies in a set coarse one."""
+def _resample(keep: np.ndarray, voxel: np.ndarray, finer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`keep` [z, y, x] at another voxel size [3]: a finer voxel is set where its centre lies in a set coarse one."""
     axes = []
-    for size in keep.shape:
-        count = int(np.ceil(size * voxel / finer - 1e-6))
-        axes.append(np.minimum(((np.arange(count) + 0.5) * finer / voxel).astype(int), size - 1))
+    for size, old, new in zip(keep.shape, voxel[::-1], finer[::-1], strict=True):
+        count = int(np.ceil(size * old / new - 1e-6))
+        axes.append(np.minimum(((np.arange(count) + 0.5) * new / old).astype(int), size - 1))
     return keep[np.ix_(*axes)], finer
 
 
@@ -136,8 +136,9 @@ def _assemble(
     hit_count: int, before: VoxelState | None = None,
 ) -> VoxelState:  # fmt: skip
     """A state around new voxels: rays that meet them, list sizes that fit, fresh moments for voxels."""
-    from training.voxels.method import Trainable, VoxelState
+    from training.voxels.method import Trainable, VoxelState, remember_depths
 
+    layout = remember_depths(rows, layout, method.settings)
     hits, hit_count = _rays_that_hit(method.geometry, layout, hits, hit_count, method.settings.step_voxels)
     present = np.asarray(layout.lookup)
     (cells,) = np.nonzero(present)
@@ -196,7 +197,8 @@ def _fit_sizes(method: VoxelMethod, layout: GridLayout, hits: jax.Array, hit_cou
     probe = np.random.default_rng(0).integers(0, hit_count, PROBE_RAYS)
     segments = _segments(layout, step)
     rays = method.geometry.geometry_at(hits[jnp.asarray(probe)])
-    coarse, fine = (agree(np.asarray(a)) for a in _count(layout, to_grid(layout, rays), segments, step))
+    horizon = method.settings.horizon
+    coarse, fine = (agree(np.asarray(a)) for a in _count(layout, to_grid(layout, rays), segments, step, horizon))
     total = method.voxels.samples_per_step
     per_ray = int(fine.max() * HEADROOM) + 8
     count = int(np.clip(total / max(fine.mean(), 1.0), 256, 8 * method.config.batch_size))
@@ -204,16 +206,19 @@ def _fit_sizes(method: VoxelMethod, layout: GridLayout, hits: jax.Array, hit_cou
     return MarchSizes(segments, int(count * (coarse.mean() * HEADROOM + 1)), total, per_ray), count
 
 
-@partial(jax.jit, static_argnames=("segments", "step"))
-def _count(layout: GridLayout, rays: GridRays, segments: int, step: float) -> tuple[jax.Array, jax.Array]:
-    """Coarse segments and samples [N] of each ray."""
+@partial(jax.jit, static_argnames=("segments", "step", "horizon"))
+def _count(layout: GridLayout, rays: GridRays, segments: int, step: float, horizon: int) -> tuple[jax.Array, jax.Array]:
+    """Coarse segments and samples before the horizon [N] of each ray."""
     coarse = occupied_segments(layout, rays, jnp.zeros_like(rays.start), segments, step).sum(-1)
 
-    def add(k, total):
+    def add(k, carry):
+        total, deep = carry
         t = rays.start + k * step
-        return total + ((t < rays.end) & layout.has_support(rays.origins + t[:, None] * rays.directions))
+        depth = jnp.where(t < rays.end, layout.optical_depth(rays.origins + t[:, None] * rays.directions), 0)
+        return total + ((depth > 0) & (deep < horizon)), deep + jnp.maximum(depth - 1, 0)
 
-    return coarse, jax.lax.fori_loop(0, segments * BRICK, add, jnp.zeros_like(coarse))
+    nothing = jnp.zeros_like(coarse)
+    return coarse, jax.lax.fori_loop(0, segments * BRICK, add, (nothing, nothing))[0]
 
 
 @partial(jax.jit, static_argnames=("sizes", "settings"))
@@ -223,9 +228,10 @@ def _nearest_weights(
     from training.voxels.method import render_samples
 
     count = rays.near.shape[0]
-    samples = march(layout, to_grid(layout, rays), jnp.full(count, 0.5), sizes, settings.step_voxels)
+    grid_rays = to_grid(layout, rays)
+    samples = march(layout, grid_rays, jnp.full(count, 0.5), sizes, settings.step_voxels, settings.horizon)
     raw = interpolate(trainable.rows, layout, samples.g)
-    _, _, weights = render_samples(raw, trainable.head, layout, samples, rays.viewdirs, sizes, settings)
+    _, _, weights = render_samples(raw, trainable.head, samples, grid_rays.length, rays.viewdirs, sizes, settings)
     cell = jnp.clip(jnp.floor(samples.g).astype(jnp.int32) + 1, 0, layout.dims + 1)
     flat = (cell[:, 2] * (layout.dims[1] + 2) + cell[:, 1]) * (layout.dims[0] + 2) + cell[:, 0]
     return best.at[layout.lookup[flat]].max(weights)
@@ -248,7 +254,7 @@ def boxes_with_voxels(layout: GridLayout, low: np.ndarray, high: np.ndarray) -> 
     present = present_voxels(layout)
     table = np.zeros([n + 1 for n in present.shape], np.int64)
     table[1:, 1:, 1:] = present.cumsum(0, dtype=np.int64).cumsum(1).cumsum(2)
-    origin, voxel = np.asarray(layout.origin, np.float64), float(layout.voxel)
+    origin, voxel = np.asarray(layout.origin, np.float64), np.asarray(layout.voxel, np.float64)
     most = np.array(present.shape[::-1])
     a = np.clip(np.floor((low - origin) / voxel).astype(int) - 1, 0, most)
     b = np.clip(np.ceil((high - origin) / voxel).astype(int) + 1, 0, most)
@@ -271,7 +277,7 @@ def _render_chunk(
     grid_rays = to_grid(layout, rays)
     samples = march(layout, grid_rays, jnp.full(rays.near.shape[0], 0.5), sizes, settings.step_voxels)
     raw = interpolate(trainable.rows, layout, samples.g)
-    output, _, _ = render_samples(raw, trainable.head, layout, samples, rays.viewdirs, sizes, settings)
+    output, _, _ = render_samples(raw, trainable.head, samples, grid_rays.length, rays.viewdirs, sizes, settings)
     depth = output.depth / jnp.maximum(output.alpha, 1e-6) / grid_rays.scale
     return output._replace(rgb=jnp.clip(output.rgb, 0, 1), depth=depth), samples.complete
 
@@ -309,6 +315,7 @@ def save(state: VoxelState) -> dict[str, np.ndarray]:
     """Named arrays: what `restore` cannot derive."""
     arrays = {
         "origin": state.layout.origin, "voxel": state.layout.voxel, "dims": state.layout.dims,
+        "depths": np.asarray(state.layout.support)[np.asarray(state.layout.support) > 0],
         "cells": state.cells, "hits": state.hits[: int(state.hit_count)], "updates": state.updates,
         "sizes": np.array([*state.sizes, state.rays], np.int32),
     }  # fmt: skip
@@ -328,7 +335,8 @@ def restore(method: VoxelMethod, arrays: Mapping[str, np.ndarray]) -> VoxelState
     width, height, depth = (int(n) for n in arrays["dims"])
     padded = np.zeros((depth + 2, height + 2, width + 2), bool)
     padded.ravel()[arrays["cells"][1:]] = True
-    layout = build_layout(padded[1:-1, 1:-1, 1:-1], arrays["origin"], float(arrays["voxel"].item()))
+    layout = build_layout(padded[1:-1, 1:-1, 1:-1], arrays["origin"], arrays["voxel"])
+    layout = layout._replace(support=layout.support.at[layout.support > 0].set(jnp.asarray(arrays["depths"])))
     parts = {}
     for name in ("trainable", "first", "second"):
         head = None
