@@ -18,7 +18,6 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
@@ -105,10 +104,10 @@ def put_whole(tree: Tree, mesh: Mesh) -> Tree:
     def put(value: Any) -> Any:
         if not isinstance(value, (jax.Array, np.ndarray, np.generic)):
             return value
-        if mesh.size == 1:
-            return jnp.asarray(value)
         if isinstance(value, jax.Array) and value.sharding == sharding:
             return value
+        if mesh.size == 1:  # with the sharding that a step returns, or the second step would compile again
+            return jax.device_put(value, sharding)
         host = np.asarray(value)
         return jax.make_array_from_callback(host.shape, sharding, lambda index: host[index])
 
@@ -125,7 +124,7 @@ def own_rows(count: int, mesh: Mesh) -> tuple[int, int]:
 def put_split(own: np.ndarray, count: int, mesh: Mesh) -> jax.Array:
     """The array of which this process has its own_rows(count) as `own`; rows beyond count are padding."""
     if mesh.size == 1:
-        return jnp.asarray(own)
+        return jax.device_put(own, NamedSharding(mesh, WHOLE))
     shape = (-(-count // mesh.size) * mesh.size, *own.shape[1:])
     return jax.make_array_from_process_local_data(NamedSharding(mesh, SPLIT), own, shape)
 

@@ -153,6 +153,33 @@ def test_a_small_scene_is_learnt_and_a_restored_state_goes_on_to_the_same_losses
         assert float(metrics["loss"]) == losses[step]
 
 
+def test_nothing_compiles_between_the_announced_stages_and_old_buffers_are_given_away(
+    procedural_scene, small_config
+) -> None:
+    method = VoxelMethod(small_config, make_dataset(procedural_scene))
+    state = method.start(jax.random.key(0))
+    compiled: list[str] = []
+    jax.clear_caches()  # what other tests compiled would hide a second compilation here
+
+    def listen(event: str, duration: float, **_) -> None:
+        if event == "/jax/core/compile/backend_compile_duration":
+            compiled.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        announced = {0, *method.schedule}
+        for step in range(small_config.steps):
+            before, old = len(compiled), state.trainable.rows
+            state, _ = method.step(state, step)
+            if step == 0:
+                assert len(compiled) > 0, "the listener hears compilations"
+            if step not in announced:
+                assert len(compiled) == before, f"step {step} compiled something"
+                assert old.is_deleted(), "the old values' memory is used again"
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+
+
 def test_the_queried_field_is_empty_outside_of_its_voxels(procedural_scene, small_config) -> None:
     method = VoxelMethod(small_config, make_dataset(procedural_scene))
     state = method.start(jax.random.key(0))
