@@ -103,4 +103,4 @@ def test_the_table_has_a_row_for_each_codec(pack: Pack, scene: Scene, tmp_path: 
     assert all(row["bytes"] > 0 and row["encode_s"] > 0 and row["decode_s"] > 0 for row in rows)
     table = as_markdown(rows).splitlines()
     assert len(table) == 2 + 3 and len({line.count("|") for line in table}) == 1
-    assert "lossless" in table[2] and "identical" in table[2] and "80 (default)" in table[4]
+    assert "lossless" in table[2] and "identical" in table[2] and "83 (default)" in table[4]

@@ -125,6 +125,12 @@ def render_samples(
 
 
 @lru_cache
+def compiled_remembering(mesh: Mesh) -> Callable[..., Any]:
+    """`remember_depths`, jitted to return what the step's compilation expects: a layout whole on every device."""
+    return jax.jit(remember_depths, static_argnums=2, out_shardings=NamedSharding(mesh, WHOLE))
+
+
+@lru_cache
 def compiled_update(mesh: Mesh) -> Callable[..., Any]:
     """`update`, jitted for the devices of a mesh; the trainable values and their moments are given away."""
     return jax.jit(
@@ -260,8 +266,9 @@ class VoxelMethod:
     def step(self, state: VoxelState, step: int) -> tuple[VoxelState, dict[str, jax.Array]]:
         if step in self.schedule and step > 0:
             state = put_whole(stages.refine(self, here(state), self.schedule[step]), self.dataset.mesh)
-        if step % REMEMBER_EVERY == 0:
-            state = state._replace(layout=remember_depths(state.trainable.rows, state.layout, self.settings))
+        if step % REMEMBER_EVERY == 0 or step in self.schedule:  # at a new stage, too: compiled then, not later
+            remember = compiled_remembering(self.dataset.mesh)
+            state = state._replace(layout=remember(state.trainable.rows, state.layout, self.settings))
         *new, metrics = compiled_update(self.dataset.mesh)(
             state.trainable, state.first, state.second, state.updates, state.layout, state.cells, state.hits,
             state.hit_count, self.dataset, self.key, np.int32(step), np.float32(step / max(self.config.steps, 1)),
