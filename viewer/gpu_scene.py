@@ -246,8 +246,8 @@ class _AtlasWriter:
 
     def texture(self, name: str, *parts: Part) -> moderngl.Texture3D:
         """An empty texture for `parts`, side by side in x; steps() fills it."""
-        channels = {len(range(atlas.shape[3])[chosen]) for atlas, chosen in parts}
-        texture = self.uploader.volume(name, self.size, *channels)
+        channels = max(len(range(atlas.shape[3])[chosen]) for atlas, chosen in parts)
+        texture = self.uploader.volume(name, self.size, channels)
         self.textures.append((name, texture, parts))
         return texture
 
