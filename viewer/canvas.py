@@ -15,11 +15,13 @@ import numpy as np
 from console import UserError
 from scenepack.pack import Pack
 from viewer.app.resolution import Governor, tiles
+from viewer.app.thumbnails import Thumbnails
 from viewer.camera import ViewCamera
 from viewer.ray_frame import RayFrame
 from viewer.renderer import Renderer
 from viewer.settings import RenderSettings
 from viewer.shader_source import assemble, compile_program
+from viewer.sheet_texture import SheetTexture
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun
@@ -138,6 +140,7 @@ class Canvas:
         self.difference: Layer | None = None
         self._difference: Difference | None = None
         self._images: dict[str, tuple[int, moderngl.Texture]] = {}
+        self._sheet = SheetTexture(ctx, self._retired)
         self.scene_ms = 0.0
         self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
         self.drawn_size = (0, 0)  # pixels of the picture that is shown
@@ -195,6 +198,10 @@ class Canvas:
             self._images[name] = (id(pixels), texture)
         return self._images[name][1].glo
 
+    def sheet(self, thumbnails: Thumbnails) -> int:
+        """OpenGL name of the texture with the thumbnails that have arrived."""
+        return self._sheet.follow(thumbnails)
+
     def drop_image(self, name: str) -> None:
         """Frees such a texture, if there is one."""
         if name in self._images:
@@ -248,7 +255,9 @@ class Canvas:
     @property
     def gpu_bytes(self) -> int:
         """Texture memory of pack and pictures."""
-        pictures = sum(4 * t.size[0] * t.size[1] for t in (self._quick, self._full, self._still))
+        pictures = self._sheet.gpu_bytes + sum(
+            4 * t.size[0] * t.size[1] for t in (self._quick, self._full, self._still)
+        )
         pictures += self.other.gpu_bytes if self.other is not None else 0
         return pictures + (self.renderer.gpu_bytes() if self.renderer is not None else 0)
 
@@ -333,6 +342,7 @@ class Canvas:
         self._drop_coming()
         for name in list(self._images):
             self.drop_image(name)
+        self._sheet.release()
         if self._difference is not None:
             self._difference.release()
         for target in (self._quick, self._full, self._still):

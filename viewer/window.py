@@ -25,7 +25,7 @@ from viewer.app.application import FRAMES_AFTER_EVENT, App
 from viewer.canvas import Canvas
 from viewer.panels import theme
 from viewer.panels.ui import SystemClipboard, Ui
-from viewer.presenting import present, unfinished
+from viewer.presenting import awaited, present, unfinished
 
 import glfw  # isort: skip  (after imgui_bundle, which viewer.panels imports)
 
@@ -107,7 +107,7 @@ class Window:
         app = self.app
         if app.wants_frame or self._touched:
             glfw.poll_events()
-        elif app.loading is not None or unfinished(self.app, self.canvas):
+        elif awaited(app) or unfinished(self.app, self.canvas):
             glfw.wait_events_timeout(BUSY_WAIT_S)
         else:
             glfw.wait_events_timeout(0.4 if self.ui.typing else IDLE_WAIT_S)
@@ -179,7 +179,7 @@ class Window:
             self.app.touch(1)
             self.step()
         for _ in range(SETTLE_ROUNDS):
-            self._wait_while(lambda: self.app.loading is not None or unfinished(self.app, self.canvas))
+            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas))
             for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
                 self.app.touch(1)
                 self.step()

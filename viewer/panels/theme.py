@@ -96,8 +96,8 @@ def apply(scale: float) -> None:
         "scrollbar_grab_hovered": rgb(FAINT),
         "scrollbar_grab_active": rgb(MUTED),
         "check_mark": rgb(ACCENT),
-        "slider_grab": rgb(ACCENT),
-        "slider_grab_active": rgb(TEXT),
+        "slider_grab": rgb(ACCENT, 0.55),  # the number is read through it
+        "slider_grab_active": rgb(ACCENT, 0.8),
         "button": rgb(CONTROL),
         "button_hovered": rgb(CONTROL_HOT),
         "button_active": rgb(ACCENT_DEEP),

@@ -78,9 +78,9 @@ def figure(name: str, value: str, fonts: Fonts) -> None:
     imgui.text_unformatted(value)
 
 
-def hint(text: str) -> None:
+def hint(text: str, colour: str = theme.FAINT) -> None:
     """Small muted text, wrapped."""
-    with font(None, theme.SMALL), coloured(text=theme.FAINT):
+    with font(None, theme.SMALL), coloured(text=colour):
         imgui.push_text_wrap_pos(0.0)
         imgui.text_unformatted(text)
         imgui.pop_text_wrap_pos()
