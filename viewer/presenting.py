@@ -38,6 +38,7 @@ def _present(app: App, canvas: Canvas, wait: bool) -> bool:
         canvas.difference = None
     if not pending and not drawn:
         comparison.measure(app)
+        app.costs.measure(app)
     return drawn
 
 

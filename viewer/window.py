@@ -139,7 +139,7 @@ class Window:
         self.canvas.sweep()
         self.ui.frame(app, self.canvas, scale=max(1.0, scale_x / (pixels[0] / units[0])))
         if self._picture() and frame_ms < 500.0:
-            app.times.add(self.canvas.scene_ms, frame_ms)
+            app.times.add(self.canvas.scene_ms, frame_ms, self.canvas.gpu_ms)
         self.ctx.screen.use()
         self.ctx.screen.viewport = (0, 0, *pixels)
         base = theme.rgb(theme.BASE)

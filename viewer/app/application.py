@@ -26,6 +26,7 @@ from viewer.app.loading import Loading
 from viewer.app.log import Dialog, Messages
 from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
+from viewer.app.ray_costs import CostMeter
 from viewer.app.resolution import Governor
 from viewer.app.rig import CameraRig
 from viewer.app.timing import FrameTimes
@@ -58,6 +59,10 @@ class Stage(Protocol):
 
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """The picture, uint8 [height, width, 3]."""
+        ...
+
+    def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """What `settings` with counts give, float32 [height, width, 3]."""
         ...
 
     @property
@@ -144,6 +149,7 @@ class App:
     settings: RenderSettings = field(default_factory=RenderSettings)
     governor: Governor = field(default_factory=Governor)
     times: FrameTimes = field(default_factory=FrameTimes)
+    costs: CostMeter = field(default_factory=CostMeter)
     messages: Messages = field(default_factory=Messages)
     interface: Interface = field(default_factory=Interface)
     viewport: Viewport = field(default_factory=Viewport)

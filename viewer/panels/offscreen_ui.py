@@ -61,7 +61,7 @@ class OffscreenUi:
         self.ui.frame(self.app, self.canvas)
         drawn = present(self.app, self.canvas, wait=False)
         if drawn:
-            self.app.times.add(self.canvas.scene_ms, max(self.canvas.scene_ms, 1000.0 * seconds))
+            self.app.times.add(self.canvas.scene_ms, max(self.canvas.scene_ms, 1000.0 * seconds), self.canvas.gpu_ms)
         self.framebuffer.use()
         self.framebuffer.viewport = (0, 0, *self.framebuffer.size)
         self.framebuffer.clear(*(theme.rgb(theme.BASE).x, theme.rgb(theme.BASE).y, theme.rgb(theme.BASE).z, 1.0))
