@@ -1,6 +1,6 @@
 """The picture inside the window: framebuffers of its own, quick pictures while things move, tiles while they rest.
 
-Implements viewer.app.application.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
+Implements viewer.app.state.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
 the lower left corner, so that a change of scale allocates nothing.
 """
 

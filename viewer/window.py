@@ -21,7 +21,8 @@ import numpy as np
 from PIL import Image
 
 from console import Notice
-from viewer.app.application import FRAMES_AFTER_EVENT, App
+from viewer.app.application import App
+from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.canvas import Canvas
 from viewer.panels import theme
 from viewer.panels.ui import SystemClipboard, Ui

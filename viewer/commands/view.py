@@ -15,10 +15,11 @@ import tyro
 from console import UserError, run_command
 from scenepack.reader import load_pack
 from viewer.app import preferences
-from viewer.app.application import App, name_of
+from viewer.app.application import App
 from viewer.app.comparison import How
 from viewer.app.pose import pose_from_text
 from viewer.app.startup import Startup
+from viewer.app.state import name_of
 from viewer.arguments import join_negative_values
 from viewer.arguments import parse_size as parse_pixels
 from viewer.flyover import fly_over

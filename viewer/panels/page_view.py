@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from viewer.app.application import BACKGROUNDS, App
+from viewer.app.application import App
 from viewer.app.commands import modes_for
+from viewer.app.state import BACKGROUNDS
 from viewer.canvas import Canvas
 from viewer.panels import theme, time_plots
 from viewer.panels.theme import Fonts

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui, implot
 
-from viewer.app.application import App, Clipboard
+from viewer.app.application import App
+from viewer.app.state import Clipboard
 from viewer.canvas import Canvas
 from viewer.panels import dialogs, help_overlay, keys, layout, theme, top_bar, viewport
 from viewer.panels.file_dialogs import FileDialogs

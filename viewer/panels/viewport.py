@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app import crop
-from viewer.app.application import App, Viewport
+from viewer.app.application import App
+from viewer.app.state import Viewport
 from viewer.canvas import Canvas
 from viewer.panels import frusta, layout, overlays, page_photographs, start_page, theme
 from viewer.panels.theme import Fonts
