@@ -121,7 +121,7 @@ def test_the_page_counts_while_the_camera_rests(offscreen, app, pack, pack_folde
 
 def test_the_plots_scale_is_round_and_holds_target_and_frames():
     times = FrameTimes()
-    assert _top(times, 33.3) == 50
+    assert _top(times, 33.3) == 80
     for _ in range(50):
         times.add(3.0, 140.0)
     assert _top(times, 33.3) == 200

@@ -111,6 +111,7 @@ class App:
         """Takes over what was remembered."""
         self.preferences = preferences
         self.interface.page = preferences.page
+        self.interface.moved, self.interface.layout = list(preferences.moved), preferences.layout
         self.settings = replace(self.settings, background=preferences.background)
         self.governor.target_fps, self.governor.enabled = preferences.target_fps, preferences.dynamic_resolution
         self.governor.rest_scale = preferences.rest_scale
@@ -120,6 +121,8 @@ class App:
         return replace(
             self.preferences,
             page=self.interface.page,
+            moved=list(self.interface.moved),
+            layout=self.interface.layout,
             background=self.settings.background,
             target_fps=self.governor.target_fps,
             dynamic_resolution=self.governor.enabled,

@@ -134,7 +134,7 @@ class Comparison:
                 thumbnails.cancel()
                 self.thumbnails = thumbnails = None
         if thumbnails is None:
-            wanted = self.frusta or app.interface.page == "photographs"
+            wanted = self.frusta or app.interface.shows("photographs")
             if wanted and app.scene is not None and photographs is not None and len(photographs) and photographs.folder:
                 self.thumbnails = Thumbnails(photographs)
         elif thumbnails.news():

@@ -88,7 +88,7 @@ class _Screen:
 
 def draw_crop(app: App, box: Box) -> int | None:
     """The crop box with a handle on each face; the face whose handle is under the mouse, if any."""
-    if app.settings.crop is None or app.scene is None or app.interface.page != "crop":
+    if app.settings.crop is None or app.scene is None or not app.interface.shows("crop"):
         return None
     screen, mouse = _Screen(app, box), imgui.get_io().mouse_pos
     low, high = np.asarray(app.settings.crop[0]), np.asarray(app.settings.crop[1])
@@ -109,7 +109,7 @@ def draw_crop(app: App, box: Box) -> int | None:
 def draw_path(app: App, box: Box) -> None:
     """The camera path and its keyframes, while its page is open and it is not being played."""
     filming = app.filming
-    if app.interface.page != "film" or filming.playing or app.scene is None or not filming.path.keyframes:
+    if not app.interface.shows("film") or filming.playing or app.scene is None or not filming.path.keyframes:
         return
     screen, path = _Screen(app, box), filming.path
     if len(path.keyframes) > 1:

@@ -45,8 +45,9 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             _look_of_frusta(app)
     if comparison.against == "photograph":
         compare_controls(app, fonts, "Against the photograph")
+    bottom = imgui.get_window_pos().y + imgui.get_window_height()
     with card("list", fonts, _list_title(app)):
-        _list(app, canvas, photographs)
+        _list(app, canvas, photographs, bottom)
     with card("folder", fonts, "Scene folder"):
         hint(str(photographs.folder) if photographs.folder else "not known")
         if comparison.thumbnails is not None and comparison.thumbnails.problem:
@@ -75,7 +76,8 @@ def _list_title(app: App) -> str:
     return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} photographs"
 
 
-def _list(app: App, canvas: Canvas, photographs: Photographs) -> None:
+def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
+    """bottom: the page's lower edge, in window units."""
     width = (imgui.get_content_region_avail().x - px(8)) / 2
     if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Before", ImVec2(width, 0)):
         run(app, "last-photo")
@@ -87,7 +89,7 @@ def _list(app: App, canvas: Canvas, photographs: Photographs) -> None:
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(4), px(4)))
     imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(0, 0))
     # As high as the page has room for, with the folder's card below it.
-    room = imgui.get_window_viewport().size.y - imgui.get_cursor_screen_pos().y - px(FOLDER_HEIGHT)
+    room = bottom - imgui.get_cursor_screen_pos().y - px(FOLDER_HEIGHT)
     height = max(room, px(SMALLEST_LIST * ROW))
     with coloured(child_bg=theme.BASE):
         imgui.begin_child("##shots", ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)

@@ -51,7 +51,7 @@ def _top(times: FrameTimes, target_ms: float) -> float:
     slow = float(np.percentile(times.frame_ms, 98)) if times.frame_ms else 0.0
     longest = max(1.5 * target_ms, 1.15 * slow)
     step = 10.0 ** np.floor(np.log10(longest))
-    return float(next(step * m for m in (1, 1.5, 2, 3, 4, 5, 7.5, 10) if step * m >= longest))
+    return float(next(step * m for m in (1, 2, 4, 8, 10) if step * m >= longest))
 
 
 @contextmanager
