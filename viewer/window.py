@@ -21,11 +21,12 @@ import numpy as np
 from PIL import Image
 
 from console import Notice
-from viewer.app.application import FRAMES_AFTER_EVENT, App
+from viewer.app.application import App
+from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.canvas import Canvas
 from viewer.panels import theme
 from viewer.panels.ui import SystemClipboard, Ui
-from viewer.presenting import present, unfinished
+from viewer.presenting import awaited, present, unfinished
 
 import glfw  # isort: skip  (after imgui_bundle, which viewer.panels imports)
 
@@ -107,7 +108,7 @@ class Window:
         app = self.app
         if app.wants_frame or self._touched:
             glfw.poll_events()
-        elif app.loading is not None or unfinished(self.app, self.canvas):
+        elif awaited(app) or unfinished(self.app, self.canvas):
             glfw.wait_events_timeout(BUSY_WAIT_S)
         else:
             glfw.wait_events_timeout(0.4 if self.ui.typing else IDLE_WAIT_S)
@@ -139,7 +140,7 @@ class Window:
         self.canvas.sweep()
         self.ui.frame(app, self.canvas, scale=max(1.0, scale_x / (pixels[0] / units[0])))
         if self._picture() and frame_ms < 500.0:
-            app.times.add(self.canvas.scene_ms, frame_ms)
+            app.times.add(self.canvas.scene_ms, frame_ms, self.canvas.gpu_ms)
         self.ctx.screen.use()
         self.ctx.screen.viewport = (0, 0, *pixels)
         base = theme.rgb(theme.BASE)
@@ -179,7 +180,7 @@ class Window:
             self.app.touch(1)
             self.step()
         for _ in range(SETTLE_ROUNDS):
-            self._wait_while(lambda: self.app.loading is not None or unfinished(self.app, self.canvas))
+            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas))
             for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
                 self.app.touch(1)
                 self.step()

@@ -10,10 +10,11 @@ from tests.window.conftest import toy_pack
 from tests.window.scenes import SIDE, photographed
 from tests.window.test_application import FakeStage
 from viewer.app import crop, preferences
-from viewer.app.application import App, name_of
+from viewer.app.application import App
 from viewer.app.files import kind_of
 from viewer.app.photographs import Photographs, psnr, shots_of
 from viewer.app.projection import along_axis, project
+from viewer.app.state import name_of
 from viewer.camera import ViewCamera
 
 

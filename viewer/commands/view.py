@@ -15,10 +15,11 @@ import tyro
 from console import UserError, run_command
 from scenepack.reader import load_pack
 from viewer.app import preferences
-from viewer.app.application import App, name_of
+from viewer.app.application import App
 from viewer.app.comparison import How
 from viewer.app.pose import pose_from_text
 from viewer.app.startup import Startup
+from viewer.app.state import name_of
 from viewer.arguments import join_negative_values
 from viewer.arguments import parse_size as parse_pixels
 from viewer.flyover import fly_over
@@ -144,7 +145,7 @@ def _show_window(wishes: Startup, script: Script) -> None:
         wishes.begin(app)
         if script.frames is None:
             window.run()
-            app.preferences.window = window.size
+            app.preferences.window, app.interface.layout = window.size, window.ui.layout
             problem = preferences.save(app.remembered(), preferences.default_file())
             if problem:
                 print(f"snerg-view: {problem}", file=sys.stderr)
