@@ -15,6 +15,7 @@ from unittest import mock
 
 import tyro
 
+from console.driven import ending_with_stdin
 from console.errors import UserError
 from console.notices import plain_notices
 
@@ -47,7 +48,7 @@ def run_command(
     words = [word for word in words if word != "--debug"]
     _print_any_character()
     try:
-        with plain_notices(prog):
+        with plain_notices(prog), ending_with_stdin():
             call = _parse(command, prog, description, words)
             if not callable(call):
                 return call

@@ -23,6 +23,7 @@ from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
 from viewer.app.loading import Loading
 from viewer.app.log import Dialog, Messages
+from viewer.app.making import Making
 from viewer.app.opening import Opening
 from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
@@ -52,6 +53,7 @@ class App:
     file_request: FileRequest | None = None
     demo: Path | None = None  # the bundled pack, where there is one
     opening: Opening = field(default_factory=Opening)
+    making: Making = field(default_factory=Making)
     quitting: bool = False
     frames_owed: int = FRAMES_AFTER_EVENT
 
@@ -138,19 +140,19 @@ class App:
         self.opening.start(self, path, other=other, then=then)
 
     def drop(self, paths: list[Path]) -> None:
-        """Files were dropped on the window: a pack is opened, a scene or a run gets advice on how to make one."""
+        """Files were dropped on the window: a pack is opened; a scene or a run may be made into one."""
         if not paths:
             return
         path = paths[0]
         kind = kind_of(path)
-        if kind in ("scene", "run"):
-            command = f'snerg-make "{path}" --out "{path.name}-pack"'
-            if kind == "run":
-                command = f'snerg-bake "{path}" --out "{path.name}-pack"'
-            what = "a scene of photographs" if kind == "scene" else "a training run"
-            self.clipboard.set(command)
-            text = f"It is {what}. This makes a pack of it, and is on the clipboard now: {command}"
-            self.messages.dialogs.append(Dialog(f"{path.name} is not baked yet", text))
+        if kind == "scene" or kind == "run":
+            self.making.offer(self, kind, path)
+        elif kind == "pictures":
+            text = (
+                "There are pictures in it, but nothing says where the camera stood. COLMAP or nerfstudio's ns-process-data "
+                "finds that out and writes a transforms.json beside them."
+            )
+            self.messages.dialogs.append(Dialog(f"{path.name} has no camera poses", text))
             self.touch()
         else:
             self.open(pack_in(path))
@@ -169,6 +171,7 @@ class App:
     def tick(self, seconds: float) -> None:
         """Time passes: cameras glide, threads report."""
         self.opening.tick(self)
+        self.making.tick(self)
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)

@@ -51,11 +51,17 @@ class Messages:
         self.log(text, level)
         self.toast, self.toast_until = text, time.monotonic() + TOAST_S
 
-    def fail(self, title: str, error: BaseException | str, details: str = "") -> None:
+    def fail(
+        self,
+        title: str,
+        error: BaseException | str,
+        details: str = "",
+        buttons: tuple[tuple[str, str], ...] = (("OK", ""),),
+    ) -> None:
         """Opens a dialog, and logs it."""
         text = str(error) or type(error).__name__
         self.log(f"{title}: {text}", "error")
-        self.dialogs.append(Dialog(title, text, details))
+        self.dialogs.append(Dialog(title, text, details, buttons))
 
     @property
     def toast_left(self) -> float:

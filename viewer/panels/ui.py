@@ -10,7 +10,7 @@ from imgui_bundle import ImVec2, imgui, implot
 from viewer.app.application import App
 from viewer.app.state import Clipboard
 from viewer.canvas import Canvas
-from viewer.panels import dialogs, help_overlay, keys, layout, theme, top_bar, viewport
+from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, theme, top_bar, viewport
 from viewer.panels.file_dialogs import FileDialogs
 from viewer.panels.theme import Fonts
 
@@ -69,8 +69,10 @@ class Ui:
         if app.interface.panels_shown:
             top_bar.show(app, canvas, regions.top, self.fonts)
             layout.show_side(app, canvas, regions, self.fonts)
+        make_dialog.show_job(app, canvas, regions.viewport, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
+        make_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
         dialogs.show(app, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
 
