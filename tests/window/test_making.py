@@ -300,3 +300,31 @@ def test_the_question_and_the_card_are_drawn_and_answered(offscreen, making, sce
 
 def test_nothing_is_looked_at_while_nothing_is_made():
     assert not Making().busy
+
+
+@pytest.mark.slow
+def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_between(scene, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "compiled"))
+    monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    app = App(stage=FakeStage())
+
+    def begin(steps: int) -> None:
+        app.drop([scene])
+        plan = app.making.plan
+        plan.choose(tmp_path / "made")
+        plan.preset, plan.steps, plan.resolution = "tiny", steps, 32
+        app.making.start(app)
+
+    begin(100_000)
+    try:
+        live(app, lambda: app.making.job is None or app.making.job.figures, 120)
+        app.making.stop(app)
+        live(app, lambda: app.making.job is None, 60)
+        assert not app.messages.dialogs and "was stopped" in app.messages.toast
+        assert list((tmp_path / "made" / "run" / "checkpoints").glob("*.safetensors"))
+        begin(2)  # fewer than are done
+        live(app, lambda: app.making.job is None and app.loading is None, 240)
+    finally:
+        app.making.end()
+    assert not app.messages.dialogs and app.scene.path == tmp_path / "made" / "pack"
