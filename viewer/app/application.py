@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from console import Notice
+from console import Notice, UserError
 from scenepack.pack import Pack
 from viewer.app.comparison import Comparison
 from viewer.app.files import FileRequest, kind_of, pack_in
@@ -65,7 +65,7 @@ class App:
         whole: False where more of it is on its way.
         """
         if self.stage is not None:
-            with self.noting_warnings():
+            with self.noting_warnings(told=whole):
                 self.stage.show(pack)
         self.scene = OpenScene(path, name or name_of(path), pack, rig_for(pack), whole)
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
@@ -87,14 +87,18 @@ class App:
         self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
 
     @contextmanager
-    def noting_warnings(self) -> Iterator[None]:
-        """What the `with` block warns of, that a pack is shown at half resolution say, is logged and shown for a while."""
+    def noting_warnings(self, *, told: bool = True) -> Iterator[None]:
+        """What the `with` block warns of, that a card has no room for the whole pack, is logged; and told where `told`."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", Notice)
             yield
         for warning in caught:
             if issubclass(warning.category, Notice):
-                self.messages.say(str(warning.message), "warning")
+                text = str(warning.message)
+                self.messages.log(text, "warning")
+                if told:
+                    dialog = Dialog("Not all of it can be shown", text[:1].upper() + text[1:], failed=False)
+                    self.messages.dialogs.append(dialog)
 
     def close(self) -> None:
         """Back to the start page."""
@@ -143,7 +147,13 @@ class App:
         """Files were dropped on the window: a pack is opened; a scene or a run may be made into one."""
         if not paths:
             return
-        path = paths[0]
+        try:
+            self._drop(paths[0])
+        except (OSError, UserError) as error:
+            self.messages.fail(f"{paths[0].name} cannot be opened", error)
+        self.touch()
+
+    def _drop(self, path: Path) -> None:
         kind = kind_of(path)
         if kind == "scene" or kind == "run":
             self.making.offer(self, kind, path)
@@ -153,7 +163,6 @@ class App:
                 "finds that out and writes a transforms.json beside them."
             )
             self.messages.dialogs.append(Dialog(f"{path.name} has no camera poses", text))
-            self.touch()
         else:
             self.open(pack_in(path))
 

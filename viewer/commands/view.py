@@ -157,9 +157,10 @@ def _show_window(wishes: Startup, script: Script) -> None:
             window.save_screenshot(script.screenshot)
             print(script.screenshot)
         window.finish_export()
-    if app.messages.dialogs:  # nobody is there to read it
-        dialog = app.messages.dialogs[0]
-        raise UserError(f"{dialog.title}: {dialog.text}")
+    for dialog in app.messages.dialogs:  # nobody is there to read it
+        if dialog.failed:
+            raise UserError(f"{dialog.title}: {dialog.text}")
+        print(f"snerg-view: warning: {dialog.text}", file=sys.stderr)
 
 
 def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:

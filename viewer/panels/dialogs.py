@@ -30,8 +30,8 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
     if not shown:
         return
     with font(fonts.bold, 18.0):
-        with coloured(text=theme.WARN):
-            imgui.text_unformatted(fa.ICON_FA_TRIANGLE_EXCLAMATION)
+        with coloured(text=theme.WARN if dialog.failed else theme.ACCENT):
+            imgui.text_unformatted(fa.ICON_FA_TRIANGLE_EXCLAMATION if dialog.failed else fa.ICON_FA_CIRCLE_INFO)
         imgui.same_line(0, px(10))
         imgui.push_text_wrap_pos(0.0)
         imgui.text_unformatted(dialog.title)
