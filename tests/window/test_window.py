@@ -12,8 +12,10 @@ from PIL import Image
 
 from scenepack import save_pack
 from tests.window.scenes import photographed
+from viewer.app.application import App
 from viewer.commands.view import PageName, parse_size
 from viewer.panels.layout import PAGES
+from viewer.window import NoDisplay, Window, display_problem
 
 LIVE = Path(__file__).with_name("live_window.py")
 
@@ -128,3 +130,11 @@ def test_sizes_are_read():
 
 def test_the_command_line_knows_all_pages():
     assert list(get_args(PageName)) == [page.id for page in PAGES]
+
+
+def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":4711")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert display_problem() is None
+    with pytest.raises(NoDisplay, match="no window can be opened"):
+        Window(App())
