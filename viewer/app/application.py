@@ -97,7 +97,7 @@ class App:
                 text = str(warning.message)
                 self.messages.log(text, "warning")
                 if told:
-                    dialog = Dialog("Not all of it can be shown", text[:1].upper() + text[1:], failed=False)
+                    dialog = Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False)
                     self.messages.dialogs.append(dialog)
 
     def close(self) -> None:
@@ -159,8 +159,8 @@ class App:
             self.making.offer(self, kind, path)
         elif kind == "pictures":
             text = (
-                "There are pictures in it, but nothing says where the camera stood. COLMAP or nerfstudio's ns-process-data "
-                "finds that out and writes a transforms.json beside them."
+                "There are pictures in it, but nothing says where the camera stood. nerfstudio's ns-process-data, which "
+                "works through COLMAP, finds that out and writes a transforms.json beside them."
             )
             self.messages.dialogs.append(Dialog(f"{path.name} has no camera poses", text))
         else:
