@@ -104,6 +104,13 @@ def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[150:300, 200:600].mean() > 0.5  # a card, in the middle
 
 
+def test_photographs_are_asked_about_on_a_display_and_told_without_one(display, tmp_path, known_pack):
+    pixels = picture_of(display, tmp_path, known_pack.parent / "scene")
+    assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[120:380, 130:670].mean() > 0.4  # a card, in the middle
+    done = run_view(known_pack.parent / "scene")
+    assert done.returncode == 2 and "snerg-make" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
 def test_a_bad_pack_without_a_display_is_one_line_and_status_2(tmp_path):
     (tmp_path / "scene_params.json").write_text("{")
     done = run_view(tmp_path)
