@@ -148,8 +148,20 @@ def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
     assert "at step 1,000 of 6,000" in plan.attempt_text() and plan.problem() is None
     app.drop([folder / "run"])
     assert app.making.plan.subject == "run" and app.making.plan.out == folder / "pack"
+    (folder / "run" / "checkpoints" / "step_00006000.safetensors").touch()
+    assert "it is baked" in Plan.of("run", folder).attempt_text()
     other = Plan("scene", tmp_path / "elsewhere", folder)
     assert "another scene" in other.problem()
+
+
+@pytest.mark.parametrize("text", ["{}", '{"scene": 3, "config": 4}', '{"scene": "", "config": {}}', "[1]", "{"])
+def test_an_attempt_whose_description_is_broken_is_told_or_baked(tmp_path, text):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "config.json").write_text(text)
+    app = App(stage=FakeStage())
+    app.drop([tmp_path])
+    told = bool(app.messages.dialogs) and "config.json" in app.messages.dialogs[0].text
+    assert told != (app.making.plan is not None and app.making.plan.source == tmp_path / "run")
 
 
 def test_a_scene_is_made_and_opens_by_itself(making, tmp_path):

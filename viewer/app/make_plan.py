@@ -10,6 +10,7 @@ import contextlib
 import importlib.util
 import json
 import os
+import shlex
 import sys
 import threading
 import warnings
@@ -113,7 +114,7 @@ class Plan:
     """source: the scene's or the run's folder. out: of a scene, the folder for run/ and pack/; of a run, the pack itself.
 
     downscale, resolution (voxels a side), steps: None leaves them to the preset, or to the command. survey: of the scene's
-    photographs. attempt: the description of an unfinished or older run in `out`, which is gone on with.
+    photographs. attempt: what an older run in `out` says of itself; it is gone on with.
     """
 
     subject: Subject
@@ -145,9 +146,9 @@ class Plan:
         if subject == "scene":
             return cls("scene", path, _beside(path, f"{path.name}-snerg"), survey=Survey(path))
         if (path / "run").is_dir() and not (path / "config.json").is_file():  # snerg-make's DIR
-            scene = Path(str(_description(path / "run").get("scene", "")))
-            if scene.is_dir():
-                return cls("scene", scene, path, survey=Survey(scene))
+            scene = _description(path / "run")["scene"]
+            if scene and Path(scene).is_dir():
+                return cls("scene", Path(scene), path, survey=Survey(Path(scene)))
             path = path / "run"
         name = "pack" if path.name == "run" else f"{path.name}-pack"
         return cls("run", path, _beside(path, name))
@@ -179,8 +180,8 @@ class Plan:
         if self.survey is not None and self.survey.error is not None:
             return str(self.survey.error)
         if self.subject == "scene" and self.attempt is not None:
-            other = self.attempt.get("scene")
-            if other is not None and Path(str(other)) != self.source:
+            other = self.attempt["scene"]
+            if other and Path(other) != self.source:
                 return f"There is a run of another scene in {self.out}; choose another folder."
         return None
 
@@ -189,7 +190,9 @@ class Plan:
         if self.attempt is None:
             return ""
         steps = [int(path.stem.removeprefix("step_")) for path in (self.run / "checkpoints").glob("step_*.safetensors")]
-        total = self.attempt.get("config", {}).get("steps", 0)
+        total = self.attempt["steps"]
+        if steps and max(steps) >= total:
+            return "A trained run is there already; it is baked with the settings it was trained with."
         done = f"at step {max(steps):,} of {total:,}" if steps else "before its first checkpoint"
         return f"An earlier attempt is there, {done}: it goes on, with the settings it was begun with."
 
@@ -201,8 +204,7 @@ class Plan:
     def typed(self) -> str:
         """The command line, to be typed on another machine, say."""
         program = "snerg-make" if self.subject == "scene" else "snerg-bake"
-        words = [f'"{word}"' if " " in word or not word else word for word in self._arguments()]
-        return " ".join([program, *(word for word in words if word != "--no-view")])
+        return shlex.join([program, *(word for word in self._arguments() if word != "--no-view")])
 
     def _arguments(self) -> list[str]:
         words = [str(self.source), "--out", str(self.out)]
@@ -223,11 +225,10 @@ def _beside(path: Path, name: str) -> Path:
 
 
 def _description(run: Path) -> dict:
+    """What a run's config.json says of "scene" (a folder, "" where it does not say) and "steps" (in all)."""
     file = run / "config.json"
     try:
         values = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        return {"scene": str(values.get("scene", "")), "steps": int(values.get("config", {}).get("steps", 0))}
+    except (OSError, ValueError, TypeError, AttributeError) as error:
         raise UserError("the run's description cannot be read", where=file, found=str(error)[:100]) from error
-    if not isinstance(values, dict):
-        raise UserError("the run's description is damaged", where=file)
-    return values
