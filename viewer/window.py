@@ -27,7 +27,7 @@ from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.canvas import Canvas
 from viewer.panels import theme
 from viewer.panels.ui import SystemClipboard, Ui
-from viewer.presenting import present, unfinished
+from viewer.presenting import awaited, present, unfinished
 
 import glfw  # isort: skip  (after imgui_bundle, which viewer.panels imports)
 
@@ -112,7 +112,7 @@ class Window:
         app = self.app
         if app.wants_frame or self._touched:
             glfw.poll_events()
-        elif app.loading is not None or unfinished(self.app, self.canvas):
+        elif awaited(app) or unfinished(self.app, self.canvas):
             glfw.wait_events_timeout(BUSY_WAIT_S)
         elif app.making.busy:
             glfw.wait_events_timeout(LOOKED_AT_EVERY_S)
@@ -146,7 +146,7 @@ class Window:
         self.canvas.sweep()
         self.ui.frame(app, self.canvas, scale=max(1.0, scale_x / (pixels[0] / units[0])))
         if self._picture() and frame_ms < 500.0:
-            app.times.add(self.canvas.scene_ms, frame_ms)
+            app.times.add(self.canvas.scene_ms, frame_ms, self.canvas.gpu_ms)
         self.ctx.screen.use()
         self.ctx.screen.viewport = (0, 0, *pixels)
         base = theme.rgb(theme.BASE)
@@ -186,7 +186,7 @@ class Window:
             self.app.touch(1)
             self.step()
         for _ in range(SETTLE_ROUNDS):
-            self._wait_while(lambda: self._arriving or unfinished(self.app, self.canvas))
+            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas))
             for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
                 self.app.touch(1)
                 self.step()
@@ -194,11 +194,6 @@ class Window:
     def finish_export(self) -> None:
         """Lives on until what is being exported is written, or has failed."""
         self._wait_while(lambda: self.app.filming.export is not None)
-
-    @property
-    def _arriving(self) -> bool:
-        """Whether a thread is reading what is to be shown: a pack, or the scene that is asked about."""
-        return self.app.loading is not None or (self.app.making.plan is not None and self.app.making.busy)
 
     def _wait_while(self, busy: Callable[[], bool]) -> None:
         while busy() and not glfw.window_should_close(self.handle):

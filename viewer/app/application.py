@@ -27,6 +27,7 @@ from viewer.app.making import Making
 from viewer.app.opening import Opening
 from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
+from viewer.app.ray_costs import CostMeter
 from viewer.app.resolution import Governor
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Stage, Viewport, name_of
 from viewer.app.timing import FrameTimes
@@ -43,6 +44,7 @@ class App:
     settings: RenderSettings = field(default_factory=RenderSettings)
     governor: Governor = field(default_factory=Governor)
     times: FrameTimes = field(default_factory=FrameTimes)
+    costs: CostMeter = field(default_factory=CostMeter)
     messages: Messages = field(default_factory=Messages)
     interface: Interface = field(default_factory=Interface)
     viewport: Viewport = field(default_factory=Viewport)
@@ -115,6 +117,7 @@ class App:
         """Takes over what was remembered."""
         self.preferences = preferences
         self.interface.page = preferences.page
+        self.interface.moved, self.interface.layout = list(preferences.moved), preferences.layout
         self.settings = replace(self.settings, background=preferences.background)
         self.governor.target_fps, self.governor.enabled = preferences.target_fps, preferences.dynamic_resolution
         self.governor.rest_scale = preferences.rest_scale
@@ -124,6 +127,8 @@ class App:
         return replace(
             self.preferences,
             page=self.interface.page,
+            moved=list(self.interface.moved),
+            layout=self.interface.layout,
             background=self.settings.background,
             target_fps=self.governor.target_fps,
             dynamic_resolution=self.governor.enabled,

@@ -134,6 +134,7 @@ COMMANDS: dict[str, Command] = {
         Command("make", "Make a scene from photographs", "Window", ask_to_make, ("Ctrl+M",), False),
         Command("close", "Close the scene", "Window", lambda app: app.close(), ("Ctrl+W",)),
         Command("panels", "Show or hide the panels", "Window", _toggle("panels_shown"), ("Tab",), False),
+        Command("layout", "Reset the layout", "Window", lambda app: app.interface.reset_layout(), ("Ctrl+L",), False),
         Command("full-screen", "Full screen", "Window", _toggle("full_screen"), ("F11",), False),
         Command("help", "Keys and mouse", "Window", _toggle("help_shown"), ("?", "F1"), False),
         Command("escape", "Close what lies on top", "Window", _escape, ("Escape",), False),

@@ -47,7 +47,7 @@ class Startup:
         app.set(mode=self.mode)
         page = self.page or self._page()
         if page is not None:
-            app.interface.page = page
+            app.interface.opens(page)
         if self.look is not None:
             app.comparison.how = self.look
         if self.pack is not None and kind_of(self.pack) in ("scene", "run", "pictures"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -41,6 +41,10 @@ class Stage(Protocol):
         """The picture, uint8 [height, width, 3]."""
         ...
 
+    def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """What `settings` with counts give, float32 [height, width, 3]."""
+        ...
+
     @property
     def gpu_bytes(self) -> int:
         """Texture memory in use."""
@@ -60,13 +64,49 @@ class OpenScene:
 
 @dataclass
 class Interface:
-    """What the panels remember."""
+    """What the panels remember.
+
+    page: the one that the rail shows at its usual place; "" for none. moved: others that were dragged elsewhere, and stay
+    open whatever the rail shows. layout: where all of them are docked, as viewer.panels.docking writes it; "" is the
+    usual layout. layout_reset: it shall be that again.
+    """
 
     page: str = "view"
+    moved: list[str] = field(default_factory=list)
+    layout: str = ""
+    layout_reset: bool = False
     panels_shown: bool = True
     help_shown: bool = False
     full_screen: bool = False
     v_sync: bool = True
+
+    def shows(self, page: str) -> bool:
+        """Whether a page is open."""
+        return page == self.page or page in self.moved
+
+    def opens(self, page: str) -> None:
+        """Opens a page; at the usual place it takes that of the one before."""
+        if not self.shows(page):
+            self.page = page
+
+    def closes(self, page: str) -> None:
+        """Closes a page."""
+        self.page = "" if page == self.page else self.page
+        self.moved = [other for other in self.moved if other != page]
+
+    def placed(self, page: str, usual: bool) -> None:
+        """A page is docked at the usual place, or has been dragged elsewhere."""
+        if not usual and page not in self.moved:
+            self.moved.append(page)
+            self.page = "" if page == self.page else self.page
+        elif usual and page in self.moved:
+            self.moved.remove(page)
+            self.page = page
+
+    def reset_layout(self) -> None:
+        """All pages to their usual place, one of them open."""
+        self.page = self.page or next(iter(self.moved), "view")
+        self.moved, self.layout, self.layout_reset = [], "", True
 
 
 class Clipboard:

@@ -147,7 +147,7 @@ def _show_window(wishes: Startup, script: Script) -> None:
         wishes.begin(app)
         if script.frames is None:
             window.run()
-            app.preferences.window = window.size
+            app.preferences.window, app.interface.layout = window.size, window.ui.layout
             problem = preferences.save(app.remembered(), preferences.default_file())
             if problem:
                 print(f"snerg-view: {problem}", file=sys.stderr)

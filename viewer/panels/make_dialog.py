@@ -180,7 +180,9 @@ def show_job(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
     )
     imgui.set_next_window_size(ImVec2(width, 0))
     flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_nav
-    flags |= imgui.WindowFlags_.no_focus_on_appearing | imgui.WindowFlags_.always_auto_resize
+    flags |= (
+        imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_focus_on_appearing | imgui.WindowFlags_.always_auto_resize
+    )
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(14)))
     with coloured(window_bg=theme.CARD):
         imgui.begin("##job", None, flags)

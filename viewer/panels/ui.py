@@ -37,7 +37,9 @@ class Ui:
         self.context = imgui.create_context()
         imgui.set_current_context(self.context)  # another may be there already
         io = imgui.get_io()
-        io.set_ini_filename("")  # the layout is ours, and remembered by viewer.app
+        io.set_ini_filename("")  # the layout is remembered by viewer.app
+        io.config_flags |= imgui.ConfigFlags_.docking_enable
+        self._docking = layout.docking()
         self.fonts = Fonts()
         self.scale = 0.0
         self._window = window
@@ -55,6 +57,8 @@ class Ui:
         """
         imgui.set_current_context(self.context)
         implot.set_current_context(self.plots)
+        if self.scale == 0:
+            self._docking.restore(app.interface.layout)
         if scale != self.scale:
             theme.apply(scale)
             self.scale = scale
@@ -65,11 +69,14 @@ class Ui:
         keys.dispatch(app)
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
-        viewport.show(app, canvas, regions.viewport, self.fonts)
+        picture = self._docking.space(app, regions.dock, regions.pages)
+        viewport.show(app, canvas, picture, self.fonts)
         if app.interface.panels_shown:
             top_bar.show(app, canvas, regions.top, self.fonts)
-            layout.show_side(app, canvas, regions, self.fonts)
-        make_dialog.show_job(app, canvas, regions.viewport, self.fonts)
+            layout.show_rail(app, regions)
+        if regions.pages:
+            layout.show_pages(app, canvas, self.fonts)
+        make_dialog.show_job(app, canvas, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
         make_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
@@ -79,6 +86,12 @@ class Ui:
     def draw(self) -> None:
         """Draws what `frame` prepared into the framebuffer that is bound."""
         imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+
+    @property
+    def layout(self) -> str:
+        """Where the pages are docked, to be remembered."""
+        imgui.set_current_context(self.context)
+        return self._docking.text
 
     @property
     def typing(self) -> bool:

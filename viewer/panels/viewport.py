@@ -10,7 +10,7 @@ from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.state import Viewport
 from viewer.canvas import Canvas
-from viewer.panels import layout, overlays, page_photographs, start_page, theme
+from viewer.panels import frusta, layout, overlays, page_photographs, start_page, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, px
 
@@ -31,7 +31,7 @@ def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
         imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
         over = imgui.is_item_hovered() or imgui.is_item_active()
         overlays.draw_path(app, box)
-        shot, face = overlays.draw_frusta(app, box), overlays.draw_crop(app, box)
+        shot, face = frusta.draw(app, canvas, box), overlays.draw_crop(app, box)
         _mouse(app, box, face if over else None, shot if over else None)
         _corner(app, box, fonts)
     _toast(app, box)
