@@ -1,7 +1,7 @@
 """Stands in for snerg-make: says how far it is as the real commands do, and ends as it is told.
 
 python fake_make.py HOW FOLDER: "make" copies the pack FOLDER/source to FOLDER/pack; "fail" ends with a line and status 2;
-"wait" works until it is interrupted, then notes FOLDER/saved; "deaf" does not hear of interruptions; "die" kills itself.
+"wait" works until it is interrupted, then notes FOLDER/saved; "deaf" does not hear of interruptions; "die" kills itself; "bug" meets a bug.
 """
 
 import os
@@ -20,6 +20,8 @@ def work(how: str, folder: Path, /) -> None:
         (folder / "pid").write_text(str(os.getpid()))
         if how == "fail":
             raise UserError("the folder is empty", where=folder, remedy="choose another")
+        if how == "bug":
+            raise KeyError("depths")
         if how == "die":
             os.kill(os.getpid(), signal.SIGKILL)
         if how == "deaf":

@@ -224,6 +224,14 @@ def test_a_child_that_the_system_kills_is_told_as_such(making):
     assert "SIGKILL" in app.messages.dialogs[0].text and "memory" in app.messages.dialogs[0].text
 
 
+def test_a_bug_of_the_child_is_told_as_one(making):
+    app = making("bug")
+    live(app, lambda: app.making.job is None)
+    assert app.messages.dialogs[0].text.startswith(
+        "That is a bug in snerg, not a mistake of yours (KeyError: 'depths')"
+    )
+
+
 def test_a_folder_that_cannot_be_written_is_told_and_asked_about_again(offscreen, app, tmp_path):
     (tmp_path / "file").touch()
     ui = offscreen(app, size=(700, 500))

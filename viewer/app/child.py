@@ -23,6 +23,7 @@ from console.driven import ENDS_WITH_STDIN, PROGRESS, Report, read_report
 
 POLITENESS = 10  # the child's priority: the window comes first
 TAIL_BYTES = 64 << 10
+BUG = 1  # exit status, after a traceback and a line that says so
 ERROR_LINE = re.compile(r"snerg-\w+: (?!warning: )(.+)")
 
 
@@ -107,6 +108,8 @@ class Child:
             hint = "; the system does that when it runs out of memory" if status == -9 else ""
             return f"the process was ended from outside ({name}){hint}"
         lines = [line.strip() for line in self._tail().splitlines() if line.strip()]
+        if status == BUG and len(lines) > 1:
+            return f"That is a bug in snerg, not a mistake of yours ({lines[-2]})"
         for line in reversed(lines):
             if match := ERROR_LINE.fullmatch(line):
                 return match[1]
