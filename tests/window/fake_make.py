@@ -1,7 +1,8 @@
 """Stands in for snerg-make: says how far it is as the real commands do, and ends as it is told.
 
 python fake_make.py HOW FOLDER: "make" copies the pack FOLDER/source to FOLDER/pack; "fail" ends with a line and status 2;
-"wait" works until it is interrupted, then notes FOLDER/saved; "deaf" does not hear of interruptions; "die" kills itself; "bug" meets a bug.
+"wait" works until it is interrupted, then notes FOLDER/saved; "deaf" does not hear of interruptions; "die" kills itself;
+"bug" meets a bug.
 """
 
 import os

@@ -18,7 +18,9 @@ from PIL import Image
 from console.driven import Report, read_report
 from tests.window.test_application import FakeStage
 from training.scenes.procedural import write_procedural_scene
+from viewer.app import child as child_module
 from viewer.app import make_plan
+from viewer.app import making as making_module
 from viewer.app.application import App
 from viewer.app.child import Child
 from viewer.app.commands import run
@@ -325,6 +327,8 @@ def test_nothing_is_looked_at_while_nothing_is_made():
 @pytest.mark.slow
 def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_between(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setattr(child_module, "POLITENESS", 0)  # other tests would go first
+    monkeypatch.setattr(making_module, "PATIENCE_S", 300.0)
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "compiled"))
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     app = App(stage=FakeStage())
@@ -338,13 +342,13 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
 
     begin(100_000)
     try:
-        live(app, lambda: app.making.job is None or app.making.job.figures, 120)
-        app.making.stop(app)
-        live(app, lambda: app.making.job is None, 60)
+        live(app, lambda: app.making.job is None or app.making.job.stage == 1, 300)
+        app.making.stop(app)  # while its first step is being compiled
+        live(app, lambda: app.making.job is None, 300)
         assert not app.messages.dialogs and "was stopped" in app.messages.toast
         assert list((tmp_path / "made" / "run" / "checkpoints").glob("*.safetensors"))
-        begin(2)  # fewer than are done
-        live(app, lambda: app.making.job is None and app.loading is None, 240)
+        begin(1)  # as many as are done
+        live(app, lambda: app.making.job is None and app.loading is None, 300)
     finally:
         app.making.end()
     assert not app.messages.dialogs and app.scene.path == tmp_path / "made" / "pack"
