@@ -197,8 +197,11 @@ def test_a_real_double_click_sets_the_pivot_and_a_right_drag_slides(window, xdot
     rig = window.app.scene.rig
     before = rig.goal
     x, y = int(0.5 * window.app.viewport.width), int(window.app.viewport.y + 0.5 * window.app.viewport.height)
-    xdotool("mousemove", x, y, "click", "--repeat", 2, "--delay", 60, 1)
-    pump(window, 0.5)
+    for _ in range(5):  # a machine that is busy elsewhere may take so long over one that it counts as two clicks
+        xdotool("mousemove", x, y, "click", "--repeat", 2, "--delay", 60, 1)
+        pump(window, 0.9)
+        if rig.goal.pivot != before.pivot:
+            break
     turned = rig.goal
     assert turned.pivot != before.pivot
     xdotool("mousemove", x, y, "mousedown", 3)

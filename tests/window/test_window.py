@@ -23,7 +23,7 @@ LIVE = Path(__file__).with_name("live_window.py")
 def test_the_live_window(display):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(LIVE)]
     env = {**os.environ, "DISPLAY": display}
-    done = subprocess.run(command, env=env, cwd=LIVE.parents[2], capture_output=True, text=True, timeout=180)
+    done = subprocess.run(command, env=env, cwd=LIVE.parents[2], capture_output=True, text=True, timeout=400)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -15,6 +15,7 @@ from viewer.panels.file_dialogs import FileDialogs
 from viewer.panels.theme import Fonts
 
 GLSL_VERSION = "#version 330"
+DOUBLE_CLICK_S = 0.45  # imgui's own 0.3 s is less than desktops grant, and a slow picture takes some of it
 
 
 class SystemClipboard(Clipboard):
@@ -37,6 +38,7 @@ class Ui:
         self.context = imgui.create_context()
         imgui.set_current_context(self.context)  # another may be there already
         io = imgui.get_io()
+        io.mouse_double_click_time = DOUBLE_CLICK_S
         io.set_ini_filename("")  # the layout is remembered by viewer.app
         io.config_flags |= imgui.ConfigFlags_.docking_enable
         self._docking = layout.docking()
