@@ -55,6 +55,19 @@ def test_a_page_is_docked_at_the_other_side(ui, app):
     assert app.viewport.x > 200 and app.viewport.x + app.viewport.width < 1180 - 250
 
 
+def test_pages_that_were_seen_before_open_at_home_and_not_over_the_picture(ui, app):
+    app.interface.opens("performance")
+    ui.settle()
+    app.interface.opens("camera")
+    ui.settle()
+    pull_out(ui)
+    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
+    app.interface.opens("performance")
+    ui.settle()
+    assert app.interface.page == "performance" and app.interface.moved == ["camera"]
+    assert app.viewport.width == pytest.approx(1180 - 50 - 318 - 320, abs=8)
+
+
 def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pack, pack_folder):
     pull_out(ui)
     pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))

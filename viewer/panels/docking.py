@@ -34,7 +34,7 @@ class Docking:
     def __init__(self, names: dict[str, str], width: float) -> None:
         self.names, self.width = names, width
         self.home = 0
-        self._former: int | None = None  # the home node that was there before; None: all pages belong home
+        self._at_home = set(names)  # pages that belong home, be they shown or not
 
     def restore(self, text: str) -> None:
         """Takes over a layout that was remembered; call before the first frame. What is no layout is left out."""
@@ -79,32 +79,37 @@ class Docking:
             root = self._begin_anew(space, box)
             app.interface.layout_reset = False
         if self.home and builder.dock_builder_get_node(self.home) is None:  # its last page was dragged away
-            self.home, self._former = 0, self.home
+            self._lose_home()
         if self.home == 0 and app.interface.page:
             central = builder.dock_builder_get_central_node(space)
             if central is None:  # not laid out yet
                 central = self._begin_anew(space, box) if root.is_split_node() else root
             share = min(px(self.width) / max(central.size.x, 1.0), 0.8)
             self.home = builder.dock_builder_split_node(central.id_, imgui.Dir.right, share).id_at_dir
-            for name in self.names.values():
-                window = builder.find_window_by_name(name)
-                if (
-                    self._former is None or window is None or window.dock_id == self._former
-                ):  # others stay where they were left
-                    builder.dock_builder_dock_window(name, self.home)
+            for page in self._at_home - set(app.interface.moved):
+                builder.dock_builder_dock_window(self.names[page], self.home)
             builder.dock_builder_finish(space)
 
     def _begin_anew(self, space: int, box: Box) -> imgui.internal.DockNode:
         """An empty dock space."""
-        builder, self.home, self._former = imgui.internal, 0, None
+        builder = imgui.internal
+        self.home, self._at_home = 0, set(self.names)
         builder.dock_builder_remove_node(space)
         builder.dock_builder_add_node(space, builder.DockNodeFlagsPrivate_.dock_space)
         builder.dock_builder_set_node_size(space, ImVec2(box[2], box[3]))
         return builder.dock_builder_get_node(space)
+
+    def _lose_home(self) -> None:
+        """The node is gone, and imgui has sent the pages that are not shown to its neighbour, which may be the picture."""
+        for page in self._at_home:
+            imgui.internal.dock_builder_dock_window(self.names[page], 0)
+        self.home = 0
 
     def _notice_moves(self, app: App) -> None:
         """Tells the app which pages are not at home any more, or are there again."""
         for page, name in self.names.items():
             window = imgui.internal.find_window_by_name(name) if app.interface.shows(page) else None
             if window is not None and self.home:
-                app.interface.placed(page, window.dock_id == self.home)
+                usual = window.dock_id == self.home
+                self._at_home = self._at_home | {page} if usual else self._at_home - {page}
+                app.interface.placed(page, usual)
