@@ -118,7 +118,7 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
             }  # fmt: skip
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
-        "downscale": run.downscale, "resolution": config.resolution, "macroblocks": culling.counts(),
+        **vars(run.options), "resolution": config.resolution, "macroblocks": culling.counts(),
     }  # fmt: skip
     if tuned:
         provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}

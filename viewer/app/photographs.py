@@ -40,6 +40,10 @@ class Photographs:
         provenance = pack.metadata.get("provenance")
         scene = provenance.get("scene") if isinstance(provenance, dict) else None
         self.folder = Path(scene) if isinstance(scene, str) and scene else None
+        spherify, masks = (
+            isinstance(provenance, dict) and provenance.get(key) is True for key in ("spherify", "masks")
+        )
+        self._reading = {"spherify": spherify or None, "masks": masks}  # as the pack's maker read them
         self._found: dict[tuple[str, str], Photograph] | None = None
         self._background: tuple[float, ...] = (1.0, 1.0, 1.0)
         self._cache: dict[int, np.ndarray] = {}
@@ -89,7 +93,7 @@ class Photographs:
         return self._cache[index]
 
     def _read(self, folder: Path) -> None:
-        scene = load_scene(folder)
+        scene = load_scene(folder, **self._reading)
         self._background = scene.background
         self._found = {}
         for split, photographs in scene.splits.items():
