@@ -24,7 +24,7 @@ def pixel_of(camera: Camera, points: np.ndarray) -> np.ndarray:
     """Pixel coordinates [N, 2] of points [N, 3] of a pinhole camera; far outside where they lie behind it."""
     seen = (points - camera.world_T_camera[:3, 3]) @ camera.world_T_camera[:3, :3]
     at = np.stack([camera.fx * seen[:, 0], -camera.fy * seen[:, 1]], -1) / np.maximum(-seen[:, 2:], 1e-9)
-    return np.where(seen[:, 2:] < 0, at + [camera.cx, camera.cy], -1e9)
+    return np.where(seen[:, 2:] < 0, at + np.array([camera.cx, camera.cy]), -1e9)
 
 
 def test_coverage_counts_the_photographs_that_see_a_voxel(procedural_scene: Scene) -> None:

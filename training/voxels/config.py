@@ -47,7 +47,7 @@ class VoxelConfig:
     """All learning rates fall log-linearly to this share at the last step."""
     initial_alpha: float = 1e-4
     """Opacity of a voxel of the first stage at the start."""
-    keep_weight: float = 0.01
+    keep_weight: float | None = None
     """A voxel is kept where it, or one beside it, contributes at least this share to some pixel."""
     density_variation: float | None = None
     """Weight of the total variation of raw density."""
@@ -76,6 +76,7 @@ class KindSettings:
     colour_variation: float = 1e-4
     distortion_weight: float = 0.0
     sparsity_factor: float = 1.0
+    keep_weight: float = 0.01
 
 
 BY_KIND: Mapping[Kind, KindSettings] = {
@@ -89,6 +90,7 @@ BY_KIND: Mapping[Kind, KindSettings] = {
         colour_variation=2e-4,
         distortion_weight=0.01,
         sparsity_factor=2.0,
+        keep_weight=0.005,  # a bare wall is mist for long, of many voxels that show little each
     ),
     "forward": KindSettings(
         stage_starts=(0.0, 0.1, 0.3),
@@ -98,6 +100,7 @@ BY_KIND: Mapping[Kind, KindSettings] = {
         colour_variation=5e-4,
         distortion_weight=0.003,
         sparsity_factor=0.2,
+        keep_weight=0.005,
     ),
 }
 

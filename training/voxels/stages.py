@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 SETTLING_STEPS = 80  # before this nothing is visible enough to tell content from air, however short the run
 CHUNK = 16_384  # rays looked at at once when only occupancy is asked
 PROBE_RAYS = 4096  # rays whose sample counts set the list sizes
-PRUNE_RAYS = 150_000  # rays whose weights decide which voxels stay
+PRUNE_RAYS = 200_000  # rays whose weights decide which voxels stay
 RENDER_RAYS, RENDER_SAMPLES = 4096, 131_072
 QUERY_POINTS = 131_072
 HEADROOM = 1.15  # lists are this much longer than the mean asks for
@@ -73,7 +73,7 @@ def refine(method: VoxelMethod, state: VoxelState, resolution: int) -> VoxelStat
     weights = _visible_weights(method, state)
     present = present_voxels(state.layout)
     keep = np.zeros(present.shape, bool)
-    keep[present] = weights[1:] > method.voxels.keep_weight
+    keep[present] = weights[1:] > method.by_kind.keep_weight
     if not keep.any():
         return state  # nothing is visible yet: too early to prune
     keep = dilate(keep) & present
