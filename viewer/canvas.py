@@ -85,6 +85,8 @@ class _Target:
         """What draws `part` (x, y, w, h from the top left) of a picture of `size` in this texture's lower left."""
         (tw, th), (width, height) = self.size, size
         x, y, w, h = part or (0, 0, width, height)
+        if part is not None:  # off the outermost texels' outer halves, which are blended with what is not drawn yet
+            x, y, w, h = x + 0.5, y + 0.5, w - 1, h - 1
         uv0, uv1 = (x / tw, (height - y) / th), ((x + w) / tw, (height - y - h) / th)
         box = (x / width, y / height, (x + w) / width, (y + h) / height)
         return Layer(self.texture.glo, uv0, uv1, box)

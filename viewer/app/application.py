@@ -18,6 +18,7 @@ import numpy as np
 from console import Notice, UserError
 from scenepack.pack import Pack
 from viewer.app.comparison import Comparison
+from viewer.app.crop import CropEdits
 from viewer.app.files import FileRequest, kind_of, pack_in
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
@@ -45,6 +46,7 @@ class App:
     governor: Governor = field(default_factory=Governor)
     times: FrameTimes = field(default_factory=FrameTimes)
     costs: CostMeter = field(default_factory=CostMeter)
+    crop: CropEdits = field(default_factory=CropEdits)
     messages: Messages = field(default_factory=Messages)
     interface: Interface = field(default_factory=Interface)
     viewport: Viewport = field(default_factory=Viewport)

@@ -11,6 +11,7 @@ from viewer.app.application import App
 from viewer.app.state import Clipboard
 from viewer.canvas import Canvas
 from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, theme, top_bar, viewport
+from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.file_dialogs import FileDialogs
 from viewer.panels.theme import Fonts
 
@@ -42,6 +43,7 @@ class Ui:
         io.set_ini_filename("")  # the layout is remembered by viewer.app
         io.config_flags |= imgui.ConfigFlags_.docking_enable
         self._docking = layout.docking()
+        self._gizmo = CropGizmo()
         self.fonts = Fonts()
         self.scale = 0.0
         self._window = window
@@ -72,7 +74,7 @@ class Ui:
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
         picture = self._docking.space(app, regions.dock, regions.pages)
-        viewport.show(app, canvas, picture, self.fonts)
+        viewport.show(app, canvas, picture, self.fonts, self._gizmo)
         if app.interface.panels_shown:
             top_bar.show(app, canvas, regions.top, self.fonts)
             layout.show_rail(app, regions)
