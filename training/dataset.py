@@ -138,7 +138,9 @@ class RayDataset:
         else:
             view = jnp.searchsorted(self.first, ids, side="right") - 1
             rest, width = ids - self.first[view], self.width[view]
-        x, y = (rest % width, rest // width) if away is None else (rest % width + away[:, 0], rest // width + away[:, 1])
+        x, y = (
+            (rest % width, rest // width) if away is None else (rest % width + away[:, 0], rest // width + away[:, 1])
+        )
         return self.rays(view, x, y)
 
     def colours_at(self, ids: jax.Array) -> jax.Array:
