@@ -9,22 +9,23 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
 from console import UserError, run_command
+from training.config import BakeablePreset
 
 DESCRIPTION = (
     "Photographs to a scene you can fly through: trains, bakes, and opens the viewer where there is a display."
 )
 # The paper bakes at slightly more voxels than its photographs have pixels (section 6). `cpu` shrinks photographs first.
-RESOLUTION = {"cpu": 512, "fast": 1000, "paper": 1000, "small": 512, "tiny": 96}
+RESOLUTION = {"cpu": 512, "small": 512, "tiny": 96}
+FULL_RESOLUTION = 1000
 
 
 def snerg_make(
     scene: Path,
     /,
     out: Path,
-    preset: Literal["cpu", "fast", "paper", "small", "tiny"] = "cpu",
+    preset: BakeablePreset = "cpu",
     downscale: int | None = None,
     spherify: bool = False,
     masks: bool = False,
@@ -38,7 +39,8 @@ def snerg_make(
     Args:
         scene: Folder of posed photographs.
         out: Folder for the results: DIR/run, then DIR/pack.
-        preset: cpu (minutes on two cores), fast (a GPU), paper (the paper's numbers, days), small, tiny (tests).
+        preset: cpu (minutes on two cores), fast (a GPU), paper (the paper's numbers, days), small, tiny (tests); and those
+            of snerg-train that can be baked.
         downscale: Divide the photographs' sides by this whole number; by default 1, and with `cpu` as much as brings the
             longer side to 256 pixels or fewer. LLFF captures count from their full-size pictures.
         spherify: Read an LLFF capture as one from all around, also where its cameras look forward.
@@ -75,7 +77,7 @@ def snerg_make(
         scene, run_path, config, downscale=downscale or 1, spherify=spherify or None, masks=masks, resume=resume
     )
     trained = time.monotonic()
-    bake_to(run, BakeConfig(resolution=resolution or RESOLUTION[preset]), pack_path)
+    bake_to(run, BakeConfig(resolution=resolution or RESOLUTION.get(preset, FULL_RESOLUTION)), pack_path)
     baked = time.monotonic()
     print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
     if not no_view and (
