@@ -1,4 +1,4 @@
-"""From a trained run to a pack (SNeRG section 5.4): box, culling, supersampling, quantisation, fine-tuning.
+"""From a trained run to a pack (SNeRG section 5.4): box, culling, supersampling, quantisation, shedding, fine-tuning.
 
 Works macroblock by macroblock, and keeps on disk what is done: no array of N³ × channels is ever made, and a bake that
 was killed goes on where it was (baker.work_folder).
@@ -20,6 +20,7 @@ from baker.field_query import field_query, occupied_query
 from baker.fine_tune import EPOCHS, fine_tune
 from baker.grid import BakeGrid, box_in_grid_frame, make_grid
 from baker.joint_loop import JointConfig, joint_tune
+from baker.shedding import TAU_WEIGHT, shed
 from baker.supersample import fill_atlas, supersample
 from baker.work_folder import Arrays, WorkFolder, once
 from console import UserError, progress
@@ -43,6 +44,8 @@ class BakeConfig:
     """Macroblocks whose largest opacity is below this are dropped."""
     tau_vis: float = TAU_VIS
     """Macroblocks that no training camera sees with at least this transmittance are dropped."""
+    tau_weight: float = TAU_WEIGHT
+    """Voxels that no training photograph shows with at least this weight are emptied; 0 leaves all (the paper)."""
     fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp"
     """What is fine-tuned: nothing, the view MLP (the paper's), or the stored voxels and the view MLP together."""
     fine_tune_epochs: int = EPOCHS
@@ -102,6 +105,11 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
     with stages("padding"):
         restore_padding(pack, pack.atlas_rgba)
         restore_padding(pack, atlas[2])
+    counts, removed = culling.counts(), None
+    if config.tau_weight > 0:
+        with stages("shedding"), progress("emptying faint voxels", 1.0) as bar:
+            pack, removed = shed(pack, run.dataset, config.tau_weight, config.seed, bar.update)
+        counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
     if config.fine_tune == "all":
         with stages("fine-tuning"), progress("fine-tuning voxels and view MLP", 1.0) as bar:
@@ -118,8 +126,10 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
             }  # fmt: skip
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
-        "downscale": run.downscale, "resolution": config.resolution, "macroblocks": culling.counts(),
+        "downscale": run.downscale, "resolution": config.resolution, "macroblocks": counts,
     }  # fmt: skip
+    if removed:
+        provenance["voxels"] = {"before": removed.voxels_before, "after": removed.voxels_after}
     if tuned:
         provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run))

@@ -3,7 +3,8 @@
 // Content is premultiplied: with the sample's colour c, features f and opacity a, and transmittance T so far,
 //   C += T c,   F += T f,   T *= 1 - a     where a > ALPHA_CONTRIBUTES, until T <= TRANSMITTANCE_STOP.
 // Inputs: atlas_rgba, atlas_features: trilinear, filtered in floating point.
-// Options: ACCUMULATE_DEPTH, COUNT_COST: what the depth and cost modes need.
+// Options: FEATURES_BESIDE: features are in atlas_rgba, PADDED_BLOCK_SIZE voxels further in x.
+//   ACCUMULATE_DEPTH, COUNT_COST: what the depth and cost modes need.
 
 struct Marched {
     vec3 rgb;             // C
@@ -25,7 +26,9 @@ uniform sampler3D atlas_rgb;
 #else
 uniform sampler3D atlas_rgba;
 #endif
+#ifndef FEATURES_BESIDE
 uniform sampler3D atlas_features;
+#endif
 
 #ifdef VIEW_MLP
 #if MARCHER == MARCHER_PAPER
@@ -36,7 +39,9 @@ uniform sampler3D atlas_features;
 #endif
 
 vec4 fetch_features(vec3 coordinates) {
-#ifdef FEATURES_STORED
+#ifdef FEATURES_BESIDE
+    return textureLod(atlas_rgba, coordinates + vec3(float(PADDED_BLOCK_SIZE) * atlas_texel.x, 0.0, 0.0), 0.0);
+#elif defined(FEATURES_STORED)
     return textureLod(atlas_features, coordinates, 0.0);
 #else
     return vec4(0.0);

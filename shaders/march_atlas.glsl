@@ -43,7 +43,7 @@ Marched march(Ray ray) {
         float row = floor((order + 0.5) / atlas_slots.x);
         float layer = floor((row + 0.5) / atlas_slots.y);
         vec3 slot = vec3(order - row * atlas_slots.x, row - layer * atlas_slots.y, layer);
-        vec3 texel = slot * float(PADDED_BLOCK_SIZE) + clamp(local, 0.5, float(PADDED_BLOCK_SIZE) - 0.5);
+        vec3 texel = slot * SLOT_SIZE + clamp(local, 0.5, float(PADDED_BLOCK_SIZE) - 0.5);
         vec4 rgba = atlas_content(texel * atlas_texel);
         if (on_edge(local)) rgba = mix(rgba, vec4(0.25, 0.45, 0.7, 1.0), EDGE_OPACITY);
         if (rgba.a > ALPHA_CONTRIBUTES) {

@@ -130,15 +130,18 @@ class RayDataset:
         """Rays of int32 ids [N] in [0, count), and their colours [N, 3]; jittable."""
         return self.geometry_at(ids), self.colours_at(ids)
 
-    def geometry_at(self, ids: jax.Array) -> Rays:
-        """Rays of int32 ids [N]; jittable."""
+    def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
+        """Rays of int32 ids [N], through places `away` [N, 2] pixels from their centres; jittable."""
         if self.facts.size is not None:
             width, height = self.facts.size
             view, rest = ids // (width * height), ids % (width * height)
-            return self.rays(view, rest % width, rest // width)
-        view = jnp.searchsorted(self.first, ids, side="right") - 1
-        rest = ids - self.first[view]
-        return self.rays(view, rest % self.width[view], rest // self.width[view])
+        else:
+            view = jnp.searchsorted(self.first, ids, side="right") - 1
+            rest, width = ids - self.first[view], self.width[view]
+        x, y = (
+            (rest % width, rest // width) if away is None else (rest % width + away[:, 0], rest // width + away[:, 1])
+        )
+        return self.rays(view, x, y)
 
     def colours_at(self, ids: jax.Array) -> jax.Array:
         """Colours float32 [N, 3] of rays over the background; jittable."""

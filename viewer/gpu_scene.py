@@ -3,7 +3,9 @@
 Notation: B = padded block size; n = occupied macroblocks; a slot is a macroblock's place in the repacked atlas, (x, y, z).
 The pack's own atlas layout is not kept: occupied macroblocks are copied, in the grid's order, into an atlas with next to
 no empty slots. Two layouts of textures, for the marchers that need them:
-  exact, brute: indirection (RGBA8UI), skip distances (R8UI), rgba, features
+  exact, brute: indirection (RGBA8UI), skip distances (R8UI), and one atlas in which the features of each macroblock lie
+                beside its rgba in x, so that a sample's two fetches meet the same pages of memory; or, where a texture
+                so large is refused, an atlas of rgba and one of features
   paper:        indirection, alpha (R8), rgb (RGB8), features, and the view MLP's weights (SNeRG paper, appendix A)
 Textures are allocated at once and may be filled bit by bit: macroblocks that have not arrived count as empty.
 """
@@ -13,6 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from math import ceil, inf
 
 import moderngl
@@ -20,6 +23,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.pack import Pack
+from viewer.huge_pages import move_to_huge_pages, private_memory, software_draws
 from viewer.skip_grid import skip_grid_of
 
 MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
@@ -51,6 +55,7 @@ class GpuScene:
     """Textures by the name of their sampler in the shaders, samplers likewise, and what the uniforms must know.
 
     atlas_size: voxels (x, y, z). slots: macroblocks of it, (x, y, z). occupied: macroblocks that it holds.
+    features_beside: whether features lie beside rgba in one atlas, a macroblock's side further in x.
     content_min, content_max: float64 [3], voxels, the box around all content. arriving: fills the textures step by
     step; None once all is there.
     """
@@ -60,6 +65,7 @@ class GpuScene:
     atlas_size: Triple
     slots: Triple
     occupied: int
+    features_beside: bool
     content_min: np.ndarray
     content_max: np.ndarray
     gpu_bytes: int
@@ -104,16 +110,17 @@ class GpuScene:
         self.textures, self.samplers, self.arriving = {}, {}, None
 
 
-def tightest_atlas(count: int, padded_block_size: int, max_side: int) -> Triple:
+def tightest_atlas(count: int, padded_block_size: int, max_side: int, parts: int = 1) -> Triple:
     """Slots (x, y, z) for `count` macroblocks, within a hundredth of the fewest, narrowest in x, then in y.
 
     Narrow, because drivers that do not tile 3D textures (Mesa's software one) store them x fastest: a macroblock's rows
-    then lie side by side, which is worth a tenth of a frame. max_side: voxels, GL_MAX_3D_TEXTURE_SIZE.
+    then lie side by side, which is worth a tenth of a frame. max_side: voxels, GL_MAX_3D_TEXTURE_SIZE. parts: voxels of
+    as many atlases side by side along x.
     NoRoomError where `count` do not fit.
     """
     side = min(max_side // padded_block_size, MAX_SLOTS)
     count = max(count, 1)
-    layouts = [(x, y, ceil(count / (x * y))) for x in range(1, side + 1) for y in range(1, side + 1)]
+    layouts = [(x, y, ceil(count / (x * y))) for x in range(1, side // parts + 1) for y in range(1, side + 1)]
     layouts = [layout for layout in layouts if layout[2] <= side]
     if not layouts:
         raise NoRoomError(
@@ -206,15 +213,19 @@ def nearest_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
     return ctx.sampler(filter=(moderngl.NEAREST, moderngl.NEAREST), repeat_x=False, repeat_y=False, repeat_z=False)
 
 
-class _AtlasWriter:
-    """Repacks a pack's macroblocks into textures of one layout."""
+Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
 
-    def __init__(self, uploader: _Uploader, pack: Pack) -> None:
+
+class _AtlasWriter:
+    """Repacks a pack's macroblocks into textures of one layout; `beside`: parts of an atlas side by side in each."""
+
+    def __init__(self, uploader: _Uploader, pack: Pack, beside: int = 1) -> None:
         self.uploader, self.pack, self.block = uploader, pack, pack.padded_block_size
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
-        self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side)
-        self.size = (self.slots[0] * self.block, self.slots[1] * self.block, self.slots[2] * self.block)
-        self.parts: list[tuple[str, moderngl.Texture3D, np.ndarray, slice]] = []
+        self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
+        nx, ny, nz = self.slots
+        self.size = (nx * beside * self.block, ny * self.block, nz * self.block)
+        self.textures: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []
         self.indirection = uploader.filled("indirection", self._indirection(0))
 
     def _indirection(self, arrived: int) -> np.ndarray:
@@ -233,25 +244,29 @@ class _AtlasWriter:
         bordered[1:-1, 1:-1, 1:-1] = grid
         return bordered
 
-    def texture(self, name: str, atlas: np.ndarray, channels: slice = slice(None)) -> moderngl.Texture3D:
-        """An empty texture for the `channels` of the pack's `atlas`; steps() fills it."""
-        texture = self.uploader.volume(name, self.size, len(range(atlas.shape[3])[channels]))
-        self.parts.append((name, texture, atlas, channels))
+    def texture(self, name: str, *parts: Part) -> moderngl.Texture3D:
+        """An empty texture for `parts`, side by side in x; steps() fills it."""
+        channels = max(len(range(atlas.shape[3])[chosen]) for atlas, chosen in parts)
+        texture = self.uploader.volume(name, self.size, channels)
+        self.textures.append((name, texture, parts))
         return texture
 
     def steps(self) -> Iterator[None]:
         """Fills all textures, one layer of slots at a time, and shows the macroblocks of each from then on."""
         nx, ny, nz = self.slots
+        width, height, _ = self.size
         size, shown = self.block, time.perf_counter()
         for layer in range(nz):
             arrived = min((layer + 1) * nx * ny, len(self.places))
-            for name, texture, atlas, channels in self.parts:
-                volume = np.zeros((size, ny * size, nx * size, texture.components), np.uint8)
+            for name, texture, parts in self.textures:
+                volume = np.zeros((size, height, width, texture.components), np.uint8)
                 for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : arrived].tolist()):
-                    to_x, to_y = slot % nx * size, slot // nx * size
-                    block = atlas[z : z + size, y : y + size, x : x + size, channels]
-                    volume[:, to_y : to_y + size, to_x : to_x + size] = block
-                texture.write(volume, viewport=(0, 0, layer * size, nx * size, ny * size, size), alignment=1)
+                    to_y = slot // nx * size
+                    for k, (atlas, channels) in enumerate(parts):
+                        to_x = (slot % nx * len(parts) + k) * size
+                        block = atlas[z : z + size, y : y + size, x : x + size, channels]
+                        volume[:, to_y : to_y + size, to_x : to_x + size] = block
+                texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
                 self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
             if time.perf_counter() - shown > SHOWN_EVERY_S or layer == nz - 1:
                 self.indirection.write(self._indirection(arrived), alignment=1)
@@ -266,9 +281,24 @@ def upload(
 
     at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile.
     """
+    stored = pack.atlas_features is not None and pack.view_mlp is not None
+    if layout == "exact" and stored:
+        try:
+            return _uploaded(ctx, pack, layout, limits, True, at_once)
+        except NoRoomError:  # as two textures it may fit
+            pass
+    return _uploaded(ctx, pack, layout, limits, False, at_once)
+
+
+def _uploaded(
+    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None, features_beside: bool, at_once: bool
+) -> GpuScene:
     uploader = _Uploader(ctx, limits)
+    taken_before = private_memory() if software_draws(ctx) else None
     try:
-        scene = _allocate(uploader, pack, layout)
+        scene = _allocate(uploader, pack, layout, features_beside)
+        if taken_before is not None and scene.arriving is not None:
+            scene.arriving = chain(scene.arriving, move_to_huge_pages(taken_before))
         if at_once:
             scene.arrive()
         return scene
@@ -277,23 +307,26 @@ def upload(
         raise
 
 
-def _allocate(uploader: _Uploader, pack: Pack, layout: str) -> GpuScene:
-    ctx = uploader.ctx
-    writer = _AtlasWriter(uploader, pack)
+def _allocate(uploader: _Uploader, pack: Pack, layout: str, features_beside: bool) -> GpuScene:
+    ctx, every = uploader.ctx, slice(None)
+    writer = _AtlasWriter(uploader, pack, 2 if features_beside else 1)
+    features = pack.atlas_features if pack.view_mlp is not None else None
     linear = plain_sampler(ctx) if layout == "paper" else float_sampler(ctx)
     nearest = nearest_sampler(ctx)
     textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {"indirection": writer.indirection}
     content_min = content_max = np.zeros(3)
     if layout == "paper":
-        textures["atlas_alpha"] = writer.texture("alpha", pack.atlas_rgba, slice(3, 4))
+        textures["atlas_alpha"] = writer.texture("alpha", (pack.atlas_rgba, slice(3, 4)))
         textures["atlas_alpha_nearest"] = textures["atlas_alpha"]
-        textures["atlas_rgb"] = writer.texture("rgb", pack.atlas_rgba, slice(0, 3))
+        textures["atlas_rgb"] = writer.texture("rgb", (pack.atlas_rgba, slice(0, 3)))
         for layer, matrix in enumerate(pack.view_mlp.weights if pack.view_mlp else ()):
             textures[f"weights_{layer}"] = uploader.weights(matrix)
+    elif features_beside and features is not None:
+        textures["atlas_rgba"] = writer.texture("rgba and feature", (pack.atlas_rgba, every), (features, every))
     else:
-        textures["atlas_rgba"] = writer.texture("rgba", pack.atlas_rgba)
-    if pack.atlas_features is not None and pack.view_mlp is not None:
-        textures["atlas_features"] = writer.texture("feature", pack.atlas_features)
+        textures["atlas_rgba"] = writer.texture("rgba", (pack.atlas_rgba, every))
+    if features is not None and not features_beside:
+        textures["atlas_features"] = writer.texture("feature", (features, every))
     if layout != "paper":  # last, for it takes time: a pack that does not fit has been refused by now
         skip_grid = skip_grid_of(pack)
         content_min, content_max = skip_grid.content_min, skip_grid.content_max
@@ -306,6 +339,7 @@ def _allocate(uploader: _Uploader, pack: Pack, layout: str) -> GpuScene:
         writer.size,
         writer.slots,
         len(writer.places),
+        features_beside,
         content_min,
         content_max,
         uploader.bytes,

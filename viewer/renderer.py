@@ -181,12 +181,14 @@ class Renderer:
         defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
         stored = pack.view_mlp is not None and pack.atlas_features is not None
         counting = settings.counts or mode in ("samples", "jumps")
+        beside = self.scene(settings.marcher).features_beside
         accumulates_features = stored and (shaded or mode == "features")
         return defines | {
             "MARCHER": MARCHERS.index(settings.marcher),
             "MODE": MODES.index(mode),
             "BLOCK_SIZE": pack.block_size,
             "PADDED_BLOCK_SIZE": pack.padded_block_size,
+            "SLOT_WIDTH": pack.padded_block_size * (2 if beside else 1),
             "CELL": CELL,
             # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much. The
             # cost modes take the steps that the picture takes.
@@ -194,6 +196,7 @@ class Renderer:
             "NDC": pack.ndc,
             "DISTORTION": any(camera.distortion),
             "FEATURES_STORED": stored,
+            "FEATURES_BESIDE": beside,
             "ACCUMULATE_FEATURES": accumulates_features,
             "VIEW_MLP": shaded,
             "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,

@@ -5,10 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from console import progress, run_command
 from console.progress import duration
+
+if TYPE_CHECKING:
+    from baker.bake import BakeConfig
+    from scenepack import Pack
+    from training.run import Run
 
 DESCRIPTION = "Bakes a trained run into a pack: a sparse voxel grid that the viewer shows in real time."
 
@@ -21,6 +26,7 @@ def snerg_bake(
     codec: Literal["png", "webp", "jpeg", "h264", "avif"] = "png",
     tau_alpha: float = 0.005,
     tau_vis: float = 0.01,
+    tau_weight: float = 0.02,
     fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp",
     fine_tune_epochs: int = 100,
     seed: int = 0,
@@ -34,6 +40,7 @@ def snerg_bake(
         codec: How the atlas is compressed: png (the published layout), webp (lossless, smaller), jpeg, h264, avif (lossy).
         tau_alpha: Macroblocks whose largest opacity is below this are dropped.
         tau_vis: Macroblocks that no training camera sees with at least this transmittance are dropped.
+        tau_weight: Voxels that no training photograph shows with at least this weight are emptied; 0 leaves all.
         fine_tune: none; view-mlp, the paper's; or all: the stored voxels and the view MLP together (minutes more, sharper).
         fine_tune_epochs: Passes over the training pixels that refine the view MLP with --fine-tune view-mlp.
         seed: Seed of the samples within voxels and of fine-tuning.
@@ -43,11 +50,11 @@ def snerg_bake(
     from training.run import load_run
 
     check_target(out)  # now, not after the work is done
-    config = BakeConfig(resolution, tau_alpha, tau_vis, fine_tune, fine_tune_epochs, seed)
+    config = BakeConfig(resolution, tau_alpha, tau_vis, tau_weight, fine_tune, fine_tune_epochs, seed)
     bake_to(load_run(run), config, out, codec)
 
 
-def bake_to(run, config, out: Path, codec: str = "png") -> None:
+def bake_to(run: Run, config: BakeConfig, out: Path, codec: str = "png") -> None:
     """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it."""
     from baker.bake import Stages, bake, work_key
     from baker.work_folder import AGAIN, WorkFolder, work_beside
@@ -79,7 +86,7 @@ def peak_memory() -> str:
     return f", at most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9:.1f} GB of memory"
 
 
-def describe_pack(pack, out: Path) -> str:
+def describe_pack(pack: Pack, out: Path) -> str:
     """One line about a pack just written."""
     x, y, z = pack.grid_size
     made = pack.metadata["provenance"]
@@ -91,10 +98,15 @@ def describe_pack(pack, out: Path) -> str:
         if tuned
         else ""
     )
-    counts = made["macroblocks"]
+    counts, voxels = made["macroblocks"], made.get("voxels")
+    thinned = (
+        f", {voxels['after'] / 1e6:.1f} of {voxels['before'] / 1e6:.1f} million voxels shown with tau_weight or more"
+        if voxels
+        else ""
+    )
     return (
         f"{out}: {x} x {y} x {z} voxels, {counts['kept']} of {counts['grid']} macroblocks ({counts['below_tau_alpha']} "
-        f"fainter than tau_alpha and {counts['below_tau_vis']} seen with less than tau_vis are left out){gain}; "
+        f"fainter than tau_alpha and {counts['below_tau_vis']} seen with less than tau_vis are left out){thinned}{gain}; "
         f"fly through it: snerg-view {out}"
     )
 

@@ -11,7 +11,7 @@ import pytest
 from console import UserError
 from scenepack.pack import Pack
 from tests.scenepack.random_packs import random_pack
-from viewer.gpu_scene import GpuScene, _Uploader, tightest_atlas, upload
+from viewer.gpu_scene import GpuScene, Limits, _Uploader, tightest_atlas, upload
 from viewer.offscreen import OffscreenRenderer
 
 
@@ -32,25 +32,32 @@ def test_the_atlas_has_room_for_all_blocks_and_next_to_no_more(count: int, max_s
     assert count <= np.prod(slots) <= max(1.02 * count, count + 1) and max(slots) * 32 <= max_side
 
 
-@pytest.mark.parametrize("layout", ["exact", "paper"])
+@pytest.mark.parametrize("layout", ["one", "two", "paper"])
 def test_every_macroblock_arrives_unchanged(ctx: moderngl.Context, layout: str) -> None:
+    """In one atlas, in two where a texture of twice the size is refused, and in the paper's."""
     pack = random_pack(np.random.default_rng(5), block_size=14, grid_blocks=(3, 3, 2), occupancy=0.02, style="noise")
-    scene = upload(ctx, pack, layout)
+    room = int(pack.occupied.sum()) * pack.padded_block_size**3 * 4
+    limits = Limits(2048, 1.5 * room) if layout == "two" else None
+    scene = upload(ctx, pack, "paper" if layout == "paper" else "exact", limits)
     indirection = np.frombuffer(scene.textures["indirection"].read(alignment=1), np.uint8)
     indirection = indirection.reshape(*(n + 2 for n in pack.occupied.shape), 4)
     assert np.array_equal(indirection[1:-1, 1:-1, 1:-1, 3] == 0, pack.occupied)
     assert np.all(indirection[[0, -1]][..., 3] == 1)
-    parts = {"atlas_features": (pack.atlas_features, slice(None))}
-    if layout == "exact":
-        parts["atlas_rgba"] = pack.atlas_rgba, slice(None)
-    else:
-        parts |= {"atlas_alpha": (pack.atlas_rgba, slice(3, 4)), "atlas_rgb": (pack.atlas_rgba, slice(0, 3))}
+    every = slice(None)
     size = pack.padded_block_size
-    for name, (atlas, channels) in parts.items():
+    parts = {
+        "one": [("atlas_rgba", pack.atlas_rgba, every, 0), ("atlas_rgba", pack.atlas_features, every, size)],
+        "two": [("atlas_rgba", pack.atlas_rgba, every, 0), ("atlas_features", pack.atlas_features, every, 0)],
+        "paper": [("atlas_alpha", pack.atlas_rgba, slice(3, 4), 0), ("atlas_rgb", pack.atlas_rgba, slice(0, 3), 0),
+                  ("atlas_features", pack.atlas_features, every, 0)],
+    }[layout]  # fmt: skip
+    assert scene.features_beside == (layout == "one")
+    for name, atlas, channels, beside in parts:
         there = atlas_of(scene, name)
         for z, y, x in np.argwhere(pack.occupied):
             sx, sy, sz = pack.atlas_indices[z, y, x].astype(int) * size
             tx, ty, tz, _ = indirection[z + 1, y + 1, x + 1].astype(int) * size
+            tx = tx * (2 if layout == "one" else 1) + beside
             expected = atlas[sz : sz + size, sy : sy + size, sx : sx + size, channels]
             assert np.array_equal(there[tz : tz + size, ty : ty + size, tx : tx + size], expected)
     scene.release()

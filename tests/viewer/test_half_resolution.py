@@ -87,17 +87,17 @@ def test_what_a_driver_refuses_while_textures_are_made_counts_as_too_large(
     allocate = gpu_scene._allocate
     refused = []
 
-    def refuse_the_first(uploader, pack: Pack, layout: str):
-        if not refused:
+    def refuse_the_first_size(uploader, pack: Pack, layout: str, features_beside: bool):
+        if len(refused) < 2:  # in one atlas, then in two
             uploader.volume("first", (8, 8, 8), 4)  # must be given back
             refused.append(uploader.made[0])
             raise NoRoomError("no room", found="GL_OUT_OF_MEMORY")
-        return allocate(uploader, pack, layout)
+        return allocate(uploader, pack, layout, features_beside)
 
-    monkeypatch.setattr(gpu_scene, "_allocate", refuse_the_first)
+    monkeypatch.setattr(gpu_scene, "_allocate", refuse_the_first_size)
     with pytest.warns(Notice, match="GL_OUT_OF_MEMORY"):
         Renderer(ctx, shapes).release()
-    assert isinstance(refused[0].mglo, moderngl.InvalidObject)
+    assert all(isinstance(texture.mglo, moderngl.InvalidObject) for texture in refused)
 
 
 def test_where_not_even_a_small_pack_fits_it_is_one_line(ctx: moderngl.Context, shapes: Pack) -> None:
