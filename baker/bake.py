@@ -126,7 +126,7 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
             }  # fmt: skip
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
-        "downscale": run.downscale, "resolution": config.resolution, "macroblocks": counts,
+        **vars(run.options), "resolution": config.resolution, "macroblocks": counts,
     }  # fmt: skip
     if removed:
         provenance["voxels"] = {"before": removed.voxels_before, "after": removed.voxels_after}

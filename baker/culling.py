@@ -21,7 +21,7 @@ from baker.work_folder import Arrays, WorkFolder, once
 from training.dataset import RayDataset
 from training.method import Rays
 from training.voxels.march import MarchSizes, march, to_grid, transmittance
-from training.voxels.sparse_grid import BRICK, GridLayout, build_layout
+from training.voxels.sparse_grid import BRICK, DEPTH_UNITS, GridLayout, build_layout, cell_means, with_depths
 from training.voxels.stages import dilate
 
 TAU_ALPHA = 0.005
@@ -31,6 +31,7 @@ BOX_MARGIN = 1.0  # probe cells added on every side of it
 BOX_TAIL, BOX_GROWTH = 0.0005, 1.1  # share of the opacity cut off at either end of an axis; what the rest is grown by
 VISIBILITY_RAYS = 1_000_000  # training rays marched; with 100 views of 200 × 200 every fourth
 CHUNK_RAYS, CHUNK_SAMPLES = 4096, 131_072
+HORIZON = 1e-3  # rays end where cells behind get less light than this, well below any tau_vis: dense scenes stay cheap
 DILATION = 2  # cells: what lies this near to a visible cell counts as visible
 
 Tick = Callable[[float], None]
@@ -209,6 +210,7 @@ def _visibility(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: 
         return np.zeros(density.shape, np.float32)
     layout = build_layout(present, grid.min_xyz, grid.voxel_size * grid.cell)
     rows = jnp.asarray(np.concatenate([[0.0], density[present]]).astype(np.float32))
+    layout = with_depths(layout, cell_means(layout, rows) * (grid.voxel_size * grid.cell))
     segments = int(np.ceil(np.linalg.norm(density.shape) / BRICK)) + 1
     sizes = MarchSizes(segments, CHUNK_SAMPLES // BRICK * 2, CHUNK_SAMPLES, segments * BRICK)
     ids = np.random.default_rng(0).permutation(dataset.count)[:VISIBILITY_RAYS].astype(np.int32)
@@ -234,7 +236,8 @@ def _reach(
     """Raises best [V + 1] to the transmittance of rays `ids` at the voxels they meet."""
     rays = in_grid_frame(dataset.rays_at(ids)[0], grid_T_training)
     grid_rays = to_grid(layout, rays)
-    samples = march(layout, grid_rays, jnp.full(ids.shape[0], 0.5), sizes, 1.0)
+    horizon = int(-np.log(HORIZON) * DEPTH_UNITS)
+    samples = march(layout, grid_rays, jnp.full(ids.shape[0], 0.5), sizes, 1.0, horizon)
     cell = jnp.clip(jnp.floor(samples.g).astype(jnp.int32) + 1, 0, layout.dims + 1)
     row = layout.lookup[(cell[:, 2] * (layout.dims[1] + 2) + cell[:, 1]) * (layout.dims[0] + 2) + cell[:, 0]]
     before, _ = transmittance(samples, rows[row] * grid_rays.length[samples.ray], ids.shape[0], sizes.per_ray)

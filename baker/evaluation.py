@@ -1,4 +1,8 @@
-"""How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (CONTRACT section 4, snerg-eval)."""
+"""How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (CONTRACT section 4, snerg-eval).
+
+Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
+pictures (section 6, real 360° scenes), since otherwise what lies outside of the box would decide: `by_alpha`.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from PIL import Image
@@ -15,10 +19,11 @@ from console import UserError, progress
 from scenepack import load_pack
 from scenepack.pack import Pack
 from training import metrics
-from training.run import Run, is_run, load_run
+from training.run import Run, is_run, load_run, read_description
 from training.scenes import Camera, Photograph, Scene
 
-Shown = Callable[[Camera], np.ndarray]  # a camera's picture, float32 [H, W, 3]
+# a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
+Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -31,8 +36,12 @@ class ViewScore:
     lpips: float | None
 
 
-def evaluate(subject: Path, scene: Scene, split: str, images: Path | None = None) -> dict[str, Any]:
+def evaluate(
+    subject: Path, scene: Scene, split: str, images: Path | None = None, by_alpha: bool = False
+) -> dict[str, Any]:
     """The JSON of snerg-eval for a run or a pack. images: folder for pictures beside their photographs.
+
+    by_alpha: both are shown over the background wherever the subject is transparent.
 
     UserError where the subject is neither, or the split has no photographs.
     """
@@ -43,7 +52,13 @@ def evaluate(subject: Path, scene: Scene, split: str, images: Path | None = None
     with shown_by(subject) as show, progress("evaluating", len(photographs)) as bar:
         for photograph in photographs:
             truth = over_background(photograph.load(), scene.background)
-            picture = show(photograph.camera)
+            picture = show(photograph.camera, "normal")
+            if by_alpha:
+                opacity = show(photograph.camera, "alpha")[..., None]
+                picture, truth = (
+                    over_background(np.concatenate([shown, opacity], -1), scene.background)
+                    for shown in (picture, truth)
+                )
             scores.append(score(photograph, picture, truth))
             if images is not None:
                 save_comparison(images / f"{Path(photograph.name).stem}.png", picture, truth)
@@ -54,6 +69,17 @@ def evaluate(subject: Path, scene: Scene, split: str, images: Path | None = None
         "width": photographs[0].camera.width,
         "height": photographs[0].camera.height,
     }
+
+
+def reading_of(subject: Path) -> dict[str, bool | None]:
+    """How the subject's photographs were read: `spherify` and `masks` of training.scenes.SceneOptions, where it tells."""
+    if is_run(subject):
+        stored: Any = vars(read_description(subject).options)
+    else:
+        stored = load_pack(subject).metadata.get("provenance")
+    stored = stored if isinstance(stored, dict) else {}
+    spherify = stored.get("spherify")
+    return {"spherify": spherify if isinstance(spherify, bool) else None, "masks": stored.get("masks") is True}
 
 
 def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray) -> ViewScore:
@@ -77,18 +103,22 @@ def shown_by(subject: Path) -> Iterator[Shown]:
 
 
 def _field_pictures(run: Run) -> Shown:
-    def show(camera: Camera) -> np.ndarray:
-        rgb = np.asarray(run.method.render(run.state, run.dataset.view_rays(camera)).rgb)
-        return np.clip(rgb, 0, 1).reshape(camera.height, camera.width, 3)
+    def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
+        output = run.method.render(run.state, run.dataset.view_rays(camera))
+        shown = np.asarray(output.rgb if mode == "normal" else output.alpha)
+        return np.clip(shown, 0, 1).reshape(camera.height, camera.width, *shown.shape[1:])
 
     return show
 
 
 def _pack_pictures(pack: Pack, renderer: Any) -> Shown:
     from viewer.camera import ViewCamera
+    from viewer.settings import RenderSettings
 
-    def show(camera: Camera) -> np.ndarray:
-        return renderer.render(ViewCamera.from_scene_camera(pack, camera)).astype(np.float32) / 255
+    def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
+        view = ViewCamera.from_scene_camera(pack, camera)
+        shown = renderer.render(view, RenderSettings(mode=mode)).astype(np.float32) / 255
+        return shown if mode == "normal" else shown[..., 0]
 
     return show
 

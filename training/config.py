@@ -139,7 +139,11 @@ FAST = TrainConfig(
     voxels=VoxelConfig(resolutions=(128, 256, 512), samples_per_step=1 << 20),
 )  # fmt: skip
 
-PRESETS: Mapping[str, TrainConfig] = {
+# --preset of snerg-make: what a pack can hold; and of snerg-train: the paper's baselines, too
+BakeablePreset = Literal["cpu", "fast", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
+PresetName = Literal[BakeablePreset, "jaxnerf", "jaxnerf-plus", "tinyview"]
+
+PRESETS: Mapping[PresetName, TrainConfig] = {
     "cpu": CPU,
     "fast": FAST,
     "paper": PAPER,

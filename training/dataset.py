@@ -12,9 +12,6 @@ hold, and a batch's colours are fetched from whichever device has them.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
@@ -27,8 +24,9 @@ from jax.sharding import Mesh
 from console import UserError
 from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
-from training.scenes import Camera, Photograph, Scene, load_pixels
+from training.scenes import Camera, Scene, load_pixels
 from training.scenes.rays import NDC_NEAR, camera_rays, ndc_rays
+from training.voxels.config import Kind
 
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
 MOST_RAYS = 2**31 - 1  # ids are int32
@@ -54,14 +52,14 @@ class SceneFacts(NamedTuple):
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=("pixels", "world_T_camera", "intrinsics", "distortion", "first", "width", "drawable"),
+    data_fields=("pixels", "world_T_camera", "intrinsics", "distortion", "first", "width"),
     meta_fields=("facts", "count", "mesh"),
 )
 @dataclass(frozen=True)
 class RayDataset:
     """pixels uint8 [P (padded to a multiple of D), C], stored along the mesh. Of each view: world_T_camera [V, 3, 4];
     intrinsics [V, 4] = fx, fy, cx, cy; distortion [V, 4]; first int32 [V], the id of its first ray; width int32 [V].
-    drawable int32 [M]: ids that batches are drawn from, or None for all (masks leave pixels out). count: P, all rays.
+    count: P, all rays.
     """
 
     pixels: jax.Array
@@ -70,7 +68,6 @@ class RayDataset:
     distortion: jax.Array
     first: jax.Array
     width: jax.Array
-    drawable: jax.Array | None
     facts: SceneFacts = field(repr=False)
     count: int
     mesh: Mesh = field(repr=False)
@@ -101,13 +98,14 @@ class RayDataset:
         return self.facts.ndc_camera is not None
 
     @property
+    def kind(self) -> Kind:
+        """What was photographed, as far as it matters to how a field is trained."""
+        return "forward" if self.ndc else "object" if self.pixels.shape[-1] == 4 else "surroundings"
+
+    @property
     def views(self) -> int:
         """Number of training photographs V."""
         return self.width.shape[0]
-
-    def every_drawable(self) -> jax.Array:
-        """int32 [M]: the ids that batches may be drawn from."""
-        return jnp.arange(self.count, dtype=jnp.int32) if self.drawable is None else self.drawable
 
     def local(self) -> RayDataset:
         """The same on one device of this process, for work outside of the step. With many devices it has no pixels."""
@@ -117,10 +115,8 @@ class RayDataset:
         return replace(here(without), mesh=Mesh(np.array(jax.local_devices()[:1]), (AXIS,)))
 
     def draw(self, key: jax.Array, size: int) -> jax.Array:
-        """Ids int32 [size], drawn evenly from all drawable pixels; jittable."""
-        if self.drawable is None:
-            return jax.random.randint(key, (size,), 0, self.count)
-        return self.drawable[jax.random.randint(key, (size,), 0, self.drawable.shape[0])]
+        """Ids int32 [size], drawn evenly from all pixels; jittable."""
+        return jax.random.randint(key, (size,), 0, self.count)
 
     def batch(self, key: jax.Array, size: int) -> tuple[Rays, jax.Array]:
         """`size` rays through the centres of drawn pixels, and their colours [N, 3]; jittable."""
@@ -145,11 +141,15 @@ class RayDataset:
 
     def colours_at(self, ids: jax.Array) -> jax.Array:
         """Colours float32 [N, 3] of rays over the background; jittable."""
+        return self.colours_over(ids, jnp.asarray(self.background, jnp.float32))
+
+    def colours_over(self, ids: jax.Array, background: jax.Array) -> jax.Array:
+        """Colours float32 [N, 3] of rays over another background [3] or [N, 3]; jittable."""
         pixel = self._fetch(ids).astype(jnp.float32) / 255.0
         if pixel.shape[-1] == 3:
             return pixel
         alpha = pixel[:, 3:]
-        return pixel[:, :3] * alpha + (1.0 - alpha) * jnp.asarray(self.background, jnp.float32)
+        return pixel[:, :3] * alpha + (1.0 - alpha) * background
 
     def _fetch(self, ids: jax.Array) -> jax.Array:
         """Pixels uint8 [N, C] from the devices that have them; N is padded to a multiple of D within."""
@@ -244,7 +244,6 @@ def make_dataset(scene: Scene, split: str = "train", mesh: Mesh | None = None) -
     low, high = own_rows(count, mesh)
     with together():
         own = load_pixels(photographs, low, high)
-        drawable = drawable_ids(photographs)
     if not anywhere(bool(np.any(own[:, 3] != 255))):
         own = np.ascontiguousarray(own[:, :3])
     whole = put_whole(
@@ -254,7 +253,6 @@ def make_dataset(scene: Scene, split: str = "train", mesh: Mesh | None = None) -
             "distortion": np.array([c.distortion for c in cameras], np.float32),
             "first": (np.cumsum(sizes) - sizes).astype(np.int32),
             "width": np.array([c.width for c in cameras], np.int32),
-            "drawable": drawable,
         },
         mesh,
     )
@@ -269,23 +267,3 @@ def make_dataset(scene: Scene, split: str = "train", mesh: Mesh | None = None) -
         size=(cameras[0].width, cameras[0].height) if len({(c.width, c.height) for c in cameras}) == 1 else None,
     )
     return RayDataset(pixels=put_split(own, count, mesh), **whole, facts=facts, count=count, mesh=mesh)
-
-
-def drawable_ids(photographs: Sequence[Photograph]) -> np.ndarray | None:
-    """int32 [M]: ids of the pixels that count, where some photograph leaves pixels out; None where none does.
-
-    UserError where nothing is left.
-    """
-    if all(photograph.load_counted is None for photograph in photographs):
-        return None
-
-    def counted(photograph: Photograph) -> np.ndarray:
-        if photograph.load_counted is None:
-            return np.ones(photograph.camera.width * photograph.camera.height, bool)
-        return photograph.load_counted().ravel()
-
-    with ThreadPoolExecutor(min(16, (os.cpu_count() or 1) + 2)) as pool:
-        (ids,) = np.nonzero(np.concatenate(list(pool.map(counted, photographs))))
-    if not len(ids):
-        raise UserError("the masks leave out every pixel", where="--ignore-masked", expected="white where it counts")
-    return ids.astype(np.int32)

@@ -180,8 +180,8 @@ class Renderer:
         defines: dict[str, object] = {f"MARCHER_{name.upper()}": i for i, name in enumerate(MARCHERS)}
         defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
         stored = pack.view_mlp is not None and pack.atlas_features is not None
-        counting = settings.counts or mode in ("samples", "jumps")
         beside = self.scene(settings.marcher).features_beside
+        counting = settings.counts or mode in ("samples", "jumps")
         accumulates_features = stored and (shaded or mode == "features")
         return defines | {
             "MARCHER": MARCHERS.index(settings.marcher),

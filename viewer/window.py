@@ -22,6 +22,7 @@ from PIL import Image
 
 from console import Notice
 from viewer.app.application import App
+from viewer.app.making import LOOKED_AT_EVERY_S
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.canvas import Canvas
 from viewer.panels import theme
@@ -100,8 +101,11 @@ class Window:
     def run(self) -> None:
         """Until the window is closed or the app quits."""
         with _notices_logged(self.app.messages.log):
-            while not self.app.quitting and not glfw.window_should_close(self.handle):
+            while not self.app.quitting:
                 self.step()
+                if glfw.window_should_close(self.handle):
+                    glfw.set_window_should_close(self.handle, False)
+                    self.app.making.ask_to_quit(self.app)
 
     def step(self) -> bool:
         """Waits for something to do, and draws a frame if there is; True where it drew."""
@@ -110,6 +114,8 @@ class Window:
             glfw.poll_events()
         elif awaited(app) or unfinished(self.app, self.canvas):
             glfw.wait_events_timeout(BUSY_WAIT_S)
+        elif app.making.busy:
+            glfw.wait_events_timeout(LOOKED_AT_EVERY_S)
         else:
             glfw.wait_events_timeout(0.4 if self.ui.typing else IDLE_WAIT_S)
             self._last = max(self._last, time.monotonic() - 1 / 60)
@@ -222,6 +228,7 @@ class Window:
 
     def close(self) -> None:
         """Frees everything and closes the window."""
+        self.app.making.end()
         self.app.stage = None
         self.canvas.close()
         self.ui.release()

@@ -18,6 +18,9 @@ def snerg_eval(
     scene: Path,
     split: str = "test",
     downscale: int = 1,
+    spherify: bool = False,
+    masks: bool = False,
+    mask_by_alpha: bool = False,
     json: Path | None = None,
     images: Path | None = None,
 ) -> None:
@@ -28,15 +31,23 @@ def snerg_eval(
         scene: Folder of the photographs.
         split: Which photographs: test, train or val.
         downscale: Divide width and height of the photographs by this whole number.
+        spherify: Read an LLFF capture as one from all around (what was trained so is read so without asking).
+        masks: Cut the object out by the masks beside the pictures (likewise).
+        mask_by_alpha: Show both over the background where the run or pack is transparent, as the paper does for real scenes
+            that go on beyond the box.
         json: Write the scores to this file, too.
         images: Folder for pictures: ours, the photograph, and five times their difference.
     """
-    from baker.evaluation import evaluate
+    from baker.evaluation import evaluate, reading_of
     from training.scenes import load_scene
 
     if not subject.exists():
         raise UserError("no such run or pack", where=subject)
-    result = evaluate(subject, load_scene(scene, downscale=downscale), split, images)
+    made = reading_of(subject)
+    photographed = load_scene(
+        scene, downscale=downscale, spherify=spherify or made["spherify"], masks=masks or bool(made["masks"])
+    )
+    result = evaluate(subject, photographed, split, images, mask_by_alpha)
     lpips = "-" if result["lpips"] is None else f"{result['lpips']:.4f}"
     for view in result["views"]:
         print(f"{view['name']}: {view['psnr']:.2f} dB, SSIM {view['ssim']:.4f}")

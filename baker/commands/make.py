@@ -7,27 +7,25 @@ import os
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Sequence
-from math import ceil
 from pathlib import Path
-from typing import Literal
 
-from console import Notice, UserError, run_command
+from console import UserError, run_command
+from training.config import BakeablePreset
 
 DESCRIPTION = (
     "Photographs to a scene you can fly through: trains, bakes, and opens the viewer where there is a display."
 )
 # The paper bakes at slightly more voxels than its photographs have pixels (section 6). `cpu` shrinks photographs first.
-RESOLUTION = {"cpu": 512, "fast": 1000, "paper": 1000, "small": 512, "tiny": 96}
-LONGEST_SIDE = {"cpu": 256}
+RESOLUTION = {"cpu": 512, "small": 512, "tiny": 96}
+FULL_RESOLUTION = 1000
 
 
 def snerg_make(
     scene: Path,
     /,
     out: Path,
-    preset: Literal["cpu", "fast", "paper", "small", "tiny"] = "cpu",
+    preset: BakeablePreset = "cpu",
     downscale: int | None = None,
     spherify: bool = False,
     masks: bool = False,
@@ -41,7 +39,8 @@ def snerg_make(
     Args:
         scene: Folder of posed photographs.
         out: Folder for the results: DIR/run, then DIR/pack.
-        preset: cpu (minutes on two cores), fast (a GPU), paper (the paper's numbers, days), small, tiny (tests).
+        preset: cpu (minutes on two cores), fast (a GPU), paper (the paper's numbers, days), small, tiny (tests); and those
+            of snerg-train that can be baked.
         downscale: Divide the photographs' sides by this whole number; by default 1, and with `cpu` as much as brings the
             longer side to 256 pixels or fewer. LLFF captures count from their full-size pictures.
         spherify: Read an LLFF capture as one from all around, also where its cameras look forward.
@@ -57,6 +56,7 @@ def snerg_make(
     from training.config import PRESETS
     from training.loop import train
     from training.run import is_run, read_description
+    from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
 
     run_path, pack_path = out / "run", out / "pack"
     check_target(pack_path)
@@ -72,12 +72,12 @@ def snerg_make(
                             remedy="choose another --out")  # fmt: skip
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
     else:
-        downscale = downscale or suggested_downscale(scene, preset)
+        downscale = downscale or suggested_downscale(scene, LONGEST_SIDE.get(preset))
     run = train(
         scene, run_path, config, downscale=downscale or 1, spherify=spherify or None, masks=masks, resume=resume
     )
     trained = time.monotonic()
-    bake_to(run, BakeConfig(resolution=resolution or RESOLUTION[preset]), pack_path)
+    bake_to(run, BakeConfig(resolution=resolution or RESOLUTION.get(preset, FULL_RESOLUTION)), pack_path)
     baked = time.monotonic()
     print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
     if not no_view and (
@@ -85,25 +85,6 @@ def snerg_make(
     ):
         # A process of its own: JAX holds most of a GPU's memory until this one ends.
         subprocess.Popen([sys.executable, "-m", "viewer.commands.view", str(pack_path)])
-
-
-def suggested_downscale(scene: Path, preset: str) -> int:
-    """The smallest whole number that brings the photographs to the size with which the preset keeps its promise.
-
-    Asked of the reader, since it knows what a downscale counts from: the pictures of an LLFF capture may be stored shrunk.
-    """
-    from training.scenes import load_scene
-
-    limit, downscale = LONGEST_SIDE.get(preset), 1
-    while limit is not None:
-        with warnings.catch_warnings():  # what the reader has to say is said when training reads the scene
-            warnings.simplefilter("ignore", Notice)
-            camera = load_scene(scene, downscale=downscale).splits["train"][0].camera
-        longest = max(camera.width, camera.height)
-        if longest <= limit:
-            break
-        downscale = max(downscale + 1, ceil(downscale * longest / limit))
-    return downscale
 
 
 def minutes(seconds: float) -> str:

@@ -144,3 +144,11 @@ def test_a_layout_that_makes_no_sense_is_the_usual_one(offscreen, pack, pack_fol
 
 def test_every_page_has_a_window_of_its_own():
     assert len({page.window for page in PAGES}) == len(PAGES)
+
+
+def test_a_page_has_its_width_also_after_the_start_page(offscreen, app, pack, pack_folder):
+    ui = offscreen(app)
+    ui.settle()
+    app.show(pack, pack_folder)
+    ui.settle()
+    assert 250 < ui.size[0] - app.viewport.width < 450

@@ -197,9 +197,7 @@ def test_things_dropped_are_told_apart(tmp_path, pack_folder):
     assert kind_of(tmp_path / "nothing") == "unknown"
     app = App(stage=FakeStage())
     app.drop([scene])
-    assert "snerg-make" in app.messages.dialogs[0].text and app.loading is None
-    assert app.clipboard.get().startswith("snerg-make")
-    app.messages.dialogs.clear()
+    assert app.making.plan is not None and app.making.plan.subject == "scene" and app.loading is None
     note = tmp_path / "notes.txt"
     note.write_text("hello")
     app.drop([note])

@@ -8,12 +8,12 @@ import dataclasses
 import sys
 from collections.abc import Callable, Container, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, cast
 
 import tyro
 
 from console import UserError, run_command
-from training.config import PRESETS, TrainConfig
+from training.config import PRESETS, PresetName, TrainConfig
 from training.scenes import SceneOptions
 
 DEFAULT_PRESET = "cpu"
@@ -26,9 +26,6 @@ FREE = (
     "validate_views",
     "checkpoint_every",
 )  # may change with --resume
-PresetName = Literal[
-    "cpu", "fast", "paper", "small", "tiny", "jaxnerf", "jaxnerf-plus", "tinyview", "deferred", "diffuse", "no-sparsity"
-]
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -44,7 +41,7 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
     Bad values of --preset and --out are not complained of here: the parser and the command do that.
     """
     name, out, resuming = _look_ahead(args)
-    defaults = PRESETS.get(name, PRESETS[DEFAULT_PRESET])
+    defaults = PRESETS.get(cast(PresetName, name), PRESETS[DEFAULT_PRESET])
     if resuming and out is not None:
         from training.run import read_description
 

@@ -39,14 +39,12 @@ class Camera:
 @dataclass(frozen=True)
 class Photograph:
     """One posed picture. load() decodes it: float32 [H, W, 4], RGB not premultiplied and alpha (1 where
-    opaque), in [0, 1]. load_counted() decodes which of its pixels count in the loss and in metrics, bool [H, W];
-    None: all do.
+    opaque), in [0, 1].
     """
 
     name: str
     camera: Camera
     load: Callable[[], np.ndarray]
-    load_counted: Callable[[], np.ndarray] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,20 @@
-"""Settings of the fast voxel field; defaults are the `cpu` preset's, tuned on two cores."""
+"""Settings of the fast voxel field; defaults are the `cpu` preset's, tuned on two cores.
+
+What a field needs depends on what was photographed. A setting whose default is None is taken from BY_KIND:
+
+    object        cut out by alpha: all else is known to be empty
+    surroundings  opaque photographs from many sides: every ray must end somewhere, and much is seen by few photographs
+    forward       opaque photographs from one side, in NDC: depth is disparity, which small baselines tell coarsely
+"""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["object", "surroundings", "forward"]
 
 
 @dataclass(frozen=True)
@@ -11,14 +23,16 @@ class VoxelConfig:
 
     resolutions: tuple[int, ...] = (64, 128, 256)
     """Grid resolution of each stage, coarse to fine."""
-    ndc_resolutions: tuple[int, ...] = (96, 192, 384)
+    ndc_resolutions: tuple[int, ...] = (120, 240, 480)
     """The same for forward-facing scenes, whose pictures fill their box from side to side."""
-    ndc_depth: float = 3.0
+    ndc_depth: float = 4.0
     """Depth of a voxel in widths, in forward-facing scenes; depth there is disparity, which small baselines tell coarsely."""
-    stage_starts: tuple[float, ...] = (0.0, 0.04, 0.2)
-    """Where each stage begins, as a share of all steps."""
-    prunings: tuple[float, ...] = (0.015, 0.1, 0.3, 0.6)
+    stage_starts: tuple[float, ...] | None = None
+    """Where each stage begins, as a share of all steps; None: by the kind of scene, as wherever None is said below."""
+    prunings: tuple[float, ...] | None = None
     """Where unseen voxels are dropped without refining, as shares of all steps."""
+    least_views: int | None = None
+    """Voxels that fewer training photographs see are left out from the start: what one alone sees, anything explains."""
     samples_per_step: int = 65_536
     """Samples of the field a step, empty space left out; rays are drawn until they fill this list."""
     step_voxels: float = 1.0
@@ -33,17 +47,65 @@ class VoxelConfig:
     """All learning rates fall log-linearly to this share at the last step."""
     initial_alpha: float = 1e-4
     """Opacity of a voxel of the first stage at the start."""
-    keep_weight: float = 0.01
+    keep_weight: float | None = None
     """A voxel is kept where it, or one beside it, contributes at least this share to some pixel."""
-    density_variation: float = 1e-5
+    density_variation: float | None = None
     """Weight of the total variation of raw density."""
-    colour_variation: float = 1e-4
+    colour_variation: float | None = None
     """Weight of the total variation of raw colours and features."""
     variation_share: float = 0.02
     """Share of voxels whose variation is looked at in a step."""
-    distortion_weight: float = 0.0
+    distortion_weight: float | None = None
     """Weight of the distortion loss of mip-NeRF 360, with distances as shares of the box; 0 for none."""
+    sparsity_factor: float | None = None
+    """Factor on the sparsity weight."""
     horizon: float = 1e-3
     """Samples behind which less light than this comes from are left out of a step."""
     view_dependence: bool = True
     """False trains a diffuse model: no view MLP."""
+
+
+@dataclass(frozen=True)
+class KindSettings:
+    """The settings of VoxelConfig that the kind of scene decides where nobody else does; explained there."""
+
+    stage_starts: tuple[float, ...]
+    prunings: tuple[float, ...]
+    least_views: int = 1
+    density_variation: float = 1e-5
+    colour_variation: float = 1e-4
+    distortion_weight: float = 0.0
+    sparsity_factor: float = 1.0
+    keep_weight: float = 0.01
+
+
+BY_KIND: Mapping[Kind, KindSettings] = {
+    "object": KindSettings(stage_starts=(0.0, 0.04, 0.2), prunings=(0.015, 0.1, 0.3, 0.6)),
+    # Coarse grids settle where things are before fine ones can hide mist in the gaps between photographs.
+    "surroundings": KindSettings(
+        stage_starts=(0.0, 0.1, 0.3),
+        prunings=(0.05, 0.2, 0.4, 0.6),
+        least_views=6,
+        density_variation=5e-5,
+        colour_variation=2e-4,
+        distortion_weight=0.01,
+        sparsity_factor=2.0,
+        keep_weight=0.005,  # a bare wall is mist for long, of many voxels that show little each
+    ),
+    "forward": KindSettings(
+        stage_starts=(0.0, 0.1, 0.3),
+        prunings=(0.2, 0.4, 0.6),
+        least_views=3,
+        density_variation=3e-4,
+        colour_variation=5e-4,
+        distortion_weight=0.003,
+        sparsity_factor=0.2,
+        keep_weight=0.005,
+    ),
+}
+
+
+def settings_for(config: VoxelConfig, kind: Kind) -> KindSettings:
+    """What the config says, and what suits the kind of scene where it says None."""
+    said = {field.name: getattr(config, field.name) for field in dataclasses.fields(KindSettings)}
+    return dataclasses.replace(BY_KIND[kind], **{name: value for name, value in said.items() if value is not None})

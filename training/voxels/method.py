@@ -27,6 +27,7 @@ from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.view_mlp import apply_view_mlp, init_view_mlp
 from training.volume import alpha_of
 from training.voxels import stages
+from training.voxels.config import settings_for
 from training.voxels.march import MarchSizes, Samples, march, to_grid, transmittance
 from training.voxels.smoothness import distortion, neighbourhood, variation, windows
 from training.voxels.sparse_grid import CHANNELS, DEPTH_UNITS, GridLayout, blend, cell_means, interpolate, with_depths
@@ -35,6 +36,7 @@ ADAM_BETAS = (0.9, 0.99)
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
 SHADED_BELOW = 254.0 / 255.0  # as the viewer: the residual is added where T is at most this
 REMEMBER_EVERY = 50  # steps between looks at how deep, optically, cells are
+NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
 HEAD_BIAS = -3.0  # the view MLP starts near zero, so that diffuse colour settles first
 
 
@@ -82,7 +84,6 @@ class Settings(NamedTuple):
     distortion_weight: float
     distortion_spread: float
     horizon: int
-    any_background: bool
 
 
 def activate(raw: jax.Array, settings: Settings) -> FieldOutput:
@@ -147,9 +148,9 @@ def update(
     """One step: draw rays, march, render, differentiate, Adam. Samples are spread over the devices of the dataset's mesh."""
     ray_key, phase_key, voxel_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 4)
     ids = hits[jax.random.randint(ray_key, (rays,), 0, hit_count)]
-    batch, target = split(dataset.rays_at(ids), dataset.mesh)
-    # Photographs without alpha show something everywhere: before a background of any colour, gaps are mistakes.
-    background = jax.random.uniform(colour_key, (rays, 3)) if settings.any_background else None
+    # Before a background of any colour, gaps in opaque photographs are mistakes, and so is white mist around an object.
+    background = jax.random.uniform(colour_key, (rays, 3))
+    batch, target = split((dataset.geometry_at(ids), dataset.colours_over(ids, background)), dataset.mesh)
     grid_rays, phase = to_grid(layout, batch), jax.random.uniform(phase_key, (rays,))
     samples = march(layout, grid_rays, phase, sizes, settings.step_voxels, settings.horizon)
     samples = split(samples, dataset.mesh)
@@ -225,7 +226,8 @@ class VoxelMethod:
     """The fast field behind training.method.Method."""
 
     def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
-        self.config, self.dataset, self.voxels = config, dataset, config.voxels
+        self.config, self.dataset = config, dataset
+        self.voxels, self.by_kind = config.voxels, settings_for(config.voxels, dataset.kind)
         self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
         self.box = np.asarray(dataset.aabb, np.float64)
         self.resolutions = self.voxels.ndc_resolutions if dataset.ndc else self.voxels.resolutions
@@ -234,27 +236,29 @@ class VoxelMethod:
         coarse, fine = extent / self.resolutions[0], extent / self.resolutions[-1]
         optical_depth = -np.log1p(-self.voxels.initial_alpha) * fine / coarse
         # the paper's samples are this far apart; where they are even in 1/t, at distance 1 (the cameras', by the readers)
-        spacing = (1.0 / dataset.near if dataset.facts.disparity else dataset.far - dataset.near) / SPARSITY_SAMPLES
+        length = (
+            1.0 / dataset.near if dataset.facts.disparity else NDC_DEPTH if dataset.ndc else dataset.far - dataset.near
+        )
+        spacing = length / SPARSITY_SAMPLES
         self.settings = Settings(
             steps=config.steps,
             step_voxels=self.voxels.step_voxels,
             shift=float(np.log(np.expm1(optical_depth))),
             reference=float(fine),
             background=dataset.background,
-            sparsity_weight=config.sparsity_weight,
+            sparsity_weight=config.sparsity_weight * self.by_kind.sparsity_factor,
             sparsity_scale=config.sparsity_scale,
             sparsity_spacing=float(spacing),
             rates=(self.voxels.density_rate, self.voxels.colour_rate, self.voxels.head_rate),
             final_rate_factor=self.voxels.final_rate_factor,
-            variation=(self.voxels.density_variation, self.voxels.colour_variation),
+            variation=(self.by_kind.density_variation, self.by_kind.colour_variation),
             variation_share=self.voxels.variation_share,
-            distortion_weight=self.voxels.distortion_weight,
+            distortion_weight=self.by_kind.distortion_weight,
             distortion_spread=float(extent),
             horizon=int(-np.log(self.voxels.horizon) * DEPTH_UNITS),
-            any_background=dataset.pixels.shape[-1] == 3,
         )
         self.key = jax.random.key(config.seed)
-        self.schedule = stages.schedule(self.voxels, config.steps, self.resolutions)
+        self.schedule = stages.schedule(self.by_kind, config.steps, self.resolutions)
 
     def start(self, key: jax.Array) -> VoxelState:
         head = None

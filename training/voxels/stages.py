@@ -16,6 +16,7 @@ import numpy as np
 from training.dataset import RayDataset
 from training.devices import agree
 from training.method import Rays, RenderOutput, ViewMlpParams
+from training.voxels.coverage import views_that_see
 from training.voxels.march import GridRays, MarchSizes, march, occupied_segments, to_grid
 from training.voxels.sparse_grid import (
     BRICK,
@@ -28,19 +29,19 @@ from training.voxels.sparse_grid import (
 )  # fmt: skip
 
 if TYPE_CHECKING:
-    from training.voxels.config import VoxelConfig
+    from training.voxels.config import KindSettings
     from training.voxels.method import Settings, Trainable, VoxelMethod, VoxelState
 
 SETTLING_STEPS = 80  # before this nothing is visible enough to tell content from air, however short the run
 CHUNK = 16_384  # rays looked at at once when only occupancy is asked
 PROBE_RAYS = 4096  # rays whose sample counts set the list sizes
-PRUNE_RAYS = 150_000  # rays whose weights decide which voxels stay
+PRUNE_RAYS = 200_000  # rays whose weights decide which voxels stay
 RENDER_RAYS, RENDER_SAMPLES = 4096, 131_072
 QUERY_POINTS = 131_072
 HEADROOM = 1.15  # lists are this much longer than the mean asks for
 
 
-def schedule(voxels: VoxelConfig, steps: int, resolutions: tuple[int, ...]) -> dict[int, int]:
+def schedule(voxels: KindSettings, steps: int, resolutions: tuple[int, ...]) -> dict[int, int]:
     """step -> resolution of the grid from then on; a step that keeps the resolution only prunes."""
     events: dict[int, int] = {}
     for share in sorted({*voxels.stage_starts, *voxels.prunings}):
@@ -58,9 +59,12 @@ def dense_start(method: VoxelMethod, head: ViewMlpParams | None) -> VoxelState:
     voxel = (method.box[1] - method.box[0]).max() / method.resolutions[0] * method.shape
     shape = np.maximum(np.ceil((method.box[1] - method.box[0]) / voxel - 1e-6).astype(int), 1)
     present = np.ones(tuple(shape[::-1]), bool)
-    rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
-    every_ray = method.geometry.every_drawable()
     layout = build_layout(present, method.box[0], voxel)
+    if method.by_kind.least_views > 1:
+        present = views_that_see(method.geometry, layout) >= method.by_kind.least_views
+        layout = build_layout(present, method.box[0], voxel)
+    rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
+    every_ray = jnp.arange(method.dataset.count, dtype=jnp.int32)
     return _assemble(method, rows, head, layout, every_ray, len(every_ray))
 
 
@@ -69,7 +73,7 @@ def refine(method: VoxelMethod, state: VoxelState, resolution: int) -> VoxelStat
     weights = _visible_weights(method, state)
     present = present_voxels(state.layout)
     keep = np.zeros(present.shape, bool)
-    keep[present] = weights[1:] > method.voxels.keep_weight
+    keep[present] = weights[1:] > method.by_kind.keep_weight
     if not keep.any():
         return state  # nothing is visible yet: too early to prune
     keep = dilate(keep) & present
@@ -139,7 +143,8 @@ def _assemble(
     from training.voxels.method import Trainable, VoxelState, remember_depths
 
     layout = remember_depths(rows, layout, method.settings)
-    hits, hit_count = _rays_that_hit(method.geometry, layout, hits, hit_count, method.settings.step_voxels)
+    if method.dataset.kind == "object":  # elsewhere every ray ends at something
+        hits, hit_count = _rays_that_hit(method.geometry, layout, hits, hit_count, method.settings.step_voxels)
     present = np.asarray(layout.lookup)
     (cells,) = np.nonzero(present)
     zeros = jnp.zeros_like(rows)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from console import Notice
+from console import Notice, UserError
 from scenepack.pack import Pack
 from viewer.app.comparison import Comparison
 from viewer.app.crop import CropEdits
@@ -24,6 +24,7 @@ from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
 from viewer.app.loading import Loading
 from viewer.app.log import Dialog, Messages
+from viewer.app.making import Making
 from viewer.app.opening import Opening
 from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
@@ -56,6 +57,7 @@ class App:
     file_request: FileRequest | None = None
     demo: Path | None = None  # the bundled pack, where there is one
     opening: Opening = field(default_factory=Opening)
+    making: Making = field(default_factory=Making)
     quitting: bool = False
     frames_owed: int = FRAMES_AFTER_EVENT
 
@@ -67,7 +69,7 @@ class App:
         whole: False where more of it is on its way.
         """
         if self.stage is not None:
-            with self.noting_warnings():
+            with self.noting_warnings(told=whole):
                 self.stage.show(pack)
         self.scene = OpenScene(path, name or name_of(path), pack, rig_for(pack), whole)
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
@@ -89,14 +91,18 @@ class App:
         self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
 
     @contextmanager
-    def noting_warnings(self) -> Iterator[None]:
-        """What the `with` block warns of, that a pack is shown at half resolution say, is logged and shown for a while."""
+    def noting_warnings(self, *, told: bool = True) -> Iterator[None]:
+        """What the `with` block warns of, that a card has no room for the whole pack, is logged; and told where `told`."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", Notice)
             yield
         for warning in caught:
             if issubclass(warning.category, Notice):
-                self.messages.say(str(warning.message), "warning")
+                text = str(warning.message)
+                self.messages.log(text, "warning")
+                if told:
+                    dialog = Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False)
+                    self.messages.dialogs.append(dialog)
 
     def close(self) -> None:
         """Back to the start page."""
@@ -145,20 +151,25 @@ class App:
         self.opening.start(self, path, other=other, then=then)
 
     def drop(self, paths: list[Path]) -> None:
-        """Files were dropped on the window: a pack is opened, a scene or a run gets advice on how to make one."""
+        """Files were dropped on the window: a pack is opened; a scene or a run may be made into one."""
         if not paths:
             return
-        path = paths[0]
+        try:
+            self._drop(paths[0])
+        except (OSError, UserError) as error:
+            self.messages.fail(f"{paths[0].name} cannot be opened", error)
+        self.touch()
+
+    def _drop(self, path: Path) -> None:
         kind = kind_of(path)
-        if kind in ("scene", "run"):
-            command = f'snerg-make "{path}" --out "{path.name}-pack"'
-            if kind == "run":
-                command = f'snerg-bake "{path}" --out "{path.name}-pack"'
-            what = "a scene of photographs" if kind == "scene" else "a training run"
-            self.clipboard.set(command)
-            text = f"It is {what}. This makes a pack of it, and is on the clipboard now: {command}"
-            self.messages.dialogs.append(Dialog(f"{path.name} is not baked yet", text))
-            self.touch()
+        if kind == "scene" or kind == "run":
+            self.making.offer(self, kind, path)
+        elif kind == "pictures":
+            text = (
+                "There are pictures in it, but nothing says where the camera stood. nerfstudio's ns-process-data, which "
+                "works through COLMAP, finds that out and writes a transforms.json beside them."
+            )
+            self.messages.dialogs.append(Dialog(f"{path.name} has no camera poses", text))
         else:
             self.open(pack_in(path))
 
@@ -176,6 +187,7 @@ class App:
     def tick(self, seconds: float) -> None:
         """Time passes: cameras glide, threads report."""
         self.opening.tick(self)
+        self.making.tick(self)
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)

@@ -78,7 +78,7 @@ class Opening:
         if app.scene is None:
             app.show(pack, loading.path, whole=False)
         elif not app.scene.whole and app.scene.pack is not pack:
-            self._refine(app, pack)
+            self._refine(app, pack, told=False)
 
     def _show_whole(self, app: App, pack: Pack, path: Path) -> None:
         if self.other and app.scene is not None:
@@ -94,9 +94,9 @@ class Opening:
             self.then(app)
 
     @staticmethod
-    def _refine(app: App, pack: Pack) -> None:
+    def _refine(app: App, pack: Pack, *, told: bool = True) -> None:
         if app.stage is not None and app.scene is not None:
-            with app.noting_warnings():
+            with app.noting_warnings(told=told):
                 app.stage.refine(pack)
             app.scene.pack = pack
             app.touch()

@@ -43,6 +43,10 @@ class Photographs:
         scene = provenance.get("scene") if isinstance(provenance, dict) else None
         self.folder = Path(scene) if isinstance(scene, str) and scene else None
         self.background: tuple[float, ...] = (1.0, 1.0, 1.0)
+        spherify, masks = (
+            isinstance(provenance, dict) and provenance.get(key) is True for key in ("spherify", "masks")
+        )
+        self._options = {"spherify": spherify or None, "masks": masks}  # as the pack's maker read them
         self._found: dict[tuple[str, str], Photograph] | None = None
         self._reading = threading.Lock()  # thumbnails are read in a thread of their own
         self._cache: dict[int, np.ndarray] = {}
@@ -110,7 +114,7 @@ class Photographs:
         return self._cache[index]
 
     def _read(self, folder: Path) -> None:
-        scene = load_scene(folder)
+        scene = load_scene(folder, **self._options)
         found: dict[tuple[str, str], Photograph] = {}
         for split, photographs in scene.splits.items():
             for photograph in photographs:

@@ -75,7 +75,10 @@ class Docking:
         builder = imgui.internal
         self._notice_moves(app)
         root = builder.dock_builder_get_node(space)
-        if app.interface.layout_reset or root is None:
+        sized = (
+            root is not None and root.size.x > 1 and root.size.y > 1
+        )  # while the start page is shown it gets no size
+        if app.interface.layout_reset or root is None or (not sized and not self.home):
             root = self._begin_anew(space, box)
             app.interface.layout_reset = False
         if self.home and builder.dock_builder_get_node(self.home) is None:  # its last page was dragged away

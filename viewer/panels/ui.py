@@ -10,12 +10,13 @@ from imgui_bundle import ImVec2, imgui, implot
 from viewer.app.application import App
 from viewer.app.state import Clipboard
 from viewer.canvas import Canvas
-from viewer.panels import dialogs, help_overlay, keys, layout, theme, top_bar, viewport
+from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, theme, top_bar, viewport
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.file_dialogs import FileDialogs
 from viewer.panels.theme import Fonts
 
 GLSL_VERSION = "#version 330"
+DOUBLE_CLICK_S = 0.45  # imgui's own 0.3 s is less than desktops grant, and a slow picture takes some of it
 
 
 class SystemClipboard(Clipboard):
@@ -38,6 +39,7 @@ class Ui:
         self.context = imgui.create_context()
         imgui.set_current_context(self.context)  # another may be there already
         io = imgui.get_io()
+        io.mouse_double_click_time = DOUBLE_CLICK_S
         io.set_ini_filename("")  # the layout is remembered by viewer.app
         io.config_flags |= imgui.ConfigFlags_.docking_enable
         self._docking = layout.docking()
@@ -78,8 +80,10 @@ class Ui:
             layout.show_rail(app, regions)
         if regions.pages:
             layout.show_pages(app, canvas, self.fonts)
+        make_dialog.show_job(app, canvas, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
+        make_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
         dialogs.show(app, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
 

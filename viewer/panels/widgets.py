@@ -58,12 +58,12 @@ def card(name: str, fonts: Fonts, title: str = "") -> Iterator[None]:
         imgui.dummy(ImVec2(0, px(2)))
 
 
-def label(text: str) -> None:
+def label(text: str, width: float = LABEL_WIDTH) -> None:
     """The left side of a row; the control that follows gets the rest of the width."""
     imgui.align_text_to_frame_padding()
     with coloured(text=theme.MUTED):
         imgui.text_unformatted(text)
-    imgui.same_line(px(LABEL_WIDTH))
+    imgui.same_line(px(width))
     imgui.set_next_item_width(-1)
 
 
