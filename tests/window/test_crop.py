@@ -44,7 +44,9 @@ def pull(ui, start: np.ndarray, by: tuple[float, float], steps: int = 4) -> None
     for _ in range(3):  # hovered for a moment first, so that the picture lets go of the mouse
         ui.frame()
     ui.drag(points)
-    ui.settle()
+    ui.app.scene.rig.settle()
+    for _ in range(3):
+        ui.frame()
 
 
 def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged(ui, app):

@@ -107,6 +107,9 @@ def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None
     train = comparison.photographs.shots[frustum.index].split == "train"
     code = outline or (theme.ACCENT_DEEP if train else theme.WARN)
     colour = theme.packed(code, frustum.strength * (1.0 if outline else 0.8))
+    if outline:  # on a dark line, to be seen on any background
+        for a, b in FRUSTUM_EDGES:
+            draw_list.add_line(corners[a], corners[b], theme.packed(theme.BASE, 0.7 * frustum.strength), px(4.5))
     for a, b in FRUSTUM_EDGES:
         draw_list.add_line(corners[a], corners[b], colour, px(2.0 if outline else 1.2))
 
