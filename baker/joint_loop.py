@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from baker.culling import in_grid_frame
-from baker.joint_rows import VoxelRows, rows_by_slot, voxel_rows, with_content
-from baker.joint_tune import Scene, Sizes, Trained, gather, rounded, squared_error, update
+from baker.joint_rows import cells_of_rows, rows_by_slot, voxel_rows, with_content
+from baker.joint_tune import Scene, Sizes, Trained, gather, squared_error, stored, update
 from baker.pack_layout import pack_layout, pack_sizes
 from scenepack.pack import Pack, ViewMlp
 from training.dataset import RayDataset
@@ -30,18 +30,20 @@ HELD_OUT_RAYS = 65_536
 class JointConfig:
     """How to fine-tune voxels and view MLP together."""
 
-    passes: float = 3.0
+    passes: float = 1.0
     """Passes over the training rays that meet content."""
     samples: int = 393_216
     """Samples marched a step; rays are as many as fill them."""
-    rate: float = 1.0
-    """Adam's learning rate of voxels at the start, in units of 1/255."""
+    cell: int = 4
+    """Voxels a side of the cells that move together."""
+    rate: float = 2.0
+    """Adam's learning rate of straight colours and features at the start, in units of 1/255."""
+    density_rate: float = 0.03
+    """Adam's learning rate of a cell's log density at the start."""
     head_rate: float = 1e-3
     """Adam's learning rate of the view MLP at the start."""
     final_rate_factor: float = 0.05
     """The rates fall log-linearly to this share."""
-    sparsity: float = 0.0
-    """Weight of the sum of alpha along a ray."""
     held_out: int = 10
     """One training view in so many tells which state is best, and is not trained on; 0 trains on all, to the end."""
     checks: int = 8
@@ -58,10 +60,12 @@ def joint_tune(
         pack_layout(pack),
         jnp.asarray(rows_by_slot(pack, rows)),
         jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32),
+        jnp.asarray(rows.content),
+        jnp.asarray(cells_of_rows(pack, rows, config.cell)),
     )
     hits = rays_with_content(scene, dataset, pack)
     trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
-    trained = start(rows, pack)
+    trained = start(scene, pack)
     sizes = list_sizes(scene, trained, dataset, pack, trained_on, config.samples, config.seed)
     steps = max(int(config.passes * len(trained_on) / sizes.rays), 1)
     evaluate = partial(score, scene=scene, dataset=dataset, ids=held_out, sizes=sizes, ndc=pack.ndc)
@@ -69,6 +73,8 @@ def joint_tune(
     history, kept = [(0, *best)], jax.tree.map(np.asarray, trained)
     first, second = (jax.tree.map(jnp.zeros_like, trained) for _ in range(2))
     rng, order, at = np.random.default_rng(config.seed), trained_on[:0], 0
+    colour = config.rate / 255
+    rates = np.array([*[colour] * 3, config.density_rate, *[colour] * 4, config.head_rate], np.float32)
     check_every = max(steps // config.checks, 1)
     for step in range(steps):
         if at + sizes.rays > len(order):
@@ -76,8 +82,7 @@ def joint_tune(
         decay = config.final_rate_factor ** (step / steps)
         trained, first, second, _ = update(
             trained, first, second, scene, dataset, jnp.asarray(order[at : at + sizes.rays]), jnp.int32(step),
-            jnp.array([config.rate * decay, config.head_rate * decay], jnp.float32),
-            jnp.float32(config.sparsity), sizes, pack.ndc,
+            rates * np.float32(decay), sizes, pack.ndc,
         )  # fmt: skip
         at += sizes.rays
         if (step + 1) % check_every == 0 or step + 1 == steps:
@@ -87,9 +92,7 @@ def joint_tune(
                 best, kept = now, jax.tree.map(np.asarray, trained)
         if on_share:
             on_share((step + 1) / steps, f"step {step + 1} of {steps}, held-out {history[-1][1]:.2f} dB")
-    content = np.array(rounded(jnp.asarray(kept.latent)))
-    content[content[:, 3] == 0] = 0
-    tuned = with_content(pack, rows, content)
+    tuned = with_content(pack, rows, np.asarray(stored(jnp.asarray(kept.delta), scene)))
     if kept.head is not None:
         weights, biases = (tuple(map(np.asarray, part)) for part in kept.head)
         tuned = replace(tuned, view_mlp=ViewMlp(weights, biases))  # type: ignore[arg-type]
@@ -101,13 +104,13 @@ def joint_tune(
     }  # fmt: skip
 
 
-def start(rows: VoxelRows, pack: Pack) -> Trained:
-    """Latent voxels at their bytes, and the pack's view MLP."""
+def start(scene: Scene, pack: Pack) -> Trained:
+    """Cells that change nothing, and the pack's view MLP."""
     head = pack.view_mlp and ViewMlpParams(
         tuple(map(jnp.asarray, pack.view_mlp.weights)),  # type: ignore[arg-type]
         tuple(map(jnp.asarray, pack.view_mlp.biases)),  # type: ignore[arg-type]
     )
-    return Trained(jnp.asarray(rows.content, jnp.float32), head)
+    return Trained(jnp.zeros((int(scene.cells.max()) + 1, 8)), head)
 
 
 def rays_with_content(scene: Scene, dataset: RayDataset, pack: Pack) -> np.ndarray:
@@ -145,7 +148,7 @@ def list_sizes(
     wide = pack_sizes(pack, 4 * samples)._replace(coarse=4 * samples)
     sizes = Sizes(PROBE_RAYS, wide, 2 * samples, wide.per_ray)
     coarse, supported, contributing, most = (
-        int(n) for n in _probe(scene, rounded(trained.latent), dataset, jnp.asarray(probe), sizes)
+        int(n) for n in _probe(scene, stored(trained.delta, scene), dataset, jnp.asarray(probe), sizes)
     )
     share = supported / PROBE_RAYS
     rays = max(int(samples / ROOM / max(share, 1)) // 256 * 256, 256)
@@ -155,9 +158,9 @@ def list_sizes(
 
 
 @partial(jax.jit, static_argnames="sizes")
-def _probe(scene: Scene, stored: jax.Array, dataset: RayDataset, ids: jax.Array, sizes: Sizes):
+def _probe(scene: Scene, voxels: jax.Array, dataset: RayDataset, ids: jax.Array, sizes: Sizes):
     """Samples with support, contributing ones, and the most contributing ones of a ray."""
-    got = gather(scene, stored, dataset, ids, sizes)
+    got = gather(scene, voxels, dataset, ids, sizes)
     rays = dataset.rays_at(ids)[0]
     rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
     grid_rays = to_grid(scene.layout, in_grid_frame(rays, scene.grid_T_training))

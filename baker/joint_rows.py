@@ -60,3 +60,15 @@ def rows_by_slot(pack: Pack, rows: VoxelRows) -> np.ndarray:
     for slot, block in enumerate(blocks):
         out[slot] = block_copy(pack, rows.atlas, tuple(block))
     return out.reshape(-1)
+
+
+def cells_of_rows(pack: Pack, rows: VoxelRows, side: int) -> np.ndarray:
+    """int32 [V + 1]: which cell of side³ grid voxels each row lies in, numbered from 1; row 0 is cell 0."""
+    width, height, _ = (-(-n * pack.block_size // side) for n in pack.grid_blocks)
+    place = np.full(len(rows.content), -1, np.int64)
+    for block in np.argwhere(pack.occupied):
+        data = block_copy(pack, rows.atlas, tuple(block))[1:-1, 1:-1, 1:-1]
+        z, y, x = np.nonzero(data)
+        cell = [(i + b * pack.block_size) // side for i, b in zip((z, y, x), block.tolist(), strict=True)]
+        place[data[z, y, x]] = (cell[0] * height + cell[1]) * width + cell[2]
+    return np.unique(place, return_inverse=True)[1].astype(np.int32)

@@ -2,14 +2,16 @@
 
 The paper trains the view MLP on against the grid as quantising left it. Here the grid moves, too: every step takes the
 viewer's own samples (baker.pack_layout) of some training rays from the voxels *as rounded to 8 bits*, and its gradient
-moves the unrounded ones behind them (a straight-through estimator). What is optimised is what is shown.
+moves what is behind them (a straight-through estimator). What is optimised is what is shown.
 
-Notation: R rays; S samples with support; C of them contribute, which is all that a gradient needs; latent float32
-[V + 1, 8] voxels of baker.joint_rows before rounding, in units of 1/255.
+A voxel of a fine grid is met by a handful of rays, and learns their noise by heart. So the voxels of a cell of a few
+voxels a side move together: each cell adds to the straight colours and features of its voxels, and scales their density.
+For the same reason Adam's denominator has a floor, the mean over all cells: what has hardly any gradient hardly moves.
 
-    loss = mean over rays of |shown - photograph|²  +  sparsity · sum of alpha over contributing samples / R
+Notation: R rays; S samples with support; C of them contribute, which is all that a gradient needs; V voxels with alpha,
+K cells, row 0 of either stands for what is empty; delta float32 [K + 1, 8]: of rgb, log density, and features.
 
-The second term sheds fog: voxels too faint to show, of which each costs every ray that meets it a sample.
+    loss = mean over rays of |shown - photograph|²
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import jax
 import jax.numpy as jnp
 
 from baker.culling import in_grid_frame
-from baker.pack_layout import Accumulated, PackLayout, composite
+from baker.pack_layout import MAX_ALPHA, Accumulated, PackLayout, composite
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, UNPREMULTIPLY_GAIN
 from training.dataset import RayDataset
 from training.method import ViewMlpParams
@@ -30,6 +32,7 @@ from training.voxels.march import MarchSizes, Samples, march, to_grid, transmitt
 from training.voxels.sparse_grid import blend
 
 BETAS = (0.9, 0.99)
+TOP = 254.75  # stands for an alpha of 255, whose optical depth would be infinite
 
 
 class Sizes(NamedTuple):
@@ -42,18 +45,23 @@ class Sizes(NamedTuple):
 
 
 class Trained(NamedTuple):
-    """latent [V + 1, 8]; head: the view MLP, None for a diffuse pack."""
+    """delta [K + 1, 8]; head: the view MLP, None for a diffuse pack."""
 
-    latent: jax.Array
+    delta: jax.Array
     head: ViewMlpParams | None
 
 
 class Scene(NamedTuple):
-    """What stays: the layout, rows int32 [slots B³] of baker.joint_rows, training frame to grid frame."""
+    """What stays: the layout, rows int32 [slots B³] of baker.joint_rows, training frame to grid frame.
+
+    content uint8 [V + 1, 8]: the voxels as they were; cells int32 [V + 1]: the cell of each.
+    """
 
     layout: PackLayout
     rows: jax.Array
     grid_T_training: jax.Array
+    content: jax.Array
+    cells: jax.Array
 
 
 class Gathered(NamedTuple):
@@ -71,8 +79,8 @@ class Gathered(NamedTuple):
     supported: jax.Array
 
 
-def gather(scene: Scene, stored: jax.Array, dataset: RayDataset, ids: jax.Array, sizes: Sizes) -> Gathered:
-    """The samples of rays `ids` that contribute, given stored uint8 [V + 1, 8]. Nothing here is differentiated."""
+def gather(scene: Scene, voxels: jax.Array, dataset: RayDataset, ids: jax.Array, sizes: Sizes) -> Gathered:
+    """The samples of rays `ids` that contribute, given voxels uint8 [V + 1, 8]. Nothing here is differentiated."""
     rays, target = dataset.rays_at(ids)
     rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
     marched = march(
@@ -81,9 +89,9 @@ def gather(scene: Scene, stored: jax.Array, dataset: RayDataset, ids: jax.Array,
     )  # fmt: skip
     corners, weights = scene.layout.corners(marched.g)
     rows = scene.rows[corners]
-    alpha = jnp.einsum("nk,nk->n", weights, stored[rows, 3].astype(jnp.float32)) * (1 / 255)
+    alpha = jnp.einsum("nk,nk->n", weights, voxels[rows, 3].astype(jnp.float32)) * (1 / 255)
     alpha = jnp.where(marched.valid & (alpha > ALPHA_CONTRIBUTES), alpha, 0.0)
-    tau = -jnp.log1p(-jnp.minimum(alpha, 1 - 1e-6))
+    tau = -jnp.log1p(-jnp.minimum(alpha, MAX_ALPHA))
     before, _ = transmittance(marched, tau, sizes.rays, sizes.march.per_ray)
     taken = (alpha > 0) & (before > TRANSMITTANCE_STOP)
     (chosen,) = jnp.nonzero(taken, size=sizes.contributing, fill_value=taken.size)
@@ -116,9 +124,17 @@ def shown(
     return diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
 
 
-def rounded(latent: jax.Array) -> jax.Array:
-    """uint8 [V + 1, 8]: what is stored."""
-    return jnp.round(latent).astype(jnp.uint8)
+@jax.jit
+def stored(delta: jax.Array, scene: Scene) -> jax.Array:
+    """uint8 [V + 1, 8]: the voxels as they are stored, premultiplied."""
+    content = scene.content.astype(jnp.float32)
+    moved = delta[scene.cells]
+    before = content[:, 3:4]
+    depth = -jnp.log1p(-jnp.minimum(before, TOP) / 255)
+    alpha = jnp.minimum(-jnp.expm1(-depth * jnp.exp(moved[:, 3:4])) * 255, TOP)
+    alpha = jnp.where(before > 0, jnp.maximum(jnp.round(alpha), 1.0), 0.0)
+    values = jnp.clip(content / jnp.maximum(before, 1.0) + moved, 0.0, 1.0) * alpha
+    return jnp.round(values.at[:, 3:4].set(alpha)).astype(jnp.uint8)
 
 
 @partial(jax.jit, static_argnames=("sizes", "ndc"))
@@ -126,9 +142,9 @@ def squared_error(
     trained: Trained, scene: Scene, dataset: RayDataset, ids: jax.Array, sizes: Sizes, ndc: bool
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Sum of squared errors of the clamped picture over whole rays among `ids`, their number, and their samples."""
-    stored = rounded(trained.latent)
-    got = gather(scene, stored, dataset, ids, sizes)
-    values = blend(stored[got.ids].astype(jnp.float32) * (1 / 255), got.weights)
+    voxels = stored(trained.delta, scene)
+    got = gather(scene, voxels, dataset, ids, sizes)
+    values = blend(voxels[got.ids].astype(jnp.float32) * (1 / 255), got.weights)
     sums = composite(got.samples, values, sizes.rays, sizes.per_ray)
     rgb = shown(sums, trained.head, got.viewdirs, dataset.background, ndc)
     error = jnp.square(jnp.clip(rgb, 0, 1) - got.target).sum(-1)
@@ -138,52 +154,58 @@ def squared_error(
 @partial(jax.jit, static_argnames=("sizes", "ndc"), donate_argnums=(0, 1, 2))
 def update(
     trained: Trained, first: Trained, second: Trained, scene: Scene, dataset: RayDataset, ids: jax.Array,
-    count: jax.Array, rates: jax.Array, sparsity: jax.Array, sizes: Sizes, ndc: bool,
+    count: jax.Array, rates: jax.Array, sizes: Sizes, ndc: bool,
 ) -> tuple[Trained, Trained, Trained, dict[str, jax.Array]]:  # fmt: skip
-    """One step of Adam on the rays `ids`. rates [2]: of voxels (1/255) and of the view MLP. count: steps so far."""
-    stored = rounded(trained.latent)
-    got = gather(scene, stored, dataset, ids, sizes)
-    values = blend(stored[got.ids].astype(jnp.float32) * (1 / 255), got.weights)
+    """One step of Adam on the rays `ids`. rates [9]: of the 8 parts of delta, and of the view MLP. count: steps so far."""
+    voxels = stored(trained.delta, scene)
+    got = gather(scene, voxels, dataset, ids, sizes)
+    corners = voxels[got.ids].astype(jnp.float32) * (1 / 255)
+    values = blend(corners, got.weights)
     total = jnp.maximum(got.whole.sum(), 1)
 
-    def loss_of(values: jax.Array, head: ViewMlpParams | None) -> tuple[jax.Array, jax.Array]:
+    def loss_of(values: jax.Array, head: ViewMlpParams | None) -> jax.Array:
         sums = composite(got.samples, values, sizes.rays, sizes.per_ray)
         rgb = shown(sums, head, got.viewdirs, dataset.background, ndc)
-        error = jnp.where(got.whole, jnp.square(jnp.minimum(rgb, 1.0) - got.target).sum(-1), 0.0).sum() / total
-        fog = jnp.where(got.samples.valid, values[:, 3], 0.0).sum() / total
-        return error + sparsity * fog, error
+        return jnp.where(got.whole, jnp.square(jnp.minimum(rgb, 1.0) - got.target).sum(-1), 0.0).sum() / total
 
-    (_, error), (slope, head_slope) = jax.value_and_grad(loss_of, argnums=(0, 1), has_aux=True)(values, trained.head)
-    gradient = jnp.zeros_like(trained.latent).at[got.ids].add(got.weights[..., None] * slope[:, None])
-    gradient = gradient.at[0].set(0.0)
+    error, (slope, head_slope) = jax.value_and_grad(loss_of, argnums=(0, 1))(values, trained.head)
+    of_corners = got.weights[..., None] * slope[:, None]
+    alpha = corners[..., 3]
+    # A voxel is alpha (colour, 1, features) with alpha = 1 - exp(-depth): d alpha / d log depth = depth exp(-depth).
+    log_density = (-jnp.log1p(-jnp.minimum(alpha, MAX_ALPHA)) * (1 - alpha) / jnp.maximum(alpha, 1e-6)) * (
+        of_corners * corners
+    ).sum(-1)
+    gradient = (of_corners * alpha[..., None]).at[..., 3].set(log_density)
+    gradient = jnp.zeros_like(trained.delta).at[scene.cells[got.ids]].add(gradient).at[0].set(0.0)
     trained, first, second = _adam(trained, Trained(gradient, head_slope), first, second, count, rates)
-    figures = {"mse": error / 3, "rays": got.whole.sum(), "samples": got.samples.valid.sum()}
-    return trained, first, second, figures
+    return trained, first, second, error / 3
 
 
 def _adam(
     trained: Trained, slope: Trained, first: Trained, second: Trained, count: jax.Array, rates: jax.Array
 ) -> tuple[Trained, Trained, Trained]:
-    """Adam; voxels that no ray of this step met are left alone, moments included. Voxels stay premultiplied bytes."""
+    """Adam; cells that no ray of this step met are left alone, moments included."""
     one, two = BETAS
     steps = count.astype(jnp.float32) + 1.0
     correction = jnp.sqrt(1 - two**steps) / (1 - one**steps)
 
-    def move(value, slope, m, v, rate):
-        m, v = one * m + (1 - one) * slope, two * v + (1 - two) * jnp.square(slope)
-        return value - rate * correction * m / (jnp.sqrt(v) + 1e-12), m, v
+    def moments(slope, m, v):
+        return one * m + (1 - one) * slope, two * v + (1 - two) * jnp.square(slope)
 
-    met = jnp.any(slope.latent != 0, axis=1, keepdims=True)
-    value, m, v = move(trained.latent, slope.latent, first.latent, second.latent, rates[0])
-    alpha = jnp.clip(value[:, 3:4], 0.0, 255.0)
-    value = jnp.clip(value, 0.0, alpha)
-    latent, m, v = (
-        jnp.where(met, new, old) for new, old in ((value, trained.latent), (m, first.latent), (v, second.latent))
+    met = jnp.any(slope.delta != 0, axis=1, keepdims=True)
+    m, v = moments(slope.delta, first.delta, second.delta)
+    ever = jnp.maximum((v > 0).sum(0), 1)
+    floor = jnp.sqrt(v.sum(0) / ever)
+    value = trained.delta - rates[:8] * correction * m / (jnp.sqrt(v) + floor + 1e-12)
+    delta, m, v = (
+        jnp.where(met, new, old) for new, old in ((value, trained.delta), (m, first.delta), (v, second.delta))
     )
     if trained.head is None:
-        return Trained(latent, None), Trained(m, None), Trained(v, None)
+        return Trained(delta, None), Trained(m, None), Trained(v, None)
     leaves, tree = jax.tree.flatten(trained.head)
-    others = (jax.tree.leaves(part.head) for part in (slope, first, second))
-    moved = [move(a, g, m, v, rates[1]) for a, g, m, v in zip(leaves, *others, strict=True)]
-    heads = [jax.tree.unflatten(tree, [part[i] for part in moved]) for i in range(3)]
-    return Trained(latent, heads[0]), Trained(m, heads[1]), Trained(v, heads[2])
+    heads = []
+    for a, g, *old in zip(leaves, *(jax.tree.leaves(part.head) for part in (slope, first, second)), strict=True):
+        m_head, v_head = moments(g, *old)
+        heads.append((a - rates[8] * correction * m_head / (jnp.sqrt(v_head) + 1e-12), m_head, v_head))
+    new, m_head, v_head = (jax.tree.unflatten(tree, part) for part in zip(*heads, strict=True))
+    return Trained(delta, new), Trained(m, m_head), Trained(v, v_head)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
+
+# What the machine refuses is not a bug of ours, wherever it surfaces.
+_REFUSED = {errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE}
 
 
 class UserError(Exception):
@@ -33,3 +37,13 @@ class UserError(Exception):
         if remedy is not None:
             line += f"; {remedy}"
         super().__init__(" ".join(line.split()))
+
+
+def refusal(error: BaseException) -> str | None:
+    """In plain words what the machine refuses: disk, permissions, memory. None where `error` is about something else."""
+    if isinstance(error, OSError) and error.errno in _REFUSED:
+        words = "the disk is full" if error.errno == errno.ENOSPC else str(error.strerror)
+        return f"{error.filename}: {words}" if error.filename else words
+    if isinstance(error, MemoryError):
+        return f"this machine has not enough free memory for it ({error or 'allocation failed'})"
+    return None

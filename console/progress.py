@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
 
+from console.driven import Report, Reporter
+
 PLAIN_LINE_EVERY_S = 10.0
 PLAIN_QUIET_S = 2.0  # work done sooner needs no line
 
@@ -21,10 +23,24 @@ class Progress:
     def __init__(self, title: str, total: float) -> None:
         self.title, self.total, self.done, self.note = title, total, 0.0, ""
         self.started = time.monotonic()
+        self._reporter: Reporter | None = None
 
     def update(self, done: float, note: str = "") -> None:
         """`done` units of `total` are finished; `note` is a short figure to show beside ("PSNR 27.1")."""
         self.done, self.note = done, note
+        self.report(at_once=done >= self.total)
+
+    def report_to(self, reporter: Reporter) -> None:
+        """Tells `reporter` of every update from now on."""
+        self._reporter = reporter
+        self.report(at_once=True)
+
+    def report(self, *, at_once: bool = False) -> None:
+        """Tells where the work is."""
+        if self._reporter is not None:
+            passed = time.monotonic() - self.started
+            report = Report(self.title, float(self.done), float(self.total), self.note, round(passed, 2))
+            self._reporter.tell(report, at_once=at_once)
 
     def advance(self, units: float = 1.0, note: str | None = None) -> None:
         self.update(self.done + units, self.note if note is None else note)
@@ -79,7 +95,19 @@ def duration(seconds: float) -> str:
 
 @contextmanager
 def progress(title: str, total: float, quiet: bool = False) -> Iterator[Progress]:
-    """Shows `title` with a bar (terminal) or a line every ten seconds (no terminal), on stderr; nothing where quiet."""
+    """Shows `title` with a bar (terminal) or a line every ten seconds (no terminal), on stderr; nothing where quiet.
+
+    A program that started us can read it from a file as well; see console.driven.
+    """
+    with _shown(title, total, quiet) as work:
+        if not quiet:
+            work.report_to(Reporter())
+        yield work
+        work.report(at_once=True)
+
+
+@contextmanager
+def _shown(title: str, total: float, quiet: bool) -> Iterator[Progress]:
     if quiet:
         yield Progress(title, total)
         return

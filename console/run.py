@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import functools
 import io
 import os
@@ -15,14 +14,13 @@ from unittest import mock
 
 import tyro
 
-from console.errors import UserError
+from console.driven import ending_with_stdin
+from console.errors import UserError, refusal
 from console.notices import plain_notices
 
 DONE, BUG, USER_CAN_MEND, INTERRUPTED = 0, 1, 2, 130
 
 Command = Callable[..., Any]
-# What the machine refuses is not a bug of ours, wherever it surfaces.
-_MENDABLE = {errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE}
 _FLAGS = (tyro.conf.FlagCreatePairsOff,)  # --resume, and no --no-resume beside it
 _WIDE = {"COLUMNS": "4000"}
 
@@ -47,7 +45,7 @@ def run_command(
     words = [word for word in words if word != "--debug"]
     _print_any_character()
     try:
-        with plain_notices(prog):
+        with plain_notices(prog), ending_with_stdin():
             call = _parse(command, prog, description, words)
             if not callable(call):
                 return call
@@ -86,13 +84,7 @@ def _print_any_character() -> None:
 
 def _mendable(error: Exception) -> str | None:
     """The line for an error that the user can mend, None for a bug."""
-    if isinstance(error, UserError):
-        return str(error)
-    if isinstance(error, OSError) and error.errno in _MENDABLE:
-        return f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror)
-    if isinstance(error, MemoryError):
-        return f"this machine has not enough free memory for it ({error or 'allocation failed'})"
-    return None
+    return str(error) if isinstance(error, UserError) else refusal(error)
 
 
 def _parse(

@@ -9,6 +9,7 @@
 //   FEATURES_STORED  defined where the pack has features; FEATURES_BESIDE where they lie beside rgba in one atlas
 //   VIEW_MLP         defined where the pack has a view MLP and the mode asks for it
 //   VIEW_MLP_PER_SAMPLE  ablation: the view MLP at every sample instead of once a pixel (paper, table 1, row 3)
+//   RAW_COUNTS       defined to write samples fetched, steps over empty space and opacity instead of a colour
 //   BLOCK_SIZE, PADDED_BLOCK_SIZE, SLOT_WIDTH  data voxels per macroblock side, B, and atlas voxels to the next in x
 // Every length below is in voxels and every position in the grid, [0, grid size], unless said otherwise.
 #version 330 core
@@ -36,5 +37,9 @@ void main() {
 #ifdef NDC
     partially_unpremultiply(marched);
 #endif
+#ifdef RAW_COUNTS
+    fragment_colour = vec4(marched.fetched, marched.jumps, 1.0 - marched.transmittance, 1.0);
+#else
     fragment_colour = vec4(clamp(displayed_colour(ray, marched), 0.0, 1.0), 1.0);
+#endif
 }

@@ -6,7 +6,6 @@ GPU timer query where those can be trusted, and wall time around a finish() on s
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -17,13 +16,13 @@ import numpy as np
 from console import progress
 from scenepack.pack import Pack
 from viewer.camera import ViewCamera, forward_facing_path, orbit_path
+from viewer.gpu_clock import GpuClock, is_software
 from viewer.offscreen import OffscreenRenderer
 from viewer.power import PowerMeter
 from viewer.settings import RenderSettings
 
 WARM_UP_FRAMES = 3
 PSNR_FRAMES = 8  # compared between two marchers, spread over the path
-SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "software")
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ def measure(
         own = list(contenders)
         contenders = own + [Contender(label, own[0].settings) for label in others]
         name = ctx.info["GL_RENDERER"]
-        timed = _timer(ctx, name)
+        timed = _timer(ctx)
         framebuffer = offscreen.framebuffer(cameras[0].width, cameras[0].height)
         for contender in contenders:
             for camera in cameras[:1] * WARM_UP_FRAMES:
@@ -117,7 +116,7 @@ def measure(
         compared = cameras[:: max(1, len(cameras) // PSNR_FRAMES)]
         return Measurement(
             name,
-            "wall time around finish()" if _is_software(name) else "GPU timer queries",
+            "wall time around finish()" if is_software(name) else "GPU timer queries",
             contenders,
             {c.name: renderers[c.name].gpu_bytes(c.settings.marcher) for c in contenders},
             meter.watts,
@@ -125,30 +124,16 @@ def measure(
         )
 
 
-def _is_software(renderer: str) -> bool:
-    return any(word in renderer.lower() for word in SOFTWARE)
-
-
-def _timer(ctx: moderngl.Context, renderer: str) -> Callable[[Callable[[], None]], float]:
+def _timer(ctx: moderngl.Context) -> Callable[[Callable[[], None]], float]:
     """A function that runs a drawing function and gives the milliseconds it took."""
+    clock = GpuClock(ctx)
 
-    def by_wall(draw: Callable[[], None]) -> float:
+    def timed(draw: Callable[[], None]) -> float:
         ctx.finish()
-        start = time.perf_counter()
-        draw()
-        ctx.finish()
-        return 1000.0 * (time.perf_counter() - start)
+        gpu, wall = clock.time(draw)
+        return wall if gpu is None else gpu
 
-    if _is_software(renderer):
-        return by_wall
-    query = ctx.query(time=True)
-
-    def by_query(draw: Callable[[], None]) -> float:
-        with query:
-            draw()
-        return query.elapsed / 1e6
-
-    return by_query
+    return timed
 
 
 def _psnr(

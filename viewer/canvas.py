@@ -1,6 +1,6 @@
 """The picture inside the window: framebuffers of its own, quick pictures while things move, tiles while they rest.
 
-Implements viewer.app.application.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
+Implements viewer.app.state.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
 the lower left corner, so that a change of scale allocates nothing.
 """
 
@@ -15,11 +15,14 @@ import numpy as np
 from console import UserError
 from scenepack.pack import Pack
 from viewer.app.resolution import Governor, tiles
+from viewer.app.thumbnails import Thumbnails
 from viewer.camera import ViewCamera
+from viewer.gpu_clock import GpuClock
 from viewer.ray_frame import RayFrame
 from viewer.renderer import Renderer
 from viewer.settings import RenderSettings
 from viewer.shader_source import assemble, compile_program
+from viewer.sheet_texture import SheetTexture
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun
@@ -82,6 +85,8 @@ class _Target:
         """What draws `part` (x, y, w, h from the top left) of a picture of `size` in this texture's lower left."""
         (tw, th), (width, height) = self.size, size
         x, y, w, h = part or (0, 0, width, height)
+        if part is not None:  # off the outermost texels' outer halves, which are blended with what is not drawn yet
+            x, y, w, h = x + 0.5, y + 0.5, w - 1, h - 1
         uv0, uv1 = (x / tw, (height - y) / th), ((x + w) / tw, (height - y - h) / th)
         box = (x / width, y / height, (x + w) / width, (y + h) / height)
         return Layer(self.texture.glo, uv0, uv1, box)
@@ -132,14 +137,18 @@ class Canvas:
         self._tiles: list[tuple[int, int, int, int]] | None = None  # still to draw; None: not begun
         self._done: list[tuple[int, int, int, int]] = []
         self._quick_size = (0, 0)
-        self._tile_ms = 0.0
+        self._tile_ms = self._tile_gpu_ms = 0.0
         self.layers: list[Layer] = []
         self.other: Canvas | None = None  # another pack under the same camera
         self.difference: Layer | None = None
         self._difference: Difference | None = None
         self._images: dict[str, tuple[int, moderngl.Texture]] = {}
-        self.scene_ms = 0.0
+        self._sheet = SheetTexture(ctx, self._retired)
+        self.clock = GpuClock(ctx)
+        self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
+        self.gpu_ms: float | None = None  # of the same, by the card's own clock
         self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
+        self.picture_gpu_ms: float | None = None  # likewise, by the card's own clock
         self.drawn_size = (0, 0)  # pixels of the picture that is shown
 
     # Stage
@@ -195,6 +204,10 @@ class Canvas:
             self._images[name] = (id(pixels), texture)
         return self._images[name][1].glo
 
+    def sheet(self, thumbnails: Thumbnails) -> int:
+        """OpenGL name of the texture with the thumbnails that have arrived."""
+        return self._sheet.follow(thumbnails)
+
     def drop_image(self, name: str) -> None:
         """Frees such a texture, if there is one."""
         if name in self._images:
@@ -223,13 +236,22 @@ class Canvas:
         return (far - shade * (far - near)) * pack.voxel_size
 
     def _float_pixel(self, camera: ViewCamera, settings: RenderSettings) -> float:
+        return float(self._floats(camera, settings)[0, 0, 0])
+
+    def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """See Stage.ray_counts."""
+        return self._floats(camera, settings)
+
+    def _floats(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """The picture unrounded, float32 [height, width, 3]."""
         assert self.renderer is not None
         self.renderer.arrive()
-        texture = self.ctx.texture((1, 1), 4, dtype="f4")
+        texture = self.ctx.texture((camera.width, camera.height), 4, dtype="f4")
         framebuffer = self.ctx.framebuffer([texture])
         try:
             self.renderer.render(framebuffer, camera, settings)
-            return float(np.frombuffer(framebuffer.read(components=1, dtype="f4"), "f4")[0])
+            pixels = np.frombuffer(framebuffer.read(components=3, dtype="f4"), "f4")
+            return pixels.reshape(camera.height, camera.width, 3)[::-1]
         finally:
             _unbind_framebuffers(self.ctx)
             framebuffer.release()
@@ -246,11 +268,21 @@ class Canvas:
         return pixels.reshape(height, width, 3)[::-1].copy()
 
     @property
+    def gpu_bytes_by_use(self) -> dict[str, int]:
+        """Texture memory in bytes, by what it is for; what takes none is left out."""
+        other = self.other.gpu_bytes if self.other is not None else 0
+        uses = {
+            "Pack": self.renderer.gpu_bytes() if self.renderer is not None else 0,
+            "Other pack": other,
+            "Pictures": sum(4 * target.size[0] * target.size[1] for target in (self._quick, self._full, self._still)),
+            "Photographs": self._sheet.gpu_bytes + sum(t.width * t.height * 4 for _, t in self._images.values()),
+        }
+        return {use: size for use, size in uses.items() if size}
+
+    @property
     def gpu_bytes(self) -> int:
-        """Texture memory of pack and pictures."""
-        pictures = sum(4 * t.size[0] * t.size[1] for t in (self._quick, self._full, self._still))
-        pictures += self.other.gpu_bytes if self.other is not None else 0
-        return pictures + (self.renderer.gpu_bytes() if self.renderer is not None else 0)
+        """Texture memory in use."""
+        return sum(self.gpu_bytes_by_use.values())
 
     # Drawing
 
@@ -295,7 +327,7 @@ class Canvas:
         size = _scaled(camera, governor.moving_scale)
         target = self._quick.fit(camera.width, camera.height)
         self._timed(target, camera.resized(*size), settings, (0, 0, *size))
-        self.picture_ms = self.scene_ms
+        self.picture_ms, self.picture_gpu_ms = self.scene_ms, self.gpu_ms
         governor.moved(self.scene_ms, size[0] * size[1])
         self._quick_size = self.drawn_size = size
         self.layers = [self._quick.layer(size)]
@@ -306,7 +338,7 @@ class Canvas:
         size = _scaled(camera, governor.rest_scale)
         if self._tiles is None:
             self._tiles, self._done = tiles(*size, governor.tile_side()), []
-            self._tile_ms = 0.0
+            self._tile_ms, self._tile_gpu_ms = 0.0, 0.0
         whole = camera.resized(*size)
         target = self._full.fit(*size)
         x, y, w, h = self._tiles.pop(0)
@@ -314,18 +346,18 @@ class Canvas:
         self._timed(target, part, settings, (x, size[1] - y - h, w, h))
         governor.measured(self.scene_ms, w * h)
         self._tile_ms += self.scene_ms
+        self._tile_gpu_ms += self.gpu_ms or 0.0
         self._done.append((x, y, w, h))
         if self._tiles:
             self.layers = [self._quick.layer(self._quick_size), *(self._full.layer(size, box) for box in self._done)]
         else:
             self.layers, self.drawn_size, self.picture_ms = [self._full.layer(size)], size, self._tile_ms
+            self.picture_gpu_ms = None if self.gpu_ms is None else self._tile_gpu_ms
 
     def _timed(self, target: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, viewport) -> None:
         assert self.renderer is not None
-        start = time.perf_counter()
-        self.renderer.render(target, camera, settings, viewport)
-        self.ctx.finish()
-        self.scene_ms = 1000.0 * (time.perf_counter() - start)
+        renderer = self.renderer
+        self.gpu_ms, self.scene_ms = self.clock.time(lambda: renderer.render(target, camera, settings, viewport))
 
     def release(self) -> None:
         """Frees everything on the card."""
@@ -333,6 +365,7 @@ class Canvas:
         self._drop_coming()
         for name in list(self._images):
             self.drop_image(name)
+        self._sheet.release()
         if self._difference is not None:
             self._difference.release()
         for target in (self._quick, self._full, self._still):

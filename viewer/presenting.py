@@ -38,6 +38,7 @@ def _present(app: App, canvas: Canvas, wait: bool) -> bool:
         canvas.difference = None
     if not pending and not drawn:
         comparison.measure(app)
+        app.costs.measure(app)
     return drawn
 
 
@@ -57,3 +58,10 @@ def unfinished(app: App, canvas: Canvas) -> bool:
     """Whether a picture is not at its full resolution yet."""
     comparing = app.comparison.against == "pack" and canvas.other is not None
     return canvas.pending or (comparing and canvas.other is not None and canvas.other.pending)
+
+
+def awaited(app: App) -> bool:
+    """Whether a thread is at work on something that will be seen."""
+    thumbnails = app.comparison.thumbnails
+    asked_about = app.making.plan is not None and app.making.busy
+    return app.loading is not None or asked_about or (thumbnails is not None and thumbnails.coming)

@@ -129,7 +129,8 @@ class Renderer:
         ctx.wireframe = False
         scene.bind(program)
         if self._draws_content_box(settings, camera):
-            empty = settings.background if settings.mode in MODES_OVER_BACKGROUND else (0.0, 0.0, 0.0)
+            over_background = settings.mode in MODES_OVER_BACKGROUND and not settings.counts
+            empty = settings.background if over_background else (0.0, 0.0, 0.0)
             framebuffer.clear(*empty, 1.0, viewport=viewport)
             ctx.enable_direct(GL_DEPTH_CLAMP)
             ctx.enable_only(moderngl.CULL_FACE)
@@ -153,7 +154,7 @@ class Renderer:
         self._scenes, self._programs = {}, {}
 
     def _program(self, settings: RenderSettings, camera: ViewCamera) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        key = (settings.marcher, settings.mode, settings.view_mlp_per_sample, any(camera.distortion))
+        key = (settings.marcher, settings.mode, settings.counts, settings.view_mlp_per_sample, any(camera.distortion))
         if key not in self._programs:
             program = compile_program(
                 self.ctx,
@@ -180,6 +181,7 @@ class Renderer:
         defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
         stored = pack.view_mlp is not None and pack.atlas_features is not None
         beside = self.scene(settings.marcher).features_beside
+        counting = settings.counts or mode in ("samples", "jumps")
         accumulates_features = stored and (shaded or mode == "features")
         return defines | {
             "MARCHER": MARCHERS.index(settings.marcher),
@@ -188,8 +190,9 @@ class Renderer:
             "PADDED_BLOCK_SIZE": pack.padded_block_size,
             "SLOT_WIDTH": pack.padded_block_size * (2 if beside else 1),
             "CELL": CELL,
-            # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much.
-            "SAMPLES_A_TEST": 1 if accumulates_features else 2,
+            # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much. The
+            # cost modes take the steps that the picture takes.
+            "SAMPLES_A_TEST": 1 if accumulates_features or (stored and counting) else 2,
             "NDC": pack.ndc,
             "DISTORTION": any(camera.distortion),
             "FEATURES_STORED": stored,
@@ -199,7 +202,8 @@ class Renderer:
             "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
             "ACCUMULATE_DEPTH": mode == "depth",
             "FIRST_BLOCK": mode == "macroblocks",
-            "COUNT_COST": mode in ("samples", "jumps"),
+            "COUNT_COST": counting,
+            "RAW_COUNTS": settings.counts,
         }
 
     def _generated(self) -> dict[str, str]:

@@ -20,7 +20,7 @@ from console import UserError, run_command
 from console.plots import Line, draw_plot
 from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
-from scenepack.pack import Pack, ViewMlp
+from scenepack.pack import Pack, ViewMlp, pack_of_cube
 from viewer.arguments import parse_numbers
 from viewer.benchmark import Contender, measure
 from viewer.camera import orbit_path
@@ -66,22 +66,13 @@ def carved_pack(side: int, opacity: float = 1.0) -> Pack:
     middles = ((np.arange(counts[0]) + 0.5) * BLOCK_SIZE * voxel - 1.0).astype(np.float32)
     reach = (np.sqrt(3.0) * (0.5 * BLOCK_SIZE + 1.0) + SHELL) * voxel
     occupied = surface_distance(*reversed(np.ix_(middles, middles, middles))) < reach
-    indices, rgba, features = atlas_from_volume(read_box, (side, side, side), BLOCK_SIZE, occupied)
+    atlas = atlas_from_volume(read_box, (side, side, side), BLOCK_SIZE, occupied)
     rng = np.random.default_rng(0)
     layers = list(pairwise(VIEW_MLP_WIDTHS))
     w0, w1, w2 = (rng.normal(0, 1.2 / np.sqrt(n), (n, m)).astype(np.float32) for n, m in layers)
     b0, b1, b2 = (np.full(m, -0.3, np.float32) for _, m in layers)
-    return Pack(
-        voxel_size=voxel,
-        min_xyz=np.full(3, -1.0),
-        grid_size=(side, side, side),
-        block_size=BLOCK_SIZE,
-        atlas_indices=indices,
-        atlas_rgba=rgba,
-        atlas_features=features,
-        view_mlp=ViewMlp((w0, w1, w2), (b0, b1, b2)),
-        worldspace_T_opengl=BLENDER_FRAME.copy(),
-    )
+    mlp = ViewMlp((w0, w1, w2), (b0, b1, b2))
+    return pack_of_cube(side, BLOCK_SIZE, atlas, mlp, BLENDER_FRAME)
 
 
 def times(pack: Pack, side: int, frames: int, reference: Pack) -> dict[str, float]:

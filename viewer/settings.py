@@ -38,5 +38,7 @@ class RenderSettings:
     """corners (min, max) of a box in the grid frame outside of which nothing is shown"""
     cost_scale: float = 64.0
     """the count shown brightest in the modes samples and jumps"""
+    counts: bool = False
+    """what each ray cost, as numbers instead of a colour: samples fetched, jumps, opacity; for float32 framebuffers"""
     view_mlp_per_sample: bool = False
     """ablation (paper, table 1): ask the view MLP at every sample instead of once a pixel"""

@@ -7,12 +7,10 @@ import os
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Sequence
-from math import ceil
 from pathlib import Path
 
-from console import Notice, UserError, run_command
+from console import UserError, run_command
 from training.config import BakeablePreset
 
 DESCRIPTION = (
@@ -21,7 +19,6 @@ DESCRIPTION = (
 # The paper bakes at slightly more voxels than its photographs have pixels (section 6). `cpu` shrinks photographs first.
 RESOLUTION = {"cpu": 512, "small": 512, "tiny": 96}
 FULL_RESOLUTION = 1000
-LONGEST_SIDE = {"cpu": 256}
 
 
 def snerg_make(
@@ -59,6 +56,7 @@ def snerg_make(
     from training.config import PRESETS
     from training.loop import train
     from training.run import is_run, read_description
+    from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
 
     run_path, pack_path = out / "run", out / "pack"
     check_target(pack_path)
@@ -74,7 +72,7 @@ def snerg_make(
                             remedy="choose another --out")  # fmt: skip
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
     else:
-        downscale = downscale or suggested_downscale(scene, preset)
+        downscale = downscale or suggested_downscale(scene, LONGEST_SIDE.get(preset))
     run = train(
         scene, run_path, config, downscale=downscale or 1, spherify=spherify or None, masks=masks, resume=resume
     )
@@ -87,25 +85,6 @@ def snerg_make(
     ):
         # A process of its own: JAX holds most of a GPU's memory until this one ends.
         subprocess.Popen([sys.executable, "-m", "viewer.commands.view", str(pack_path)])
-
-
-def suggested_downscale(scene: Path, preset: str) -> int:
-    """The smallest whole number that brings the photographs to the size with which the preset keeps its promise.
-
-    Asked of the reader, since it knows what a downscale counts from: the pictures of an LLFF capture may be stored shrunk.
-    """
-    from training.scenes import load_scene
-
-    limit, downscale = LONGEST_SIDE.get(preset), 1
-    while limit is not None:
-        with warnings.catch_warnings():  # what the reader has to say is said when training reads the scene
-            warnings.simplefilter("ignore", Notice)
-            camera = load_scene(scene, downscale=downscale).splits["train"][0].camera
-        longest = max(camera.width, camera.height)
-        if longest <= limit:
-            break
-        downscale = max(downscale + 1, ceil(downscale * longest / limit))
-    return downscale
 
 
 def minutes(seconds: float) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from scenepack.blocks import atlas_from_dense
 from scenepack.constants import VIEW_MLP_WIDTHS
-from scenepack.pack import Pack, ViewMlp
+from scenepack.pack import Pack, ViewMlp, pack_of_cube
 
 BLENDER_FRAME = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
 NDC_FRAME = np.diag([1.0, 1.0, -1.0, 1.0])
@@ -57,15 +57,5 @@ def shapes_pack(side: int = 70, block_size: int = 14, *, ndc: bool = False, diff
     rgba = np.concatenate([np.rint(0.7 * colour * levels), levels], axis=-1).astype(np.uint8)
     atlas = atlas_from_dense(rgba, None if diffuse else np.rint(features * levels).astype(np.uint8), block_size)
     camera = {"ndc": True, "input_width": 160.0, "input_height": 120.0, "input_focal": 140.0} if ndc else {}
-    return Pack(
-        voxel_size=voxel,
-        min_xyz=np.full(3, -1.0),
-        grid_size=(side, side, side),
-        block_size=block_size,
-        atlas_indices=atlas[0],
-        atlas_rgba=atlas[1],
-        atlas_features=atlas[2],
-        view_mlp=None if diffuse else glossy_mlp(),
-        worldspace_T_opengl=NDC_FRAME.copy() if ndc else BLENDER_FRAME.copy(),
-        **camera,
-    )
+    mlp, frame = None if diffuse else glossy_mlp(), NDC_FRAME if ndc else BLENDER_FRAME
+    return pack_of_cube(side, block_size, atlas, mlp, frame, **camera)

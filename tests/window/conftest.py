@@ -14,6 +14,7 @@ import pytest
 
 from scenepack import Pack, ViewMlp, save_pack
 from scenepack.blocks import atlas_from_dense
+from scenepack.pack import pack_of_cube
 from viewer.app.application import App
 from viewer.offscreen import create_context
 from viewer.panels.offscreen_ui import OffscreenUi
@@ -39,28 +40,15 @@ def toy_pack(*, ndc: bool = False, view_mlp: bool = True, seed: int = 0) -> Pack
     rgba[(x**2 + (y + 0.25) ** 2 + z**2) < 0.16] = (210, 60, 50, 255)
     rgba[(np.abs(x - 0.5) < 0.08) & (np.abs(z) < 0.08) & (np.abs(y + 0.2) < 0.6)] = (60, 90, 220, 255)
     features = np.where(rgba[..., 3:] > 0, rng.integers(40, 200, (1, 1, 1, 4)), 0).astype(np.uint8)
-    indices, atlas, atlas_features = atlas_from_dense(rgba, features if view_mlp else None, BLOCK)
+    atlas = atlas_from_dense(rgba, features if view_mlp else None, BLOCK)
     mlp = None
     if view_mlp:
         shapes = ((34, 16), (16, 16), (16, 3))
         weights = tuple(rng.normal(0, 0.3, shape).astype(np.float32) for shape in shapes)
         biases = tuple(np.full(shape[1], b, np.float32) for shape, b in zip(shapes, (0, 0, -2), strict=True))
         mlp = ViewMlp(weights, biases)
-    return Pack(
-        voxel_size=2 / SIDE,
-        min_xyz=np.full(3, -1.0),
-        grid_size=(SIDE, SIDE, SIDE),
-        block_size=BLOCK,
-        atlas_indices=indices,
-        atlas_rgba=atlas,
-        atlas_features=atlas_features,
-        view_mlp=mlp,
-        worldspace_T_opengl=np.diag([1.0, 1.0, -1.0, 1.0]) if ndc else BLENDER,
-        ndc=ndc,
-        input_width=400.0 if ndc else None,
-        input_height=300.0 if ndc else None,
-        input_focal=350.0 if ndc else None,
-    )
+    camera = {"ndc": True, "input_width": 400.0, "input_height": 300.0, "input_focal": 350.0} if ndc else {}
+    return pack_of_cube(SIDE, BLOCK, atlas, mlp, np.diag([1.0, 1.0, -1.0, 1.0]) if ndc else BLENDER, **camera)
 
 
 @pytest.fixture(scope="session")

@@ -103,6 +103,16 @@ def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     assert loading.pack is None and loading.error is None and open_app.scene is old and not open_app.messages.dialogs
 
 
+def test_a_preview_tells_its_images_and_not_its_voxels(open_app):
+    from viewer.panels.top_bar import state_of
+
+    assert state_of(open_app) == "44 × 44 × 44 voxels"
+    open_app.scene.whole = False
+    assert state_of(open_app) == "loading"
+    open_app.loading = type("Loading", (), {"images": (3, 16)})()
+    assert state_of(open_app) == "loading 3 of 16 images"
+
+
 def test_dropping_a_pack_opens_it(open_app, pack_folder):
     open_app.drop([pack_folder])
     finish_loading(open_app)

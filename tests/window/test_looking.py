@@ -10,10 +10,11 @@ from tests.window.conftest import toy_pack
 from tests.window.scenes import SIDE, photographed
 from tests.window.test_application import FakeStage
 from viewer.app import crop, preferences
-from viewer.app.application import App, name_of
+from viewer.app.application import App
 from viewer.app.files import kind_of
 from viewer.app.photographs import Photographs, psnr, shots_of
 from viewer.app.projection import along_axis, project
+from viewer.app.state import name_of
 from viewer.camera import ViewCamera
 
 
@@ -196,9 +197,7 @@ def test_things_dropped_are_told_apart(tmp_path, pack_folder):
     assert kind_of(tmp_path / "nothing") == "unknown"
     app = App(stage=FakeStage())
     app.drop([scene])
-    assert "snerg-make" in app.messages.dialogs[0].text and app.loading is None
-    assert app.clipboard.get().startswith("snerg-make")
-    app.messages.dialogs.clear()
+    assert app.making.plan is not None and app.making.plan.subject == "scene" and app.loading is None
     note = tmp_path / "notes.txt"
     note.write_text("hello")
     app.drop([note])

@@ -168,7 +168,7 @@ def test_a_full_disk_is_a_dialog_and_leaves_nothing(filming_app, tmp_path, monke
     filming_app.filming.film(filming_app, tmp_path / "out" / "frames")
     monkeypatch.setattr(Image.Image, "save", full)
     finish_export(filming_app)
-    assert "No space left" in filming_app.messages.dialogs[0].text
+    assert "the disk is full" in filming_app.messages.dialogs[0].text
     assert not list((tmp_path / "out").iterdir())
 
 

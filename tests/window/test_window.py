@@ -12,8 +12,10 @@ from PIL import Image
 
 from scenepack import save_pack
 from tests.window.scenes import photographed
+from viewer.app.application import App
 from viewer.commands.view import PageName, parse_size
 from viewer.panels.layout import PAGES
+from viewer.window import NoDisplay, Window, display_problem
 
 LIVE = Path(__file__).with_name("live_window.py")
 
@@ -21,7 +23,7 @@ LIVE = Path(__file__).with_name("live_window.py")
 def test_the_live_window(display):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(LIVE)]
     env = {**os.environ, "DISPLAY": display}
-    done = subprocess.run(command, env=env, cwd=LIVE.parents[2], capture_output=True, text=True, timeout=180)
+    done = subprocess.run(command, env=env, cwd=LIVE.parents[2], capture_output=True, text=True, timeout=400)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -102,6 +104,13 @@ def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[150:300, 200:600].mean() > 0.5  # a card, in the middle
 
 
+def test_photographs_are_asked_about_on_a_display_and_told_without_one(display, tmp_path, known_pack):
+    pixels = picture_of(display, tmp_path, known_pack.parent / "scene")
+    assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[120:380, 130:670].mean() > 0.4  # a card, in the middle
+    done = run_view(known_pack.parent / "scene")
+    assert done.returncode == 2 and "snerg-make" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
 def test_a_bad_pack_without_a_display_is_one_line_and_status_2(tmp_path):
     (tmp_path / "scene_params.json").write_text("{")
     done = run_view(tmp_path)
@@ -128,3 +137,11 @@ def test_sizes_are_read():
 
 def test_the_command_line_knows_all_pages():
     assert list(get_args(PageName)) == [page.id for page in PAGES]
+
+
+def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":4711")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert display_problem() is None
+    with pytest.raises(NoDisplay, match="no window can be opened"):
+        Window(App())

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from console import UserError
-from training.scenes.pictures import photograph_loader, picture_size, shrunk_size
+from training.scenes.pictures import PictureLoader, picture_size, shrunk_size
 from training.scenes.poses import frames_of, number, pose, read_json
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions
 
@@ -73,7 +73,7 @@ def _read_split(path: Path, description: Path, downscale: int) -> tuple[Photogra
         focal = float(0.5 * source[0] / np.tan(0.5 * angle))
         camera = Camera(world_T_camera, *source, focal, focal, 0.5 * source[0], 0.5 * source[1]).resized(*size)
         name = Path(frame["file_path"]).with_suffix("").as_posix().removeprefix("./")
-        photographs.append(Photograph(name, camera, photograph_loader(picture, source, size)))
+        photographs.append(Photograph(name, camera, PictureLoader(picture, source, size)))
     return tuple(photographs)
 
 

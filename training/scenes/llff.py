@@ -18,7 +18,7 @@ import numpy as np
 
 from console import Notice, UserError
 from training.scenes.blender import WORLDSPACE_T_OPENGL
-from training.scenes.pictures import photograph_loader, picture_size
+from training.scenes.pictures import PictureLoader, picture_size
 from training.scenes.poses import faces_forward, focus_point, mean_pose, normalised, poses, similarity
 from training.scenes.rays import NDC_NEAR, camera_rays, ndc_rays
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
@@ -57,7 +57,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
         target = _target_size(stored, factor, options.downscale)
         height, width = full_size
         camera = Camera(pose, width, height, focal, focal, width / 2, height / 2).resized(*target)
-        photographs.append(Photograph(source.stem, camera, photograph_loader(source, stored, target, mask)))
+        photographs.append(Photograph(source.stem, camera, PictureLoader(source, stored, target, mask)))
     splits = hold_out(photographs)
     facts = _facts_360(photographs, bounds) if spherified else _facts_ndc(photographs)
     return Scene(path=path, kind="llff", splits=splits, notes=vars(options), **facts)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -91,35 +92,58 @@ def area_average(values: np.ndarray, size: int, axis: int) -> np.ndarray:
     return np.moveaxis(mean, 0, axis)
 
 
-def photograph_loader(path: Path, source_size: tuple[int, int], size: tuple[int, int], mask: Path | None = None):
-    """A Photograph.load: decodes `path`, checks that it still has source_size, applies a mask, shrinks to `size`.
+@dataclass(frozen=True)
+class PictureLoader:
+    """A Photograph.load of a file: decodes `path`, checks that it still has source_size, applies a mask, shrinks to `size`.
 
-    mask: a picture of the same size; black hides (alpha 0), white shows.
+    mask: a picture of the same size; black hides (alpha 0), white shows. Sizes are (width, height).
     """
 
-    def load() -> np.ndarray:
-        picture = read_picture(path)
-        if picture.shape[1::-1] != source_size:
+    path: Path
+    source_size: tuple[int, int]
+    size: tuple[int, int]
+    mask: Path | None = None
+
+    def __call__(self) -> np.ndarray:
+        picture = read_picture(self.path)
+        self._check(self.path, picture.shape[1::-1], "the picture")
+        if self.mask is not None:
+            shown = read_picture(self.mask)
+            self._check(self.mask, shown.shape[1::-1], "the mask")
+            picture = np.concatenate([picture[..., :3], picture[..., 3:] * shown[..., :1]], axis=-1)
+        return shrink(picture, *self.size)
+
+    def thumbnail(self, side: int) -> Image.Image:
+        """The picture in RGBA, at most `side` pixels a side; a JPEG is decoded at no more than it takes. Errors as above."""
+        picture_size(self.path)
+        try:
+            small = _small(self.path, side, "RGBA")
+            if self.mask is not None:
+                small.putalpha(_small(self.mask, side, "L").resize(small.size))
+        except (OSError, SyntaxError, ValueError) as error:
+            raise UserError("the picture cannot be decoded", where=self.path, found=_short(error)) from error
+        return small
+
+    def _check(self, path: Path, found: Sequence[int], what: str) -> None:
+        if tuple(found) != self.source_size:
             raise UserError(
-                "the picture is of another size",
+                f"{what} is of another size",
                 where=path,
-                expected=_times(source_size),
-                found=_times(picture.shape[1::-1]),
+                expected=_times(self.source_size),
+                found=_times(found),
                 remedy="it changed since the scene was read",
             )
-        if mask is not None:
-            shown = read_picture(mask)
-            if shown.shape != picture.shape:
-                raise UserError(
-                    "the mask is of another size",
-                    where=mask,
-                    expected=_times(source_size),
-                    found=_times(shown.shape[1::-1]),
-                )
-            picture = np.concatenate([picture[..., :3], picture[..., 3:] * shown[..., :1]], axis=-1)
-        return shrink(picture, *size)
 
-    return load
+
+def _small(path: Path, side: int, mode: str) -> Image.Image:
+    with Image.open(path) as image:
+        image.draft("RGB", (2 * side, 2 * side))
+        if image.mode.startswith("I"):  # 16 bit; Pillow clips where it should scale
+            picture = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8)).convert(mode)
+        else:
+            picture = image.convert(mode)
+    picture.thumbnail((side, side), Image.Resampling.BOX, reducing_gap=2.0)
+    return picture
 
 
 def load_pixels(photographs: Sequence[Photograph], first: int = 0, last: int | None = None) -> np.ndarray:

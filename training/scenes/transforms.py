@@ -16,7 +16,7 @@ import numpy as np
 
 from console import Notice, UserError
 from training.scenes.blender import WORLDSPACE_T_OPENGL
-from training.scenes.pictures import photograph_loader, picture_size, shrunk_size
+from training.scenes.pictures import PictureLoader, picture_size, shrunk_size
 from training.scenes.poses import focus_point, frames_of, number, pose, read_json, similarity, upright_axes
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
 
@@ -52,7 +52,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
         size = shrunk_size(*stored, options.downscale)
         camera = read_camera(matrix, {**document, **frame}, stored, f"{description} frame {frame['file_path']}")
         mask = _mask_path(path, frame) if options.masks else None
-        loader = photograph_loader(picture, stored, size, mask)
+        loader = PictureLoader(picture, stored, size, mask)
         photographs.append(Photograph(Path(frame["file_path"]).as_posix(), camera.resized(*size), loader))
     return Scene(
         path=path,

@@ -1,7 +1,7 @@
 """The viewer without its window: all state, and everything it can do.
 
 Panels read it and call it; the window calls `tick` once a frame and draws while `wants_frame`. What needs OpenGL (the
-picture itself) is behind `Stage`, which viewer.canvas implements.
+picture itself) is behind `viewer.app.state.Stage`, which viewer.canvas implements.
 """
 
 from __future__ import annotations
@@ -12,127 +12,28 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import atan, degrees
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
-from console import Notice
+from console import Notice, UserError
 from scenepack.pack import Pack
 from viewer.app.comparison import Comparison
+from viewer.app.crop import CropEdits
 from viewer.app.files import FileRequest, kind_of, pack_in
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
 from viewer.app.loading import Loading
 from viewer.app.log import Dialog, Messages
+from viewer.app.making import Making
+from viewer.app.opening import Opening
 from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
+from viewer.app.ray_costs import CostMeter
 from viewer.app.resolution import Governor
-from viewer.app.rig import CameraRig
+from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Stage, Viewport, name_of
 from viewer.app.timing import FrameTimes
 from viewer.camera import ViewCamera
 from viewer.settings import RenderSettings
-
-FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
-BACKGROUNDS: dict[str, tuple[float, float, float]] = {
-    "White": (1.0, 1.0, 1.0),
-    "Light": (0.82, 0.85, 0.89),
-    "Dark": (0.09, 0.11, 0.14),
-    "Black": (0.0, 0.0, 0.0),
-}
-
-
-class Stage(Protocol):
-    """What draws packs. Only the main thread calls it."""
-
-    def show(self, pack: Pack | None) -> None:
-        """Puts another pack on the card; raises UserError and keeps the old one where it does not fit."""
-
-    def refine(self, pack: Pack) -> None:
-        """Puts a finer version of the pack that is shown on the card, and shows it once all of it is there."""
-
-    def show_other(self, pack: Pack | None) -> None:
-        """Puts a second pack on the card, to compare with; None takes it off."""
-
-    def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
-        """Distance (grid units) along the ray through pixel (x, y) to the surface; None where there is none."""
-
-    def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """The picture, uint8 [height, width, 3]."""
-        ...
-
-    @property
-    def gpu_bytes(self) -> int:
-        """Texture memory in use."""
-        ...
-
-
-@dataclass
-class OpenScene:
-    """A pack that is shown. name: what the title bar says. whole: False while it is still being read."""
-
-    path: Path
-    name: str
-    pack: Pack
-    rig: CameraRig
-    whole: bool = True
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What is to be done with the pack that is being read.
-
-    other: it shall be compared with, not shown instead. then: called once it is shown.
-    """
-
-    other: bool = False
-    then: Callable[[App], None] | None = None
-
-
-@dataclass
-class Interface:
-    """What the panels remember."""
-
-    page: str = "view"
-    panels_shown: bool = True
-    help_shown: bool = False
-    full_screen: bool = False
-    v_sync: bool = True
-
-
-class Clipboard:
-    """The system's clipboard; a plain variable until a window brings the real one."""
-
-    text = ""
-
-    def get(self) -> str:
-        return self.text
-
-    def set(self, text: str) -> None:
-        self.text = text
-
-
-@dataclass
-class Viewport:
-    """Where the picture is: position and size in window units, and pixels per unit."""
-
-    x: float = 0.0
-    y: float = 0.0
-    width: float = 1.0
-    height: float = 1.0
-    pixels_per_unit: float = 1.0
-
-    @property
-    def pixels(self) -> tuple[int, int]:
-        """Width and height in framebuffer pixels, at least 1."""
-        scale = self.pixels_per_unit
-        return max(1, round(self.width * scale)), max(1, round(self.height * scale))
-
-
-def name_of(path: Path) -> str:
-    """What a pack is called: its file's or folder's name, or that of the folder around it where it is just "pack"."""
-    path = path.resolve()
-    name = path.stem if path.suffix.lower() == ".zip" else path.name
-    return path.parent.name if name == "pack" and path.parent.name else name
 
 
 @dataclass(repr=False)
@@ -144,6 +45,8 @@ class App:
     settings: RenderSettings = field(default_factory=RenderSettings)
     governor: Governor = field(default_factory=Governor)
     times: FrameTimes = field(default_factory=FrameTimes)
+    costs: CostMeter = field(default_factory=CostMeter)
+    crop: CropEdits = field(default_factory=CropEdits)
     messages: Messages = field(default_factory=Messages)
     interface: Interface = field(default_factory=Interface)
     viewport: Viewport = field(default_factory=Viewport)
@@ -153,9 +56,8 @@ class App:
     clipboard: Clipboard = field(default_factory=Clipboard)
     file_request: FileRequest | None = None
     demo: Path | None = None  # the bundled pack, where there is one
-    loading: Loading | None = None
-    wanted: Wanted = field(default_factory=lambda: Wanted())  # what shall be done with it
-    _share_told: float = -1.0
+    opening: Opening = field(default_factory=Opening)
+    making: Making = field(default_factory=Making)
     quitting: bool = False
     frames_owed: int = FRAMES_AFTER_EVENT
 
@@ -167,7 +69,7 @@ class App:
         whole: False where more of it is on its way.
         """
         if self.stage is not None:
-            with self.noting_warnings():
+            with self.noting_warnings(told=whole):
                 self.stage.show(pack)
         self.scene = OpenScene(path, name or name_of(path), pack, rig_for(pack), whole)
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
@@ -178,10 +80,10 @@ class App:
         self.filming = Filming(size=self.filming.size, fps=self.filming.fps)
         self.comparison.scene_changed(pack)
         if whole:
-            self._opened()
+            self.opened()
         self.touch()
 
-    def _opened(self) -> None:
+    def opened(self) -> None:
         """The whole pack is there: it is remembered, and told."""
         assert self.scene is not None
         if self.scene.path.exists():
@@ -189,14 +91,18 @@ class App:
         self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
 
     @contextmanager
-    def noting_warnings(self) -> Iterator[None]:
-        """What the `with` block warns of, that a pack is shown at half resolution say, is logged and shown for a while."""
+    def noting_warnings(self, *, told: bool = True) -> Iterator[None]:
+        """What the `with` block warns of, that a card has no room for the whole pack, is logged; and told where `told`."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", Notice)
             yield
         for warning in caught:
             if issubclass(warning.category, Notice):
-                self.messages.say(str(warning.message), "warning")
+                text = str(warning.message)
+                self.messages.log(text, "warning")
+                if told:
+                    dialog = Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False)
+                    self.messages.dialogs.append(dialog)
 
     def close(self) -> None:
         """Back to the start page."""
@@ -213,6 +119,7 @@ class App:
         """Takes over what was remembered."""
         self.preferences = preferences
         self.interface.page = preferences.page
+        self.interface.moved, self.interface.layout = list(preferences.moved), preferences.layout
         self.settings = replace(self.settings, background=preferences.background)
         self.governor.target_fps, self.governor.enabled = preferences.target_fps, preferences.dynamic_resolution
         self.governor.rest_scale = preferences.rest_scale
@@ -222,6 +129,8 @@ class App:
         return replace(
             self.preferences,
             page=self.interface.page,
+            moved=list(self.interface.moved),
+            layout=self.interface.layout,
             background=self.settings.background,
             target_fps=self.governor.target_fps,
             dynamic_resolution=self.governor.enabled,
@@ -239,105 +148,46 @@ class App:
 
         other: to compare with it. then: called once it is shown.
         """
-        self.cancel_loading()
-        self.loading = Loading(path)
-        self.wanted = Wanted(other, then)
-        self.touch()
+        self.opening.start(self, path, other=other, then=then)
 
     def drop(self, paths: list[Path]) -> None:
-        """Files were dropped on the window: a pack is opened, a scene or a run gets advice on how to make one."""
+        """Files were dropped on the window: a pack is opened; a scene or a run may be made into one."""
         if not paths:
             return
-        path = paths[0]
+        try:
+            self._drop(paths[0])
+        except (OSError, UserError) as error:
+            self.messages.fail(f"{paths[0].name} cannot be opened", error)
+        self.touch()
+
+    def _drop(self, path: Path) -> None:
         kind = kind_of(path)
-        if kind in ("scene", "run"):
-            command = f'snerg-make "{path}" --out "{path.name}-pack"'
-            if kind == "run":
-                command = f'snerg-bake "{path}" --out "{path.name}-pack"'
-            what = "a scene of photographs" if kind == "scene" else "a training run"
-            self.clipboard.set(command)
-            text = f"It is {what}. This makes a pack of it, and is on the clipboard now: {command}"
-            self.messages.dialogs.append(Dialog(f"{path.name} is not baked yet", text))
-            self.touch()
+        if kind == "scene" or kind == "run":
+            self.making.offer(self, kind, path)
+        elif kind == "pictures":
+            text = (
+                "There are pictures in it, but nothing says where the camera stood. nerfstudio's ns-process-data, which "
+                "works through COLMAP, finds that out and writes a transforms.json beside them."
+            )
+            self.messages.dialogs.append(Dialog(f"{path.name} has no camera poses", text))
         else:
             self.open(pack_in(path))
 
+    @property
+    def loading(self) -> Loading | None:
+        """The pack that is being read."""
+        return self.opening.loading
+
     def cancel_loading(self) -> None:
         """Gives up reading; the scene that is open stays."""
-        if self.loading is not None:
-            self.loading.cancel()
-            self.messages.log(f"{self.loading.path}: opening was cancelled")
-            self.loading = None
-            self._drop_unfinished()
-            self.touch()
-
-    def _drop_unfinished(self) -> None:
-        if self.scene is not None and not self.scene.whole:
-            self.close()
-
-    def _take_preview(self, loading: Loading) -> None:
-        """Shows what is there of a pack that is being read, unless a good scene is open: that stays until it is whole."""
-        pack = loading.preview
-        if pack is None or self.wanted.other:
-            return
-        if self.scene is None:
-            self.show(pack, loading.path, whole=False)
-        elif not self.scene.whole and self.scene.pack is not pack:
-            self._refine(pack)
-
-    def _refine(self, pack: Pack) -> None:
-        if self.stage is not None and self.scene is not None:
-            with self.noting_warnings():
-                self.stage.refine(pack)
-            self.scene.pack = pack
-            self.touch()
-
-    def _take_loaded(self) -> None:
-        """What the thread that reads has to say: something to see, a pack, or why not."""
-        loading = self.loading
-        if loading is None:
-            return
-        try:
-            if not loading.finished:
-                self._take_preview(loading)
-                return
-            self.touch()
-            self.loading = None
-            for note in loading.notes:
-                self.messages.log(note, "warning")
-            if loading.error is not None:
-                raise loading.error
-            if loading.pack is not None:
-                self._show_whole(loading.pack, loading.path)
-        except Exception as error:  # a dialog, and the program goes on
-            loading.cancel()
-            self.loading = None
-            self._drop_unfinished()
-            self.messages.fail(f"{loading.path.name} cannot be opened", error)
-            self.touch()
-
-    def _show_whole(self, pack: Pack, path: Path) -> None:
-        if self.wanted.other and self.scene is not None:
-            self.comparison.with_pack(self, pack, path)
-        elif self.scene is not None and not self.scene.whole:
-            self._refine(pack)
-            self.scene.whole = True
-            self.scene.rig = self.scene.rig.grown(rig_for(pack))
-            self._opened()
-        else:
-            self.show(pack, path)
-        if self.wanted.then is not None:
-            self.wanted.then(self)
+        self.opening.cancel(self)
 
     # Each frame
 
     def tick(self, seconds: float) -> None:
         """Time passes: cameras glide, threads report."""
-        if self.loading is not None:
-            if self.loading.share != self._share_told:
-                self._share_told = self.loading.share
-                self.touch(1)
-            self._take_loaded()
+        self.opening.tick(self)
+        self.making.tick(self)
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)

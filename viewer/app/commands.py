@@ -72,6 +72,11 @@ def ask_to_open(app: App, kind: Literal["open", "folder"] = "open", *, other: bo
     app.file_request = FileRequest(title, kind, then, (".zip",) if kind == "open" else ())
 
 
+def ask_to_make(app: App) -> None:
+    """Asks for photographs, or for a run."""
+    app.file_request = FileRequest("A scene's photographs, or a training run", "folder", lambda path: app.drop([path]))
+
+
 def ask_for_still(app: App) -> None:
     """Asks where to save the present view."""
     name = f"{app.scene.name}.png" if app.scene is not None else "picture.png"
@@ -80,14 +85,12 @@ def ask_for_still(app: App) -> None:
     )
 
 
-def _quit(app: App) -> None:
-    app.quitting = True
-
-
 def _escape(app: App) -> None:
     """Closes what lies on top."""
     if app.interface.help_shown:
         app.interface.help_shown = False
+    elif app.making.plan is not None:
+        app.making.dismiss(app)
     elif app.filming.export is not None:
         app.filming.cancel(app)
     elif app.loading is not None:
@@ -109,8 +112,8 @@ COMMANDS: dict[str, Command] = {
         Command("fly", "Fly, or turn about a point", "Camera", _fly, ("V",)),
         Command("copy-pose", "Copy the pose as text", "Camera", lambda app: app.copy_pose(), ("Ctrl+C",)),
         Command("paste-pose", "Go to a copied pose", "Camera", lambda app: app.paste_pose(), ("Ctrl+V",)),
-        Command("undo", "Undo the camera's move", "Camera", _rig(lambda rig: rig.undo()), ("Ctrl+Z",)),
-        Command("redo", "Redo it", "Camera", _rig(lambda rig: rig.redo()), ("Ctrl+Shift+Z", "Ctrl+Y")),
+        Command("undo", "Undo a move or a cut", "Camera", lambda app: app.crop.undo(app), ("Ctrl+Z",)),
+        Command("redo", "Redo it", "Camera", lambda app: app.crop.redo(app), ("Ctrl+Shift+Z", "Ctrl+Y")),
         Command("next-mode", "Next display mode", "Picture", lambda app: _next_mode(app, 1), ("Space",)),
         Command("last-mode", "Last display mode", "Picture", lambda app: _next_mode(app, -1), ("Shift+Space",)),
         Command("next-photo", "Next photograph", "Picture", lambda app: app.comparison.step(app, 1), ("N",)),
@@ -128,12 +131,17 @@ COMMANDS: dict[str, Command] = {
             ("Ctrl+Shift+O",),
             False,
         ),
+        Command("make", "Make a scene from photographs", "Window", ask_to_make, ("Ctrl+M",), False),
         Command("close", "Close the scene", "Window", lambda app: app.close(), ("Ctrl+W",)),
         Command("panels", "Show or hide the panels", "Window", _toggle("panels_shown"), ("Tab",), False),
+        Command("layout", "Reset the layout", "Window", lambda app: app.interface.reset_layout(), ("Ctrl+L",), False),
         Command("full-screen", "Full screen", "Window", _toggle("full_screen"), ("F11",), False),
         Command("help", "Keys and mouse", "Window", _toggle("help_shown"), ("?", "F1"), False),
         Command("escape", "Close what lies on top", "Window", _escape, ("Escape",), False),
-        Command("quit", "Quit", "Window", _quit, ("Ctrl+Q",), False),
+        Command("quit", "Quit", "Window", lambda app: app.making.ask_to_quit(app), ("Ctrl+Q",), False),
+        # answers to dialogs; no keys
+        Command("make-again", "Make it again", "Window", lambda app: app.making.again(app), (), False),
+        Command("stop-and-quit", "Stop and quit", "Window", lambda app: app.making.stop_and_quit(app), (), False),
     )
 }
 

@@ -12,6 +12,7 @@ from PIL import Image
 from scenepack.pack import Pack
 from viewer.app.photographs import Photographs, psnr
 from viewer.app.rig import fitted
+from viewer.app.thumbnails import Thumbnails
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -26,7 +27,9 @@ PSNR_BUDGET_MS = 400.0  # what the figure may cost; the photograph is shrunk on 
 class Comparison:
     """against: what the picture is compared with. how: beside, in turn, or subtracted.
 
-    split: 0 … 1, where the wipe's edge is. gain: how much a difference is amplified. photograph: index into the shots.
+    split: 0 … 1, where the wipe's edge is. gain: how much a difference is amplified. photograph: index into the shots, of
+    the one chosen last; it stays chosen when the camera moves away. reveal: the list has yet to scroll to it.
+    frusta_size: over the usual one. frusta_opacity: 0 … 1, of the pictures in the frusta.
     """
 
     against: Against = ""
@@ -35,8 +38,12 @@ class Comparison:
     gain: float = 4.0
     photographs: Photographs | None = None
     photograph: int | None = None
+    reveal: bool = False
+    thumbnails: Thumbnails | None = None
     frusta: bool = False
-    split_shown: str = ""  # only frusta of this split; "" = all
+    frusta_size: float = 1.0
+    frusta_opacity: float = 0.9
+    split_shown: str = ""  # only shots of this split; "" = all
     pixels: np.ndarray | None = None
     other: Pack | None = None
     other_path: Path | None = None
@@ -49,11 +56,11 @@ class Comparison:
         """Another pack is shown: its photographs are others."""
         self.photographs = Photographs(pack)
         self.stop()
-        self.frusta = False
+        self.photograph, self.frusta, self.split_shown = None, False, ""
 
     def stop(self) -> None:
         """Shows the picture alone."""
-        self.against, self.photograph, self.pixels, self.psnr_db, self._measured = "", None, None, None, ()
+        self.against, self.pixels, self.psnr_db, self._measured = "", None, None, ()
 
     def stand_in(self, app: App, index: int) -> None:
         """Puts the camera where a photograph was taken, and the photograph beside the picture if it can be read."""
@@ -61,17 +68,28 @@ class Comparison:
             return
         shot = self.photographs.shots[index]
         app.scene.rig.hold(shot.view, remember=True)
+        if self.split_shown not in ("", shot.split):
+            self.split_shown = ""
+        self.reveal = True
         self.photograph, self.psnr_db, self._measured, self.pixels = index, None, (), None
         app.touch()
         self.against = ""
         self.pixels = self.photographs.pixels(index)
         self.against = "photograph"
 
+    def visible(self) -> list[int]:
+        """The shots of the split that is shown."""
+        shots = self.photographs.shots if self.photographs is not None else []
+        return [index for index, shot in enumerate(shots) if self.split_shown in ("", shot.split)]
+
     def step(self, app: App, by: int) -> None:
-        """Stands in the next photograph, or the one before."""
-        if self.photographs is not None and len(self.photographs):
-            start = self.photograph if self.photograph is not None else -1 if by > 0 else 0
-            self.stand_in(app, (start + by) % len(self.photographs))
+        """Stands in the next photograph of those that are shown, or in the one before."""
+        visible = self.visible()
+        if not visible:
+            return
+        first = 0 if by > 0 else -1
+        place = visible.index(self.photograph) + by if self.photograph in visible else first
+        self.stand_in(app, visible[place % len(visible)])
 
     def with_pack(self, app: App, pack: Pack, path: Path) -> None:
         """Compares with another pack under the same camera. UserError where the card has no room for both."""
@@ -98,6 +116,7 @@ class Comparison:
 
     def tick(self, app: App, seconds: float) -> None:
         """Time passes. Moving away from a photograph's place ends the comparison with it."""
+        self._follow_thumbnails(app)
         if self.against == "photograph" and (app.scene is None or app.scene.rig.held is None):
             self.stop()
             app.touch()
@@ -105,6 +124,21 @@ class Comparison:
             side = self.other_side
             self.clock += seconds
             app.touch(1 if side == self.other_side else 3)
+
+    def _follow_thumbnails(self, app: App) -> None:
+        """Has them read while they are wanted, and drawn as they arrive."""
+        thumbnails, photographs = self.thumbnails, self.photographs
+        if thumbnails is not None:
+            gone = app.scene is None or thumbnails.photographs is not photographs
+            if gone or thumbnails.folder != thumbnails.photographs.folder:
+                thumbnails.cancel()
+                self.thumbnails = thumbnails = None
+        if thumbnails is None:
+            wanted = self.frusta or app.interface.shows("photographs")
+            if wanted and app.scene is not None and photographs is not None and len(photographs) and photographs.folder:
+                self.thumbnails = Thumbnails(photographs)
+        elif thumbnails.news():
+            app.touch(1)
 
     def box(self, app: App) -> tuple[float, float, float, float]:
         """Where the photograph lies on the viewport: x0, y0, x1, y1 in 0 … 1 from the top left."""

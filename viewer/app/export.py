@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from console import UserError
+from console import UserError, refusal
 from viewer.app.resolution import tiles
 from viewer.camera import ViewCamera
 from viewer.films import FilmWriter, films_possible
@@ -65,7 +65,7 @@ class Export:
         return passed * (1 / self.share - 1) if self.share > 0 and passed > 0.5 else None
 
     def step(self, seconds: float) -> None:
-        """Works for about `seconds`. Raises OSError (a full disk) or UserError after cleaning up."""
+        """Works for about `seconds`. Raises UserError, after cleaning up, where the disk is full and the like."""
         end = time.monotonic() + seconds
         try:
             if self._sink is None:
@@ -74,8 +74,12 @@ class Export:
                 self._next_tile()
                 if time.monotonic() >= end:
                     break
-        except BaseException:
+        except BaseException as error:
             self.cancel()
+            if isinstance(error, OSError):
+                remedy = "nothing of it was left behind; make room or choose another disk, then start again"
+                words = refusal(OSError(error.errno, error.strerror)) or error.strerror or str(error)
+                raise UserError(words, where=self.target, remedy=remedy) from error
             raise
 
     def _next_tile(self) -> None:

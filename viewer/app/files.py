@@ -10,8 +10,8 @@ from typing import Literal
 
 from scenepack.files import PARAMS_NAME
 
-Kind = Literal["pack", "run", "scene", "unknown"]
-RUN_FILES = ("config.json", "run.json")
+Kind = Literal["pack", "run", "scene", "pictures", "unknown"]
+PICTURES = (".png", ".jpg", ".jpeg")
 SCENE_FILES = ("transforms_train.json", "transforms.json", "poses_bounds.npy", "sparse/0/cameras.bin")
 
 
@@ -30,16 +30,17 @@ class FileRequest:
 
 
 def kind_of(path: Path) -> Kind:
-    """What is at `path`, told by names alone."""
+    """What is at `path`, told by names alone. pictures: photographs without poses."""
     if path.is_file():
         return "pack" if path.suffix.lower() == ".zip" and _holds_params(path) else "unknown"
     if (path / PARAMS_NAME).is_file() or (any(path.glob(f"*/{PARAMS_NAME}")) and not _is_scene(path)):
         return "pack"
     if _is_scene(path):
         return "scene"
-    if any((path / name).is_file() for name in RUN_FILES):
-        return "run"
-    return "unknown"
+    if any((path / folder / "config.json").is_file() for folder in ("", "run")):
+        return "run"  # of snerg-train; or what snerg-make left when it was stopped
+    pictures = path.is_dir() and any(child.suffix.lower() in PICTURES for child in path.iterdir())
+    return "pictures" if pictures else "unknown"
 
 
 def pack_in(path: Path) -> Path:

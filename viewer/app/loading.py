@@ -19,14 +19,15 @@ class Cancelled(Exception):
 class Loading:
     """A pack that is being read. Poll `finished` from the main thread, then take `pack` or `error`.
 
-    share: 0 … 1 of its images are decoded. preview: what can be shown of it already, another object whenever there is more
-    to see; None at first. error: a UserError or a bug's exception, None where all went well or it was
-    cancelled. notes: what was mended while it was read.
+    share: 0 … 1 of its images are decoded. images: how many are, and of how many; 0 of 0 at first. preview: what can be
+    shown of it already, another object whenever there is more to see; None at first. error: a UserError or a bug's
+    exception, None where all went well or it was cancelled. notes: what was mended while it was read.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
         self.share = 0.0
+        self.images = (0, 0)
         self.pack: Pack | None = None
         self.preview: Pack | None = None
         self.error: Exception | None = None
@@ -67,6 +68,6 @@ class Loading:
         self.preview = pack
 
     def _progress(self, done: int, total: int) -> None:
-        self.share = done / max(total, 1)
+        self.share, self.images = done / max(total, 1), (done, total)
         if self.cancelled:
             raise Cancelled

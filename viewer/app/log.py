@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections import deque
 from dataclasses import dataclass, field
 
+from console import UserError, refusal
+
 KEPT_LINES = 500
 TOAST_S = 4.0
+BUG = "That is a bug in snerg, not a mistake of yours"
 
 
 @dataclass(frozen=True)
@@ -25,12 +29,16 @@ class LogLine:
 
 @dataclass(frozen=True)
 class Dialog:
-    """A message to be answered. details: the whole story, for those who want it. buttons: labels and command ids."""
+    """A message to be answered. details: the whole story, for those who want it. buttons: labels and command ids.
+
+    failed: what was wanted did not come about; False where it is only good to know.
+    """
 
     title: str
     text: str
     details: str = ""
     buttons: tuple[tuple[str, str], ...] = (("OK", ""),)
+    failed: bool = True
 
 
 @dataclass
@@ -51,13 +59,32 @@ class Messages:
         self.log(text, level)
         self.toast, self.toast_until = text, time.monotonic() + TOAST_S
 
-    def fail(self, title: str, error: BaseException | str, details: str = "") -> None:
-        """Opens a dialog, and logs it."""
-        text = str(error) or type(error).__name__
+    def fail(
+        self,
+        title: str,
+        error: BaseException | str,
+        details: str = "",
+        buttons: tuple[tuple[str, str], ...] = (("OK", ""),),
+    ) -> None:
+        """Opens a dialog, and logs it. A bug of ours is told as one, with its traceback in the log."""
+        text = error if isinstance(error, str) else in_plain_words(error)
         self.log(f"{title}: {text}", "error")
-        self.dialogs.append(Dialog(title, text, details))
+        if isinstance(error, BaseException) and text.startswith(BUG):
+            for line in traceback.format_exception(error):
+                self.log(line, "error")
+        self.dialogs.append(Dialog(title, text, details, buttons))
 
     @property
     def toast_left(self) -> float:
         """Seconds that the toast stays; 0 where there is none."""
         return max(0.0, self.toast_until - time.monotonic()) if self.toast else 0.0
+
+
+def in_plain_words(error: BaseException) -> str:
+    """What went wrong, for a dialog."""
+    if isinstance(error, UserError | ValueError) and str(error):
+        return str(error)
+    told = refusal(error)
+    if told is None and isinstance(error, OSError) and error.strerror:
+        told = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return told or f"{BUG}. The log page has its traceback ({type(error).__name__}: {error})."

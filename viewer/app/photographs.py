@@ -6,6 +6,7 @@ from another that the user chooses.
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from console import UserError
 from scenepack.pack import Pack
 from training.scenes import load_scene
 from training.scenes.scene import Camera, Photograph
+from viewer.app.projection import frustum_points
 from viewer.camera import ViewCamera
 
 LONGEST_SIDE = 1600  # pixels; larger photographs are shown smaller
@@ -40,16 +42,23 @@ class Photographs:
         provenance = pack.metadata.get("provenance")
         scene = provenance.get("scene") if isinstance(provenance, dict) else None
         self.folder = Path(scene) if isinstance(scene, str) and scene else None
+        self.background: tuple[float, ...] = (1.0, 1.0, 1.0)
         spherify, masks = (
             isinstance(provenance, dict) and provenance.get(key) is True for key in ("spherify", "masks")
         )
-        self._reading = {"spherify": spherify or None, "masks": masks}  # as the pack's maker read them
+        self._options = {"spherify": spherify or None, "masks": masks}  # as the pack's maker read them
         self._found: dict[tuple[str, str], Photograph] | None = None
-        self._background: tuple[float, ...] = (1.0, 1.0, 1.0)
+        self._reading = threading.Lock()  # thumbnails are read in a thread of their own
         self._cache: dict[int, np.ndarray] = {}
+        self._frusta: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.shots)
+
+    @property
+    def found(self) -> bool:
+        """Whether the scene's folder was read already, and is one."""
+        return self._found is not None
 
     @property
     def splits(self) -> tuple[str, ...]:
@@ -65,26 +74,38 @@ class Photographs:
         known = ", ".join(shot.name for shot in self.shots[:3])
         raise UserError("the pack knows no such photograph", expected=f"one such as {known}", found=repr(name))
 
+    def frusta(self, depth: float) -> np.ndarray:
+        """float64 [n, 5, 3]: eye and corners of each shot's picture at `depth` (grid units); see FRUSTUM_EDGES."""
+        if self._frusta is None:
+            self._frusta = np.array([frustum_points(shot.view, 1.0) for shot in self.shots]).reshape(-1, 5, 3)
+        eyes = self._frusta[:, :1]
+        return eyes + depth * (self._frusta - eyes)
+
     def look_in(self, folder: Path) -> None:
         """Takes pictures from another folder from now on. UserError where it is no scene."""
-        self._found, self._cache = None, {}
-        self._read(folder)
-        self.folder = folder
+        with self._reading:
+            self._read(folder)
+            self.folder, self._cache = folder, {}
 
-    def pixels(self, index: int) -> np.ndarray:
-        """The photograph over the scene's background, uint8 [h, w, 3], at most LONGEST_SIDE. UserError where it is not there."""
-        if index not in self._cache:
-            shot = self.shots[index]
+    def photograph(self, index: int) -> Photograph:
+        """The file behind a shot. UserError where it is not there; any thread may ask."""
+        shot = self.shots[index]
+        with self._reading:
             if self._found is None:
                 if self.folder is None:
                     raise UserError("the pack does not say where its photographs are", remedy="choose the scene folder")
                 self._read(self.folder)
             assert self._found is not None
             photograph = self._found.get((shot.split, shot.name)) or self._found.get(("", shot.name))
-            if photograph is None:
-                raise UserError("has no such photograph", where=self.folder, expected=f"{shot.split} {shot.name}")
-            rgba = photograph.load()
-            rgb = rgba[..., :3] * rgba[..., 3:] + np.asarray(self._background) * (1 - rgba[..., 3:])
+        if photograph is None:
+            raise UserError("has no such photograph", where=self.folder, expected=f"{shot.split} {shot.name}")
+        return photograph
+
+    def pixels(self, index: int) -> np.ndarray:
+        """The photograph over the scene's background, uint8 [h, w, 3], at most LONGEST_SIDE. UserError where it is not there."""
+        if index not in self._cache:
+            rgba = self.photograph(index).load()
+            rgb = rgba[..., :3] * rgba[..., 3:] + np.asarray(self.background) * (1 - rgba[..., 3:])
             picture = Image.fromarray(np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8))
             picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
             if len(self._cache) > 32:
@@ -93,13 +114,13 @@ class Photographs:
         return self._cache[index]
 
     def _read(self, folder: Path) -> None:
-        scene = load_scene(folder, **self._reading)
-        self._background = scene.background
-        self._found = {}
+        scene = load_scene(folder, **self._options)
+        found: dict[tuple[str, str], Photograph] = {}
         for split, photographs in scene.splits.items():
             for photograph in photographs:
-                self._found[(split, photograph.name)] = photograph
-                self._found.setdefault(("", photograph.name), photograph)
+                found[(split, photograph.name)] = photograph
+                found.setdefault(("", photograph.name), photograph)
+        self.background, self._found = scene.background, found
 
     def nearest(self, camera: ViewCamera) -> int | None:
         """The shot that was taken most nearly from where `camera` is, looking the same way."""

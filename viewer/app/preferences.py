@@ -22,10 +22,12 @@ def default_file() -> Path:
 
 @dataclass
 class Preferences:
-    """window: width, height in screen units. recent: paths of packs, last opened first."""
+    """window: width, height in screen units. recent: paths of packs, last opened first. moved, layout: see Interface."""
 
     window: tuple[int, int] = (1280, 800)
     page: str = "view"
+    moved: list[str] = field(default_factory=list)
+    layout: str = ""
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
     target_fps: float = 30.0
     dynamic_resolution: bool = True

@@ -43,6 +43,7 @@ class CameraRig:
         self.held: ViewCamera | None = None
         self._anchor_eye = False  # what the damping keeps straight: the eye's way (flying) or the pivot's
         self._undo: list[_Place] = []
+        self.gestures = 0  # how often remember() was called
         self._redo: list[_Place] = []
 
     def _first_pose(self) -> Pose:
@@ -242,6 +243,7 @@ class CameraRig:
         if not self._undo or not _same(self._undo[-1], now):
             self._undo = [*self._undo[1 - UNDO_DEPTH :], now]
         self._redo = []
+        self.gestures += 1
 
     def undo(self) -> bool:
         """Back to before the last gesture; False where there is none."""
@@ -260,6 +262,20 @@ class CameraRig:
         give.append(now)
         self.goal, self.held, self.fov = take.pop()
         return True
+
+    @property
+    def undo_depth(self) -> int:
+        """How many gestures can be undone."""
+        return len(self._undo)
+
+    @property
+    def redo_depth(self) -> int:
+        """How many can be redone."""
+        return len(self._redo)
+
+    def forget_redo(self) -> None:
+        """Something else was done: what was undone cannot be redone."""
+        self._redo = []
 
     @property
     def can_undo(self) -> bool:

@@ -13,6 +13,7 @@ from typing import get_args
 from console import UserError
 from viewer.app.application import App
 from viewer.app.comparison import How
+from viewer.app.files import kind_of
 from viewer.app.filming import Size
 from viewer.settings import Mode
 
@@ -46,10 +47,12 @@ class Startup:
         app.set(mode=self.mode)
         page = self.page or self._page()
         if page is not None:
-            app.interface.page = page
+            app.interface.opens(page)
         if self.look is not None:
             app.comparison.how = self.look
-        if self.pack is not None:
+        if self.pack is not None and kind_of(self.pack) in ("scene", "run", "pictures"):
+            app.drop([self.pack])
+        elif self.pack is not None:
             app.open(self.pack, then=self._opened)
 
     def _page(self) -> str | None:

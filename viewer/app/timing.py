@@ -10,16 +10,22 @@ KEPT = 240
 
 
 class FrameTimes:
-    """The last `KEPT` drawn frames. scene_ms: the picture on the card; frame_ms: from frame to frame while active."""
+    """The last `KEPT` drawn frames, in milliseconds.
+
+    scene_ms: what was drawn of the picture, by the wall clock. gpu_ms: the same by the card's own clock, NaN where that is
+    not to be trusted. frame_ms: from frame to frame while active.
+    """
 
     def __init__(self) -> None:
         self.scene_ms: deque[float] = deque(maxlen=KEPT)
+        self.gpu_ms: deque[float] = deque(maxlen=KEPT)
         self.frame_ms: deque[float] = deque(maxlen=KEPT)
         self.drawn = 0
 
-    def add(self, scene_ms: float, frame_ms: float) -> None:
-        """One drawn frame, in milliseconds."""
+    def add(self, scene_ms: float, frame_ms: float, gpu_ms: float | None = None) -> None:
+        """One drawn frame."""
         self.scene_ms.append(scene_ms)
+        self.gpu_ms.append(float("nan") if gpu_ms is None else gpu_ms)
         self.frame_ms.append(frame_ms)
         self.drawn += 1
 

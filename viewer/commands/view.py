@@ -15,10 +15,12 @@ import tyro
 from console import UserError, run_command
 from scenepack.reader import load_pack
 from viewer.app import preferences
-from viewer.app.application import App, name_of
+from viewer.app.application import App
 from viewer.app.comparison import How
+from viewer.app.files import kind_of
 from viewer.app.pose import pose_from_text
 from viewer.app.startup import Startup
+from viewer.app.state import name_of
 from viewer.arguments import join_negative_values
 from viewer.arguments import parse_size as parse_pixels
 from viewer.flyover import fly_over
@@ -64,7 +66,8 @@ def view(
     """Opens the desktop viewer. Without a display, renders an orbit into out/ instead.
 
     Args:
-        pack: folder or .zip of a baked scene; without it, the start page.
+        pack: folder or .zip of a baked scene; without it, the start page. A folder of photographs, or a training run, is
+            offered to be made into one.
         mode: what is shown first; "normal" is the picture.
         pose: first camera: a pose copied from the viewer, or x,y,z,x,y,z of eye and target in the grid frame (y up).
         compare: another pack, shown under the same camera.
@@ -144,7 +147,7 @@ def _show_window(wishes: Startup, script: Script) -> None:
         wishes.begin(app)
         if script.frames is None:
             window.run()
-            app.preferences.window = window.size
+            app.preferences.window, app.interface.layout = window.size, window.ui.layout
             problem = preferences.save(app.remembered(), preferences.default_file())
             if problem:
                 print(f"snerg-view: {problem}", file=sys.stderr)
@@ -154,15 +157,19 @@ def _show_window(wishes: Startup, script: Script) -> None:
             window.save_screenshot(script.screenshot)
             print(script.screenshot)
         window.finish_export()
-    if app.messages.dialogs:  # nobody is there to read it
-        dialog = app.messages.dialogs[0]
-        raise UserError(f"{dialog.title}: {dialog.text}")
+    for dialog in app.messages.dialogs:  # nobody is there to read it
+        if dialog.failed:
+            raise UserError(f"{dialog.title}: {dialog.text}")
+        print(f"snerg-view: warning: {dialog.text}", file=sys.stderr)
 
 
 def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
     chosen = path or demo_pack()
     if chosen is None:
         raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
+    if kind_of(chosen) in ("scene", "run"):
+        command = "snerg-make" if kind_of(chosen) == "scene" else "snerg-bake"
+        raise UserError("is no pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
     loaded = load_pack(chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
     for written in fly_over(loaded, name_of(chosen), OUT, RenderSettings(mode=mode)):

@@ -30,8 +30,8 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
     if not shown:
         return
     with font(fonts.bold, 18.0):
-        with coloured(text=theme.WARN):
-            imgui.text_unformatted(fa.ICON_FA_TRIANGLE_EXCLAMATION)
+        with coloured(text=theme.WARN if dialog.failed else theme.ACCENT):
+            imgui.text_unformatted(fa.ICON_FA_TRIANGLE_EXCLAMATION if dialog.failed else fa.ICON_FA_CIRCLE_INFO)
         imgui.same_line(0, px(10))
         imgui.push_text_wrap_pos(0.0)
         imgui.text_unformatted(dialog.title)
@@ -43,8 +43,8 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
         imgui.pop_text_wrap_pos()
     imgui.dummy(ImVec2(0, px(6)))
     answer = _buttons(dialog.buttons)
-    if imgui.is_key_pressed(imgui.Key.enter, False) or imgui.is_key_pressed(imgui.Key.escape, False):
-        answer = answer or ("" if imgui.is_key_pressed(imgui.Key.escape, False) else dialog.buttons[0][1])
+    if pressed_here(imgui.Key.enter) or pressed_here(imgui.Key.escape):
+        answer = answer or ("" if pressed_here(imgui.Key.escape) else dialog.buttons[0][1])
     if answer is not None:
         app.messages.dialogs.pop(0)
         imgui.close_current_popup()
@@ -52,6 +52,11 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
         if answer:
             run(app, answer)
     imgui.end_popup()
+
+
+def pressed_here(key: imgui.Key) -> bool:
+    """Whether a key was pressed that this window may take: not the one whose press has just brought it up."""
+    return imgui.is_key_pressed(key, False) and not imgui.is_window_appearing()
 
 
 def _buttons(buttons: tuple[tuple[str, str], ...]) -> str | None:

@@ -43,7 +43,8 @@ def show(app: App, fonts: Fonts) -> None:
     _heading("Mouse", fonts)
     for keys, title in MOUSE_BOUNDED if bounded else MOUSE:
         _row(keys, title, fonts)
-    groups = [(name, list(group)) for name, group in groupby(COMMANDS.values(), lambda command: command.group)]
+    shown = [command for command in COMMANDS.values() if command.keys]
+    groups = [(name, list(group)) for name, group in groupby(shown, lambda command: command.group)]
     for i, (name, commands) in enumerate(groups):
         if i == len(groups) // 2:
             imgui.next_column()

@@ -36,7 +36,7 @@ def dispatch(app: App) -> None:
     """Runs the commands whose keys were pressed. A text field that is being typed into keeps its keys."""
     if imgui.get_io().want_text_input:
         return
-    busy = bool(app.messages.dialogs) or app.file_request is not None
+    busy = bool(app.messages.dialogs) or app.file_request is not None or app.making.plan is not None
     for command in COMMANDS.values():
         if busy and command.id != "quit":
             continue

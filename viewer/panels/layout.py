@@ -1,4 +1,4 @@
-"""Where everything goes: a bar on top, a rail of icons at the right edge, the page it picks beside, the picture."""
+"""Where everything goes: a bar on top, a rail of icons at the right edge, the pages that it opens, and the picture."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.commands import run
 from viewer.canvas import Canvas
 from viewer.panels import (
     page_camera,
@@ -21,10 +22,12 @@ from viewer.panels import (
     page_view,
     theme,
 )
+from viewer.panels.docking import Docking
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import coloured, font, icon_button, px
+from viewer.panels.widgets import coloured, icon_button, px
 
 TOP, RAIL, SIDE = 48.0, 50.0, 318.0
+SMALLEST_PAGE = 250.0
 NARROW = 620.0  # a window narrower than this has no room for a page beside the picture
 
 Box = tuple[float, float, float, float]  # x, y, width, height in window units
@@ -34,17 +37,23 @@ FIXED = (
     | imgui.WindowFlags_.no_saved_settings
     | imgui.WindowFlags_.no_bring_to_front_on_focus
     | imgui.WindowFlags_.no_nav
+    | imgui.WindowFlags_.no_docking
 )
 
 
 @dataclass(frozen=True)
 class Page:
-    """One panel at the side. icon: Font Awesome. show: draws it. needs_scene: empty without a pack."""
+    """One panel at the side. icon: Font Awesome. show: draws it."""
 
     id: str
     title: str
     icon: str
     show: Callable[[App, Canvas, Fonts], None]
+
+    @property
+    def window(self) -> str:
+        """Name of its window, as imgui and remembered layouts know it; what stands before ### may change."""
+        return f"{self.icon}   {self.title}###page-{self.id}"
 
 
 PAGES = (
@@ -61,29 +70,30 @@ PAGES = (
 
 @dataclass(frozen=True)
 class Regions:
-    """Boxes of the parts; width 0 where a part is not shown."""
+    """Boxes of the parts; width 0 where a part is not shown. dock: for the pages and the picture between them."""
 
     top: Box
     rail: Box
-    side: Box
-    viewport: Box
+    dock: Box
+    pages: bool
 
 
 def regions(width: float, height: float, app: App) -> Regions:
     """Divides a window of width × height units."""
-    if not app.interface.panels_shown or app.scene is None:
-        top = px(TOP) if app.interface.panels_shown else 0.0
-        whole = (0.0, top, width, max(1.0, height - top))
-        return Regions((0.0, 0.0, width, top), (width, 0.0, 0.0, height), (width, 0.0, 0.0, height), whole)
-    top, rail = px(TOP), px(RAIL)
-    side = px(SIDE) if width >= px(NARROW) and app.interface.page else 0.0
+    top = px(TOP) if app.interface.panels_shown else 0.0
+    rail = px(RAIL) if app.interface.panels_shown and app.scene is not None else 0.0
     below = max(1.0, height - top)
     return Regions(
         (0.0, 0.0, width, top),
         (width - rail, top, rail, below),
-        (width - rail - side, top, side, below),
-        (0.0, top, max(1.0, width - rail - side), below),
+        (0.0, top, max(1.0, width - rail), below),
+        rail > 0 and width >= px(NARROW),
     )
+
+
+def docking() -> Docking:
+    """The dock space for all pages."""
+    return Docking({page.id: page.window for page in PAGES}, SIDE)
 
 
 def begin(name: str, box: Box, padding: tuple[float, float], extra: int = 0) -> None:
@@ -96,28 +106,43 @@ def begin(name: str, box: Box, padding: tuple[float, float], extra: int = 0) -> 
     imgui.pop_style_var(2)
 
 
-def show_side(app: App, canvas: Canvas, where: Regions, fonts: Fonts) -> None:
-    """The rail, and the page that is picked."""
+def show_rail(app: App, where: Regions) -> None:
+    """The icons that open and close pages."""
     if where.rail[2] <= 0:
         return
     with coloured(window_bg=theme.BASE):
         begin("##rail", where.rail, (8, 10))
+    interface = app.interface
     for page in PAGES:
-        on = page.id == app.interface.page
-        if icon_button(page.icon, page.id, page.title, on=on):
-            app.interface.page = "" if on else page.id
+        if icon_button(page.icon, page.id, page.title, on=interface.shows(page.id)):
+            interface.closes(page.id) if interface.shows(page.id) else interface.opens(page.id)
+            app.touch()
+    if interface.moved and icon_button(fa.ICON_FA_TABLE_COLUMNS, "layout", "Reset the layout  (Ctrl+L)"):
+        run(app, "layout")
     imgui.end()
-    page = next((page for page in PAGES if page.id == app.interface.page), None)
-    if page is None or where.side[2] <= 0:
-        return
-    begin("##side", where.side, (12, 14))
-    imgui.set_cursor_pos_x(px(16))
-    with font(fonts.bold, theme.LARGE):
-        imgui.text_unformatted(page.title)
-    imgui.dummy(ImVec2(0, px(2)))
-    with coloured(window_bg=theme.PANEL, child_bg=(theme.PANEL, 0.0)):
-        imgui.begin_child("##scroll", ImVec2(0, 0))
-    with coloured(child_bg=theme.CARD):
-        page.show(app, canvas, fonts)
-    imgui.end_child()
+
+
+def show_pages(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """The pages that are open, wherever they are docked."""
+    for page in PAGES:
+        if app.interface.shows(page.id):
+            _page(app, canvas, page, fonts)
+
+
+def _page(app: App, canvas: Canvas, page: Page, fonts: Fonts) -> None:
+    imgui.set_next_window_size(ImVec2(px(SIDE), px(520)), imgui.Cond_.first_use_ever)
+    highest = max(px(160), 0.85 * imgui.get_io().display_size.y)  # of one that floats
+    imgui.set_next_window_size_constraints(ImVec2(px(SMALLEST_PAGE), px(140)), ImVec2(1e6, highest))
+    kind = imgui.WindowClass()
+    kind.dock_node_flags_override_set = imgui.internal.DockNodeFlagsPrivate_.no_close_button  # tabs have one each
+    imgui.set_next_window_class(kind)
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(12), px(12)))
+    seen, still_open = imgui.begin(page.window, True, imgui.WindowFlags_.no_collapse)
+    imgui.pop_style_var()
+    if seen:
+        with coloured(child_bg=theme.CARD):
+            page.show(app, canvas, fonts)
     imgui.end()
+    if not still_open:
+        app.interface.closes(page.id)
+        app.touch()

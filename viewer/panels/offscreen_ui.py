@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 
 import moderngl
@@ -12,7 +13,7 @@ from viewer.app.application import App
 from viewer.canvas import Canvas
 from viewer.panels import theme
 from viewer.panels.ui import Ui
-from viewer.presenting import present, unfinished
+from viewer.presenting import awaited, present, unfinished
 
 FRAME_S = 1.0 / 60.0
 
@@ -60,7 +61,7 @@ class OffscreenUi:
         self.ui.frame(self.app, self.canvas)
         drawn = present(self.app, self.canvas, wait=False)
         if drawn:
-            self.app.times.add(self.canvas.scene_ms, max(self.canvas.scene_ms, 1000.0 * seconds))
+            self.app.times.add(self.canvas.scene_ms, max(self.canvas.scene_ms, 1000.0 * seconds), self.canvas.gpu_ms)
         self.framebuffer.use()
         self.framebuffer.viewport = (0, 0, *self.framebuffer.size)
         self.framebuffer.clear(*(theme.rgb(theme.BASE).x, theme.rgb(theme.BASE).y, theme.rgb(theme.BASE).z, 1.0))
@@ -74,7 +75,9 @@ class OffscreenUi:
         for _ in range(most):
             self.frame()
             if not unfinished(self.app, self.canvas) and not self.app.frames_owed:
-                break
+                if not awaited(self.app):
+                    break
+                time.sleep(0.01)
         for _ in range(2):  # the layers of the last tile reach the screen with the frame after
             self.frame()
 

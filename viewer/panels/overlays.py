@@ -16,7 +16,6 @@ from viewer.presenting import other_layers
 
 Box = tuple[float, float, float, float]
 AXIS_COLOURS = ("#f2777a", "#6fd08c", "#6cb2f5")
-PICK_RADIUS = 14.0
 PATH_STEPS = 24  # line segments per leg
 
 
@@ -87,44 +86,17 @@ class _Screen:
                 draw.add_line(points[a], points[b], colour, width)
 
 
-def draw_frusta(app: App, box: Box) -> int | None:
-    """Frusta of the photographs; the one under the mouse, if any."""
-    comparison = app.comparison
-    if not comparison.frusta or comparison.photographs is None or app.scene is None:
-        return None
-    screen, mouse = _Screen(app, box), imgui.get_io().mouse_pos
-    depth = 0.06 if app.scene.rig.bounded else 0.12 * app.scene.rig.radius
-    under, nearest = None, px(PICK_RADIUS)
-    apexes: list[tuple[int, np.ndarray]] = []
-    for i, shot in enumerate(comparison.photographs.shots):
-        if comparison.split_shown in ("", shot.split) and i != comparison.photograph:
-            points = frustum_points(shot.view, depth)
-            apexes.append((i, points))
-            places, before = screen.points(points[:1])
-            distance = float(np.hypot(places[0].x - mouse.x, places[0].y - mouse.y))
-            if before[0] and distance < nearest:
-                under, nearest = i, distance
-    for i, points in apexes:
-        train = comparison.photographs.shots[i].split == "train"
-        code = theme.TEXT if i == under else theme.ACCENT_DEEP if train else theme.WARN
-        screen.lines(
-            points, FRUSTUM_EDGES, theme.packed(code, 1.0 if i == under else 0.75), px(2 if i == under else 1.2)
-        )
-    if under is not None:
-        shot = comparison.photographs.shots[under]
-        imgui.set_tooltip(f"{shot.name}  ({shot.split})\nclick to stand in it")
-    return under
-
-
 def draw_crop(app: App, box: Box) -> int | None:
     """The crop box with a handle on each face; the face whose handle is under the mouse, if any."""
-    if app.settings.crop is None or app.scene is None or app.interface.page != "crop":
+    if app.settings.crop is None or app.scene is None or not app.interface.shows("crop"):
         return None
     screen, mouse = _Screen(app, box), imgui.get_io().mouse_pos
     low, high = np.asarray(app.settings.crop[0]), np.asarray(app.settings.crop[1])
     corners = box_points(low, high)
     screen.lines(corners, BOX_EDGES, theme.packed(theme.BASE, 0.5), px(3))
     screen.lines(corners, BOX_EDGES, theme.packed(theme.ACCENT), px(1.5))
+    if app.crop.tool != "faces":
+        return None
     places, before = screen.points(np.array([crop.face_centre(app.settings.crop, face) for face in range(6)]))
     draw, under = imgui.get_window_draw_list(), None
     for face, place in enumerate(places):
@@ -139,7 +111,7 @@ def draw_crop(app: App, box: Box) -> int | None:
 def draw_path(app: App, box: Box) -> None:
     """The camera path and its keyframes, while its page is open and it is not being played."""
     filming = app.filming
-    if app.interface.page != "film" or filming.playing or app.scene is None or not filming.path.keyframes:
+    if not app.interface.shows("film") or filming.playing or app.scene is None or not filming.path.keyframes:
         return
     screen, path = _Screen(app, box), filming.path
     if len(path.keyframes) > 1:

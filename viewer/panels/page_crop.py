@@ -1,14 +1,22 @@
-"""Cutting the scene: a box whose faces are dragged, and the near plane."""
+"""Cutting the scene: a box that is dragged, and the near plane."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.canvas import Canvas
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import card, hint, label, switch
+from viewer.panels.widgets import card, hint, label, segments, switch
+
+TITLES = {"faces": "Faces", "move": "Move", "scale": "Scale"}
+HINTS = {
+    "faces": "Drag the dots on the box's faces in the picture.",
+    "move": "Drag the arrows in the picture, or the squares between them.",
+    "scale": "Drag the knobs in the picture to scale about the middle.",
+}
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
@@ -24,21 +32,40 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         label("Cut to a box")
         on = switch("crop", app.settings.crop is not None)
         if on != (app.settings.crop is not None):
-            app.set(crop=crop.whole(pack) if on else None)
-        if app.settings.crop is not None:
-            outer = crop.whole(pack)
-            for face, (axis, side) in enumerate(crop.FACES):
-                label(f"{'xyz'[axis]} {'from' if side == 0 else 'to'}")
-                value = app.settings.crop[side][axis]
-                changed, value = imgui.slider_float(f"##face{face}", value, outer[0][axis], outer[1][axis], "%.3f")
-                if changed:
-                    app.set(crop=crop.with_face(pack, app.settings.crop, face, value))
+            _cut(app, crop.whole(pack) if on else None)
+        if app.settings.crop is None:
+            hint("Nothing is cut off.")
+        else:
+            picked = segments("tool", crop.TOOLS, app.crop.tool, TITLES)
+            if picked in crop.TOOLS:
+                app.crop.tool = picked
+                app.touch()
+            hint(HINTS[app.crop.tool])
+            _faces(app, pack)
             if imgui.button("Whole scene again", ImVec2(-1, 0)):
-                app.set(crop=crop.whole(pack))
-        hint("Drag the dots on the box's faces in the picture.")
+                _cut(app, crop.whole(pack))
     with card("near", fonts, "Slice"):
         label("Near plane")
         changed, value = imgui.slider_float("##near slice", app.settings.near, 0.0, 3.0 * rig.radius, "%.3f")
         if changed:
             app.set(near=value)
         hint("Cuts away everything nearer to the camera than this, in units of the grid.")
+
+
+def _cut(app: App, box: crop.Box | None) -> None:
+    app.crop.remember(app)
+    app.set(crop=box)
+
+
+def _faces(app: App, pack: Pack) -> None:
+    outer = crop.whole(pack)
+    for face, (axis, side) in enumerate(crop.FACES):
+        assert app.settings.crop is not None
+        label(f"{'xyz'[axis]} {'from' if side == 0 else 'to'}")
+        before = app.settings.crop
+        value = before[side][axis]
+        changed, value = imgui.slider_float(f"##face{face}", value, outer[0][axis], outer[1][axis], "%.3f")
+        if imgui.is_item_activated():
+            app.crop.remember(app)
+        if changed:
+            app.set(crop=crop.with_face(pack, before, face, value))

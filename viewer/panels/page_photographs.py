@@ -10,12 +10,15 @@ from viewer.app.commands import run
 from viewer.app.files import FileRequest
 from viewer.app.photographs import Photographs
 from viewer.canvas import Canvas
-from viewer.panels import theme
+from viewer.panels import frusta, theme
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import card, coloured, figure, font, hint, label, px, segments, switch
+from viewer.panels.widgets import card, coloured, figure, font, hint, label, px, segments, switch, tip
 
 HOW = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
-LIST_HEIGHT = 210.0
+ROW, THUMBNAIL = 46.0, 54.0
+SMALLEST_LIST = 4.3  # rows
+FOLDER_HEIGHT = 136.0  # of what lies below the list
+LOGARITHMIC = imgui.SliderFlags_.logarithmic
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
@@ -36,37 +39,101 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             options = ["", *photographs.splits]
             picked = segments("split", options, comparison.split_shown, {"": "all"})
             if picked is not None:
-                comparison.split_shown = picked
-        _list(app, photographs)
+                comparison.split_shown, comparison.reveal = picked, True
+                app.touch()
+        if comparison.frusta and comparison.against != "photograph":
+            _look_of_frusta(app)
     if comparison.against == "photograph":
         compare_controls(app, fonts, "Against the photograph")
+    bottom = imgui.get_window_pos().y + imgui.get_window_height()
+    with card("list", fonts, _list_title(app)):
+        _list(app, canvas, photographs, bottom)
     with card("folder", fonts, "Scene folder"):
         hint(str(photographs.folder) if photographs.folder else "not known")
+        if comparison.thumbnails is not None and comparison.thumbnails.problem:
+            hint(comparison.thumbnails.problem, theme.WARN)
         if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose…", ImVec2(-1, 0)):
             app.file_request = FileRequest("The folder of photographs", "folder", photographs.look_in)
 
 
-def _list(app: App, photographs: Photographs) -> None:
+def _look_of_frusta(app: App) -> None:
     comparison = app.comparison
+    label("Size")
+    changed, value = imgui.slider_float("##size", 100 * comparison.frusta_size, 25.0, 400.0, "%.0f %%", LOGARITHMIC)
+    if changed:
+        comparison.frusta_size = value / 100
+        app.touch()
+    label("Opacity")
+    changed, value = imgui.slider_float("##opacity", 100 * comparison.frusta_opacity, 0.0, 100.0, "%.0f %%")
+    tip("Of the photographs in the scene; at 0 only their outlines are drawn")
+    if changed:
+        comparison.frusta_opacity = value / 100
+        app.touch()
+
+
+def _list_title(app: App) -> str:
+    visible, chosen = app.comparison.visible(), app.comparison.photograph
+    return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} photographs"
+
+
+def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
+    """bottom: the page's lower edge, in window units."""
     width = (imgui.get_content_region_avail().x - px(8)) / 2
     if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Before", ImVec2(width, 0)):
         run(app, "last-photo")
+    tip("B")
     imgui.same_line()
     if imgui.button(f"Next  {fa.ICON_FA_ARROW_RIGHT}", ImVec2(width, 0)):
         run(app, "next-photo")
+    tip("N")
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(4), px(4)))
+    imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(0, 0))
+    # As high as the page has room for, with the folder's card below it.
+    room = bottom - imgui.get_cursor_screen_pos().y - px(FOLDER_HEIGHT)
+    height = max(room, px(SMALLEST_LIST * ROW))
     with coloured(child_bg=theme.BASE):
-        imgui.begin_child("##shots", ImVec2(0, px(LIST_HEIGHT)), imgui.ChildFlags_.always_use_window_padding)
-    for i, shot in enumerate(photographs.shots):
-        if comparison.split_shown in ("", shot.split):
-            chosen = i == comparison.photograph and app.scene is not None and app.scene.rig.held is not None
-            if imgui.selectable(f"{shot.name}##{i}", chosen)[0]:
-                stand_in(app, i)
-            imgui.same_line()
-            x = imgui.get_window_width() - px(26) - imgui.calc_text_size(shot.split).x
-            imgui.set_cursor_pos_x(x)
-            with coloured(text=theme.FAINT):
-                imgui.text_unformatted(shot.split)
+        imgui.begin_child("##shots", ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
+    visible = app.comparison.visible()
+    _reveal(app, visible)
+    clipper = imgui.ListClipper()
+    clipper.begin(len(visible), px(ROW))
+    while clipper.step():
+        for place in range(clipper.display_start, clipper.display_end):
+            _row(app, canvas, photographs, visible[place])
     imgui.end_child()
+    imgui.pop_style_var(2)
+
+
+def _reveal(app: App, visible: list[int]) -> None:
+    """Scrolls to the photograph that was chosen just now, unless all of it is in view already."""
+    comparison = app.comparison
+    if not comparison.reveal or comparison.photograph not in visible:
+        return
+    comparison.reveal = False
+    top = visible.index(comparison.photograph) * px(ROW)
+    height, scroll = imgui.get_window_height() - px(8), imgui.get_scroll_y()
+    if not scroll <= top <= scroll + height - px(ROW):
+        imgui.set_scroll_y(max(0.0, top - 0.5 * (height - px(ROW))))
+        app.touch()
+
+
+def _row(app: App, canvas: Canvas, photographs: Photographs, index: int) -> None:
+    shot, at = photographs.shots[index], imgui.get_cursor_screen_pos()
+    width = imgui.get_content_region_avail().x
+    if imgui.selectable(f"##{index}", index == app.comparison.photograph, 0, ImVec2(width, px(ROW)))[0]:
+        stand_in(app, index)
+    draw = imgui.get_window_draw_list()
+    low, high = ImVec2(at.x + px(5), at.y + px(3)), ImVec2(at.x + px(5 + THUMBNAIL), at.y + px(ROW - 3))
+    if not frusta.picture(canvas, app.comparison.thumbnails, index, low, high):
+        draw.add_rect_filled(low, high, theme.packed(theme.CARD), px(4))
+        icon = fa.ICON_FA_CAMERA
+        size = imgui.calc_text_size(icon)
+        middle = ImVec2(0.5 * (low.x + high.x - size.x), 0.5 * (low.y + high.y - size.y))
+        draw.add_text(middle, theme.packed(theme.FAINT), icon)
+    y = at.y + 0.5 * (px(ROW) - imgui.get_text_line_height())
+    draw.add_text(ImVec2(high.x + px(12), y), theme.packed(theme.TEXT), shot.name)
+    colour = theme.packed(theme.ACCENT_DEEP if shot.split == "train" else theme.WARN)
+    draw.add_circle_filled(ImVec2(at.x + width - px(14), at.y + 0.5 * px(ROW)), px(4), colour)
 
 
 def stand_in(app: App, index: int) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from viewer.app.application import BACKGROUNDS, App
+from viewer.app.application import App
 from viewer.app.commands import modes_for
+from viewer.app.state import BACKGROUNDS
 from viewer.canvas import Canvas
-from viewer.panels import theme
+from viewer.panels import theme, time_plots
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch, time_plot
+from viewer.panels.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch
 
 MODE_TITLES = {
     "normal": "Picture",
@@ -66,7 +67,10 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
                 app.governor.target_fps = fps
         hint("Fewer pixels while the camera moves; all of them once it rests.")
     with card("time", fonts, "Frame time"):
-        frame_time(app, canvas, fonts)
+        headline(app, fonts)
+        time_plots.rolling(app.times, app.governor.target_ms, px(84))
+        width, height = canvas.drawn_size
+        figure("Pixels drawn", f"{width} × {height}", fonts)
 
 
 def _background(app: App) -> None:
@@ -95,8 +99,8 @@ def _background(app: App) -> None:
         app.set(background=tuple(float(v) for v in value[:3]))
 
 
-def frame_time(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """The figure that matters, a plot, and what was drawn."""
+def headline(app: App, fonts: Fonts) -> None:
+    """The figures that matter: the usual time of a frame, and frames per second."""
     summary = app.times.summary()
     with font(fonts.bold, 26.0):
         imgui.text_unformatted(f"{summary['p50']:.1f}")
@@ -104,7 +108,3 @@ def frame_time(app: App, canvas: Canvas, fonts: Fonts) -> None:
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
     with coloured(text=theme.MUTED):
         imgui.text_unformatted(f"ms      {summary['fps']:.0f} fps")
-    time_plot(app.times.frame_ms, app.governor.target_ms, px(64))
-    width, height = canvas.drawn_size
-    figure("Drawn now", f"{width} × {height}", fonts)
-    figure("On the card", f"{canvas.picture_ms:.1f} ms", fonts)

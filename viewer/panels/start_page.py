@@ -9,7 +9,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.panels import theme
+from viewer.panels import make_dialog, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, main_button, px
 
@@ -17,12 +17,15 @@ WIDTH = 440.0
 
 
 def show(app: App, fonts: Fonts) -> None:
-    """Draws the page in the middle of the window that is begun."""
+    """Draws the page in the middle of the window that is begun; beside the card of what is being made, if anything is."""
     width, height = imgui.get_window_width(), imgui.get_window_height()
     column = min(px(WIDTH), width - px(32))
-    left = 0.5 * (width - column)
+    taken = px(make_dialog.CARD_WIDTH + make_dialog.CARD_MARGIN) if app.making.job is not None else 0.0
+    if taken and width - taken < column + px(32):
+        return
+    left = taken + 0.5 * (width - taken - column)
     recent = app.preferences.recent_packs()
-    top = max(px(24), 0.5 * (height - px(300 + 40 * len(recent))))
+    top = max(px(24), 0.5 * (height - px(342 + 40 * len(recent))))
     imgui.set_cursor_pos(ImVec2(left, top))
     imgui.begin_group()
     _mark(left)
@@ -37,9 +40,10 @@ def show(app: App, fonts: Fonts) -> None:
     _button(app, f"{fa.ICON_FA_FILE_ZIPPER}  Open a .zip…", "open", half)
     imgui.same_line()
     _button(app, f"{fa.ICON_FA_FOLDER_OPEN}  Open a folder…", "open-folder", half)
+    _button(app, f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make one from photographs…", "make", column)
     imgui.dummy(ImVec2(0, px(2)))
     with coloured(text=theme.FAINT):
-        imgui.text_unformatted("or drop a pack anywhere on this window")
+        imgui.text_unformatted("or drop a pack, or a folder of photographs, anywhere on this window")
     if recent:
         imgui.dummy(ImVec2(0, px(16)))
         with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):

@@ -76,6 +76,11 @@ def apply(scale: float) -> None:
     style.window_border_size = style.child_border_size = style.frame_border_size = 0
     style.popup_border_size = 1
     style.separator_text_border_size = 1
+    style.tab_rounding = 6
+    style.tab_bar_border_size = style.tab_bar_overline_size = style.tab_border_size = 0
+    style.tab_close_button_min_width_selected = -1  # always seen
+    style.docking_separator_size = 3
+    style.window_menu_button_position = imgui.Dir.none
     style.window_title_align = ImVec2(0.5, 0.5)
     style.scale_all_sizes(scale)
     style.font_scale_dpi = scale
@@ -91,13 +96,26 @@ def apply(scale: float) -> None:
         "frame_bg_active": rgb(CONTROL_HOT),
         "title_bg": rgb(PANEL),
         "title_bg_active": rgb(PANEL),
+        "title_bg_collapsed": rgb(PANEL),
+        "tab": rgb(PANEL),
+        "tab_hovered": rgb(CONTROL_HOT),
+        "tab_selected": rgb(CARD),
+        "tab_dimmed": rgb(PANEL),
+        "tab_dimmed_selected": rgb(CARD),
+        "docking_preview": rgb(ACCENT, 0.35),
+        "docking_empty_bg": rgb(BASE),
+        "resize_grip": rgb(CONTROL_HOT, 0.0),
+        "resize_grip_hovered": rgb(CONTROL_HOT),
+        "resize_grip_active": rgb(ACCENT),
+        "separator_hovered": rgb(ACCENT_DEEP),
+        "separator_active": rgb(ACCENT),
         "scrollbar_bg": rgb(PANEL, 0.0),
         "scrollbar_grab": rgb(CONTROL_HOT),
         "scrollbar_grab_hovered": rgb(FAINT),
         "scrollbar_grab_active": rgb(MUTED),
         "check_mark": rgb(ACCENT),
-        "slider_grab": rgb(ACCENT),
-        "slider_grab_active": rgb(TEXT),
+        "slider_grab": rgb(ACCENT, 0.55),  # the number is read through it
+        "slider_grab_active": rgb(ACCENT, 0.8),
         "button": rgb(CONTROL),
         "button_hovered": rgb(CONTROL_HOT),
         "button_active": rgb(ACCENT_DEEP),

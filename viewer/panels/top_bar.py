@@ -66,9 +66,18 @@ def _name(app: App, fonts: Fonts) -> None:
         imgui.set_tooltip(str(app.scene.path))
     imgui.same_line(0, px(10))
     imgui.set_cursor_pos_y(px(16))
-    width, height, depth = app.scene.pack.grid_size
-    with font(None, theme.SMALL), coloured(text=theme.FAINT):
-        imgui.text_unformatted(f"{width} × {height} × {depth} voxels")
+    with font(None, theme.SMALL), coloured(text=theme.FAINT if app.scene.whole else theme.WARN):
+        imgui.text_unformatted(state_of(app))
+
+
+def state_of(app: App) -> str:
+    """What the pack that is shown consists of, or how far it is read: a preview's voxels are not its own."""
+    if app.scene is None:
+        return ""
+    if not app.scene.whole:
+        images = app.loading.images if app.loading is not None else (0, 0)
+        return f"loading {images[0]} of {images[1]} images" if images[1] else "loading"
+    return " × ".join(str(side) for side in app.scene.pack.grid_size) + " voxels"
 
 
 def _speed(app: App, right: float, fonts: Fonts) -> None:

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui, implot
 
-from viewer.app.application import App, Clipboard
+from viewer.app.application import App
+from viewer.app.state import Clipboard
 from viewer.canvas import Canvas
-from viewer.panels import dialogs, help_overlay, keys, layout, theme, top_bar, viewport
+from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, theme, top_bar, viewport
+from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.file_dialogs import FileDialogs
 from viewer.panels.theme import Fonts
 
 GLSL_VERSION = "#version 330"
+DOUBLE_CLICK_S = 0.45  # imgui's own 0.3 s is less than desktops grant, and a slow picture takes some of it
 
 
 class SystemClipboard(Clipboard):
@@ -36,7 +39,11 @@ class Ui:
         self.context = imgui.create_context()
         imgui.set_current_context(self.context)  # another may be there already
         io = imgui.get_io()
-        io.set_ini_filename("")  # the layout is ours, and remembered by viewer.app
+        io.mouse_double_click_time = DOUBLE_CLICK_S
+        io.set_ini_filename("")  # the layout is remembered by viewer.app
+        io.config_flags |= imgui.ConfigFlags_.docking_enable
+        self._docking = layout.docking()
+        self._gizmo = CropGizmo()
         self.fonts = Fonts()
         self.scale = 0.0
         self._window = window
@@ -54,6 +61,8 @@ class Ui:
         """
         imgui.set_current_context(self.context)
         implot.set_current_context(self.plots)
+        if self.scale == 0:
+            self._docking.restore(app.interface.layout)
         if scale != self.scale:
             theme.apply(scale)
             self.scale = scale
@@ -64,18 +73,29 @@ class Ui:
         keys.dispatch(app)
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
-        viewport.show(app, canvas, regions.viewport, self.fonts)
+        picture = self._docking.space(app, regions.dock, regions.pages)
+        viewport.show(app, canvas, picture, self.fonts, self._gizmo)
         if app.interface.panels_shown:
             top_bar.show(app, canvas, regions.top, self.fonts)
-            layout.show_side(app, canvas, regions, self.fonts)
+            layout.show_rail(app, regions)
+        if regions.pages:
+            layout.show_pages(app, canvas, self.fonts)
+        make_dialog.show_job(app, canvas, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
+        make_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
         dialogs.show(app, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
 
     def draw(self) -> None:
         """Draws what `frame` prepared into the framebuffer that is bound."""
         imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+
+    @property
+    def layout(self) -> str:
+        """Where the pages are docked, to be remembered."""
+        imgui.set_current_context(self.context)
+        return self._docking.text
 
     @property
     def typing(self) -> bool:

@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app import crop
-from viewer.app.application import App, Viewport
+from viewer.app.application import App
+from viewer.app.state import Viewport
 from viewer.canvas import Canvas
-from viewer.panels import layout, overlays, page_photographs, start_page, theme
+from viewer.panels import frusta, layout, overlays, page_photographs, start_page, theme
+from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, px
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
 
 
-def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGizmo) -> None:
     """Draws the picture into `box` and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
@@ -27,11 +29,16 @@ def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
     else:
         overlays.draw_layers(canvas.layers, box)
         overlays.draw_comparison(app, canvas, box)
-        imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
-        over = imgui.is_item_hovered() or imgui.is_item_active()
+        if not gizmo.over:
+            imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
+        else:
+            imgui.dummy(ImVec2(box[2], box[3]))  # never hovered, and so the gizmo's
+        over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
         overlays.draw_path(app, box)
-        shot, face = overlays.draw_frusta(app, box), overlays.draw_crop(app, box)
-        _mouse(app, box, face if over else None, shot if over else None)
+        shot, face = frusta.draw(app, canvas, box), overlays.draw_crop(app, box)
+        if not gizmo.over:
+            _mouse(app, box, face if over else None, shot if over else None)
+        gizmo.show(app, box)
         _corner(app, box, fonts)
     _toast(app, box)
     _progress(app, box, fonts)
@@ -67,6 +74,8 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
     if imgui.is_item_activated():
         _hands.holds = "face" if face is not None else "wipe" if overlays.wipe_edge_hovered(app, box) else ""
         _hands.face, _hands.shot, _hands.travelled = face or 0, shot, 0.0
+        if _hands.holds == "face":
+            app.crop.remember(app)
         if not _hands.holds:
             rig.remember()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]

@@ -58,17 +58,21 @@ def card(name: str, fonts: Fonts, title: str = "") -> Iterator[None]:
         imgui.dummy(ImVec2(0, px(2)))
 
 
-def label(text: str) -> None:
+def label(text: str, width: float = LABEL_WIDTH) -> None:
     """The left side of a row; the control that follows gets the rest of the width."""
     imgui.align_text_to_frame_padding()
     with coloured(text=theme.MUTED):
         imgui.text_unformatted(text)
-    imgui.same_line(px(LABEL_WIDTH))
+    imgui.same_line(px(width))
     imgui.set_next_item_width(-1)
 
 
-def figure(name: str, value: str, fonts: Fonts) -> None:
-    """A row that only tells: name on the left, value on the right."""
+def figure(name: str, value: str, fonts: Fonts, dot: str = "") -> None:
+    """A row that only tells: name on the left, value on the right. dot: colour of a mark before it, as in a legend."""
+    if dot:
+        at, half = imgui.get_cursor_screen_pos(), 0.5 * imgui.get_text_line_height()
+        imgui.get_window_draw_list().add_circle_filled(ImVec2(at.x + px(4), at.y + half), px(4), theme.packed(dot))
+        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + px(15))
     with coloured(text=theme.MUTED):
         imgui.text_unformatted(name)
     imgui.same_line()
@@ -78,9 +82,9 @@ def figure(name: str, value: str, fonts: Fonts) -> None:
     imgui.text_unformatted(value)
 
 
-def hint(text: str) -> None:
+def hint(text: str, colour: str = theme.FAINT) -> None:
     """Small muted text, wrapped."""
-    with font(None, theme.SMALL), coloured(text=theme.FAINT):
+    with font(None, theme.SMALL), coloured(text=colour):
         imgui.push_text_wrap_pos(0.0)
         imgui.text_unformatted(text)
         imgui.pop_text_wrap_pos()
@@ -156,26 +160,3 @@ def main_button(text: str, width: float = 0.0) -> bool:
     """The button that is meant to be pressed."""
     with coloured(button=theme.ACCENT, button_hovered=theme.TEXT, text=theme.ON_ACCENT):
         return imgui.button(text, ImVec2(width, px(34)))
-
-
-def time_plot(times: Sequence[float], target: float, height: float) -> None:
-    """Frame times (ms) as bars, newest at the right, with a line at `target` ms."""
-    width = imgui.get_content_region_avail().x
-    at = imgui.get_cursor_screen_pos()
-    imgui.dummy(ImVec2(width, height))
-    draw = imgui.get_window_draw_list()
-    corner = ImVec2(at.x + width, at.y + height)
-    draw.add_rect_filled(at, corner, theme.packed(theme.BASE), px(6))
-    bar, gap = px(3), px(1)
-    shown = list(times)[-int((width - px(8)) / (bar + gap)) :]
-    top = max(2.0 * target, 1e-6)
-    x = corner.x - px(4) - len(shown) * (bar + gap)
-    for value in shown:
-        share = min(value / top, 1.0)
-        colour = theme.ACCENT if value <= 1.15 * target else theme.WARN if value <= 2.0 * target else theme.BAD
-        low = corner.y - px(4)
-        y = low - max(share * (height - px(8)), px(1))
-        draw.add_rect_filled(ImVec2(x, y), ImVec2(x + bar, low), theme.packed(colour, 0.9), px(1))
-        x += bar + gap
-    y = corner.y - px(4) - 0.5 * (height - px(8))
-    draw.add_line(ImVec2(at.x + px(4), y), ImVec2(corner.x - px(4), y), theme.packed(theme.MUTED, 0.35))

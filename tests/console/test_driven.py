@@ -1,0 +1,60 @@
+"""Programs that start our commands: progress in a file, and an end that comes with theirs."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from console import progress
+from console.driven import PROGRESS, Report, read_report
+
+WAITS = """
+import sys, time
+from console import run_command
+def wait():
+    print("ready", flush=True)
+    time.sleep(60)
+sys.exit(run_command(wait, prog="waits", args=[]))
+"""
+
+
+def test_progress_is_kept_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "progress.json"
+    monkeypatch.setenv(PROGRESS, str(file))
+    with progress("training", 10) as bar:
+        assert read_report(file) == Report("training", 0.0, 10.0, "", 0.0)
+        bar.update(4, "PSNR 20")
+        report = read_report(file)
+        assert report is not None and (report.done, report.note, report.share) == (4.0, "PSNR 20", 0.4)
+        bar.update(10)
+    report = read_report(file)
+    assert report is not None and report.share == 1.0 and list(tmp_path.iterdir()) == [file]
+
+
+def test_a_file_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(PROGRESS, str(tmp_path / "gone" / "progress.json"))
+    with progress("training", 10) as bar:
+        bar.update(10)
+    assert bar.done == 10
+
+
+@pytest.mark.parametrize("set_", [True, False])
+def test_the_end_of_standard_input_is_ctrl_c_where_it_is_asked_for(set_: bool) -> None:
+    env = {**os.environ, **({"SNERG_ENDS_WITH_STDIN": "1"} if set_ else {})}
+    command = [sys.executable, "-c", WAITS]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env
+    ) as child:
+        assert child.stdout is not None and child.stdin is not None and child.stderr is not None
+        assert child.stdout.readline() == b"ready\n"
+        child.stdin.close()
+        if set_:
+            assert child.wait(30) == 130 and b"interrupted" in child.stderr.read()
+        else:
+            with pytest.raises(subprocess.TimeoutExpired):
+                child.wait(0.5)
+            child.kill()

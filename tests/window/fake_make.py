@@ -1,0 +1,41 @@
+"""Stands in for snerg-make: says how far it is as the real commands do, and ends as it is told.
+
+python fake_make.py HOW FOLDER: "make" copies the pack FOLDER/source to FOLDER/pack; "fail" ends with a line and status 2;
+"wait" works until it is interrupted, then notes FOLDER/saved; "deaf" does not hear of interruptions; "die" kills itself;
+"bug" meets a bug.
+"""
+
+import os
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+
+from console import UserError, progress, run_command
+
+
+def work(how: str, folder: Path, /) -> None:
+    with progress("training", 100) as bar:
+        bar.update(40, "PSNR 21.50 dB  3.0k rays/s")
+        (folder / "pid").write_text(str(os.getpid()))
+        if how == "fail":
+            raise UserError("the folder is empty", where=folder, remedy="choose another")
+        if how == "bug":
+            raise KeyError("depths")
+        if how == "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if how == "deaf":
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            (folder / "deaf").touch()
+        try:
+            while how in ("wait", "deaf"):
+                time.sleep(0.02)
+        except KeyboardInterrupt as interrupt:
+            (folder / "saved").touch()
+            raise KeyboardInterrupt("saved at step 40") from interrupt
+    shutil.copytree(folder / "source", folder / "pack")
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(work, prog="snerg-make"))

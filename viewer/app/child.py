@@ -1,0 +1,139 @@
+"""One of our commands in a process of its own: started, watched and stopped without ever waiting for it.
+
+The child holds our end of a pipe as its standard input (console.driven), so it stops cleanly when we close it, and also
+when this program ends in whatever way. What it prints goes straight into a log file, so nothing of ours must read it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from console import UserError
+from console.driven import ENDS_WITH_STDIN, PROGRESS, Report, read_report
+
+POLITENESS = 10  # the child's priority: the window comes first
+TAIL_BYTES = 64 << 10
+BUG = 1  # exit status, after a traceback and a line that says so
+ERROR_LINE = re.compile(r"snerg-\w+: (?!warning: )(.+)")
+
+
+class Child:
+    """A running command. command: program and arguments. log: the file that gets what it prints; made anew.
+
+    UserError where the log cannot be written or the program cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], log: Path) -> None:
+        self.command, self.log = list(command), log
+        self.asked_to_stop: float | None = None  # time.monotonic()
+        self.killed = False
+        self._scratch = Path(tempfile.mkdtemp(prefix="snerg-child-"))
+        environment = {**os.environ, PROGRESS: str(self._scratch / "progress.json"), ENDS_WITH_STDIN: "1"}
+        try:
+            log.parent.mkdir(parents=True, exist_ok=True)
+            with open(log, "wb") as output:
+                self._process = subprocess.Popen(
+                    self.command,
+                    stdin=subprocess.PIPE,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    env=environment,
+                    start_new_session=True,
+                    creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+                )
+        except OSError as error:
+            self._clean_up()
+            raise UserError(f"it cannot be started: {error.strerror or error}", where=error.filename or log) from error
+        if sys.platform != "win32":
+            with contextlib.suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, self._process.pid, POLITENESS)
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def poll(self) -> int | None:
+        """Its exit status once it has ended (negative: the signal that ended it), None while it runs."""
+        status = self._process.poll()
+        if status is not None:
+            self._close_pipe()
+            if self.asked_to_stop is not None:
+                self._kill_group()  # whatever it may have started itself
+            self._clean_up()
+        return status
+
+    def report(self) -> Report | None:
+        """What it says of its work at this moment."""
+        return read_report(self._scratch / "progress.json")
+
+    def stop(self) -> None:
+        """Asks it to end as with Ctrl-C: it keeps what is done. Poll on until it has."""
+        if self.asked_to_stop is None:
+            self.asked_to_stop = time.monotonic()
+            self._close_pipe()
+
+    def kill(self) -> None:
+        """Ends it, and all it started, at once."""
+        self.stop()
+        self.killed = True
+        self._kill_group()
+
+    def end(self, seconds: float) -> None:
+        """Stops it, waits up to `seconds`, then kills it: no process is left after this."""
+        if self.poll() is not None:
+            return
+        self.stop()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(seconds)
+        if self._process.poll() is None:
+            self.kill()
+            self._process.wait()
+        self.poll()
+
+    def error_line(self) -> str:
+        """Why it ended otherwise than well, in one line: its own last word, or what the system did to it."""
+        status = self._process.returncode
+        if status is not None and status < 0:
+            name = signal.Signals(-status).name if -status in list(signal.Signals) else f"signal {-status}"
+            hint = "; the system does that when it runs out of memory" if status == -9 else ""
+            return f"the process was ended from outside ({name}){hint}"
+        lines = [line.strip() for line in self._tail().splitlines() if line.strip()]
+        if status == BUG and len(lines) > 1:
+            return f"That is a bug in snerg, not a mistake of yours ({lines[-2]})"
+        for line in reversed(lines):
+            if match := ERROR_LINE.fullmatch(line):
+                return match[1]
+        return lines[-1] if lines else f"it ended with status {status} and said nothing"
+
+    def _tail(self) -> str:
+        try:
+            with open(self.log, "rb") as file:
+                file.seek(max(0, self.log.stat().st_size - TAIL_BYTES))
+                return file.read().decode(errors="replace")
+        except OSError:
+            return ""
+
+    def _close_pipe(self) -> None:
+        if self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
+
+    def _kill_group(self) -> None:
+        with contextlib.suppress(OSError):  # nothing of it is left
+            if sys.platform == "win32":
+                self._process.kill()
+            else:
+                os.killpg(self._process.pid, signal.SIGKILL)
+
+    def _clean_up(self) -> None:
+        shutil.rmtree(self._scratch, ignore_errors=True)

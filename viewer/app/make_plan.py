@@ -1,0 +1,234 @@
+"""How a scene shall be made of photographs or of a training run: what is there, what can be chosen, which command does it.
+
+The viewer knows neither trainer nor baker; it starts their commands (viewer.app.child). A folder that snerg-make has
+written into, DIR with DIR/run, is gone on with where it was stopped.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import json
+import os
+import shlex
+import sys
+import threading
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from console import Notice, UserError
+from training.scenes import Scene, load_scene
+from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
+
+Subject = Literal["scene", "run"]
+Preset = Literal["cpu", "fast", "paper"]
+PRESETS: dict[Preset, tuple[str, str]] = {
+    "cpu": ("Quick", "Minutes on any computer, from photographs shrunk to 256 pixels. Lego took 9½ on two CPU cores."),
+    "fast": (
+        "Sharp",
+        "All pixels, up to 1000³ voxels. Meant for a graphics card that JAX knows; many hours without one.",
+    ),
+    "paper": ("As in the paper", "250,000 steps of the paper's own networks: days, even on a graphics card."),
+}
+DOWNSCALES = (1, 2, 4, 8)
+RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
+KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json"}
+PARTS = ("jax", "optax", "safetensors", "scipy")  # the extra `train`
+
+
+def trainer_missing() -> bool:
+    """Whether this installation is the viewer alone."""
+    return any(importlib.util.find_spec(name) is None for name in PARTS)
+
+
+class Survey:
+    """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest.
+
+    error: why it is no scene that can be read. text: one line about it. sizes: width, height in pixels by downscale.
+    automatic: the downscale of a preset that shrinks. forward: LLFF cameras that may be read as looking all around.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.error: Exception | None = None
+        self.text = ""
+        self.notes: list[str] = []
+        self.sizes: dict[int, tuple[int, int]] = {}
+        self.automatic: dict[str, int] = {}
+        self.forward = False
+        self.masks = any(path.glob("masks*"))
+        self._thread = threading.Thread(target=self._run, name="snerg-survey", daemon=True)
+        self._thread.start()
+
+    @property
+    def finished(self) -> bool:
+        return not self._thread.is_alive()
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Until the thread has ended; for tests."""
+        self._thread.join(seconds)
+
+    @property
+    def choices(self) -> list[int]:
+        """Downscales that differ in what they give, from the largest pictures to the smallest."""
+        largest_first = sorted((-width, -downscale) for downscale, (width, _) in self.sizes.items())
+        found: dict[int, int] = {}
+        for width, downscale in largest_first:
+            found.setdefault(width, -downscale)
+        return [downscale for downscale in found.values() if downscale in DOWNSCALES]
+
+    def size(self, preset: str, downscale: int | None) -> tuple[int, int] | None:
+        """Pixels of the photographs that a run with these options trains on; None where it is not known."""
+        return self.sizes.get(downscale or self.automatic.get(preset, 1))
+
+    def _run(self) -> None:
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                scene = load_scene(self.path)
+            self.notes = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
+            self.automatic = {preset: suggested_downscale(self.path, side) for preset, side in LONGEST_SIDE.items()}
+            for downscale in {*DOWNSCALES, *self.automatic.values()}:
+                with contextlib.suppress(UserError), warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    self.sizes[downscale] = _size(load_scene(self.path, downscale=downscale))
+            self.forward = scene.ndc
+            width, height = _size(scene)
+            count = sum(len(photographs) for photographs in scene.splits.values())
+            seen = "facing forward" if scene.ndc else "seen from all around"
+            kind = KINDS.get(scene.kind, scene.kind)
+            self.text = f"{count} photographs of {width} × {height}, {seen}  ({kind})"
+        except Exception as error:  # told in the dialog
+            self.error = error
+
+
+def _size(scene: Scene) -> tuple[int, int]:
+    camera = next(iter(scene.splits.values()))[0].camera
+    return camera.width, camera.height
+
+
+@dataclass
+class Plan:
+    """source: the scene's or the run's folder. out: of a scene, the folder for run/ and pack/; of a run, the pack itself.
+
+    downscale, resolution (voxels a side), steps: None leaves them to the preset, or to the command. survey: of the scene's
+    photographs. attempt: what an older run in `out` says of itself; it is gone on with.
+    """
+
+    subject: Subject
+    source: Path
+    out: Path
+    preset: str = "cpu"
+    downscale: int | None = None
+    resolution: int | None = None
+    spherify: bool = False
+    masks: bool = False
+    steps: int | None = None
+    survey: Survey | None = field(default=None, repr=False)
+    attempt: dict | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        self.choose(self.out)
+
+    def choose(self, out: Path) -> None:
+        """Takes another folder for the results."""
+        self.out, self.attempt = out, None
+        if self.subject == "scene" and (self.run / "config.json").is_file():
+            with contextlib.suppress(UserError):
+                self.attempt = _description(self.run)
+
+    @classmethod
+    def of(cls, subject: Subject, path: Path) -> Plan:
+        """How `path` would be made if nothing else is said. UserError where an unfinished run's description is broken."""
+        path = path.resolve()
+        if subject == "scene":
+            return cls("scene", path, _beside(path, f"{path.name}-snerg"), survey=Survey(path))
+        if (path / "run").is_dir() and not (path / "config.json").is_file():  # snerg-make's DIR
+            scene = _description(path / "run")["scene"]
+            if scene and Path(scene).is_dir():
+                return cls("scene", Path(scene), path, survey=Survey(Path(scene)))
+            path = path / "run"
+        name = "pack" if path.name == "run" else f"{path.name}-pack"
+        return cls("run", path, _beside(path, name))
+
+    @property
+    def name(self) -> str:
+        """What it is called while it is made."""
+        return self.source.parent.name if self.source.name == "run" else self.source.name
+
+    @property
+    def pack(self) -> Path:
+        """Where the finished pack is."""
+        return self.out / "pack" if self.subject == "scene" else self.out
+
+    @property
+    def log(self) -> Path:
+        """What the command prints goes there."""
+        return self.out / "make.log" if self.subject == "scene" else self.out.with_name(f"{self.out.name}.log")
+
+    @property
+    def run(self) -> Path:
+        """The training run."""
+        return self.out / "run" if self.subject == "scene" else self.source
+
+    def problem(self) -> str | None:
+        """Why it cannot be begun as it is planned; None where nothing speaks against it."""
+        if trainer_missing():
+            return "This installation is the viewer alone. pip install 'snerg[train]' adds what trains and bakes."
+        if self.survey is not None and self.survey.error is not None:
+            return str(self.survey.error)
+        if self.subject == "scene" and self.attempt is not None:
+            other = self.attempt["scene"]
+            if other and Path(other) != self.source:
+                return f"There is a run of another scene in {self.out}; choose another folder."
+        return None
+
+    def attempt_text(self) -> str:
+        """How far the earlier attempt is, "" where there is none."""
+        if self.attempt is None:
+            return ""
+        steps = [int(path.stem.removeprefix("step_")) for path in (self.run / "checkpoints").glob("step_*.safetensors")]
+        total = self.attempt["steps"]
+        if steps and max(steps) >= total:
+            return "A trained run is there already; it is baked with the settings it was trained with."
+        done = f"at step {max(steps):,} of {total:,}" if steps else "before its first checkpoint"
+        return f"An earlier attempt is there, {done}: it goes on, with the settings it was begun with."
+
+    def command(self) -> list[str]:
+        """Program and arguments that make it; `typed` is the same for a person."""
+        room = "baker.commands.make" if self.subject == "scene" else "baker.commands.bake"
+        return [sys.executable, "-m", room, *self._arguments()]
+
+    def typed(self) -> str:
+        """The command line, to be typed on another machine, say."""
+        program = "snerg-make" if self.subject == "scene" else "snerg-bake"
+        return shlex.join([program, *(word for word in self._arguments() if word != "--no-view")])
+
+    def _arguments(self) -> list[str]:
+        words = [str(self.source), "--out", str(self.out)]
+        names = ["resolution"]
+        if self.subject == "scene":
+            words += ["--preset", self.preset, "--no-view"]
+            names = ["downscale", "steps", "resolution"]
+            words += [f"--{name}" for name in ("spherify", "masks") if getattr(self, name)]
+        for name in names:
+            if (value := getattr(self, name)) is not None:
+                words += [f"--{name}", str(value)]
+        return words
+
+
+def _beside(path: Path, name: str) -> Path:
+    """A folder called `name` beside `path`, or in the user's home where nothing may be written there."""
+    return path.parent / name if os.access(path.parent, os.W_OK) else Path.home() / name
+
+
+def _description(run: Path) -> dict:
+    """What a run's config.json says of "scene" (a folder, "" where it does not say) and "steps" (in all)."""
+    file = run / "config.json"
+    try:
+        values = json.loads(file.read_text(encoding="utf-8"))
+        return {"scene": str(values.get("scene", "")), "steps": int(values.get("config", {}).get("steps", 0))}
+    except (OSError, ValueError, TypeError, AttributeError) as error:
+        raise UserError("the run's description cannot be read", where=file, found=str(error)[:100]) from error

@@ -1,0 +1,221 @@
+"""Making a scene from the window: a plan to decide on, then a child process that trains and bakes, then its pack opens.
+
+One at a time. The child is asked to stop, never torn down while it saves, unless it takes too long or the user is in a
+hurry; what it has done is kept, and the same plan goes on there.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PIL import Image
+
+from console.driven import Report
+from viewer.app.child import Child
+from viewer.app.files import FileRequest
+from viewer.app.log import Dialog
+from viewer.app.make_plan import Plan, Subject
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+LOOKED_AT_EVERY_S = 0.2
+PATIENCE_S = 60.0  # a first step that is still being compiled cannot be interrupted
+PARTING_S = 5.0  # where the program ends in a way that leaves no window to wait in
+PSNR = re.compile(r"PSNR ([\d.]+)")
+KEPT_FIGURES = 400
+PICTURE_SIDE = 512  # pixels of the longer side, at most
+
+
+@dataclass
+class Job:
+    """plan: what is being made. report: the child's last word on how far it is. figures: PSNR (dB) as training goes on.
+
+    picture: a held-out photograph and how it is rendered so far, side by side, uint8 [h, w, 3].
+    """
+
+    plan: Plan
+    child: Child
+    started: float = field(default_factory=time.monotonic)
+    report: Report | None = None
+    figures: list[float] = field(default_factory=list)
+    picture: np.ndarray | None = None
+    _picture_time: float = 0.0
+
+    @property
+    def stopping(self) -> bool:
+        """Whether it was asked to stop."""
+        return self.child.asked_to_stop is not None
+
+    @property
+    def stage(self) -> int:
+        """0 nothing heard yet, 1 training, 2 baking."""
+        if self.report is None:
+            return 0
+        return 1 if self.report.title == "training" else 2
+
+    def look(self) -> bool:
+        """Takes in what the child has done since; True where there is something new to show."""
+        report = self.child.report()
+        changed = report is not None and report != self.report
+        if changed and report is not None:
+            self.report = report
+            if match := PSNR.search(report.note):
+                self.figures = [*self.figures[-KEPT_FIGURES + 1 :], float(match[1])]
+        return self._look_at_picture() or changed
+
+    def _look_at_picture(self) -> bool:
+        file = self.plan.run / "validation" / "latest.png"
+        try:
+            changed = file.stat().st_mtime
+            if changed == self._picture_time:
+                return False
+            with Image.open(file) as opened:
+                picture = opened.convert("RGB")
+            picture.thumbnail((PICTURE_SIDE, PICTURE_SIDE))
+            self.picture, self._picture_time = np.asarray(picture), changed
+        except (OSError, ValueError):  # not there yet
+            return False
+        return True
+
+
+@dataclass
+class Making:
+    """plan: what the dialog asks about. job: what runs. failed: what could not be made. quit_after: the program ends once
+    the job has stopped.
+    """
+
+    plan: Plan | None = None
+    job: Job | None = None
+    failed: Plan | None = None
+    quit_after: bool = False
+    _looked: float = 0.0
+    _surveyed: bool = False
+
+    def offer(self, app: App, subject: Subject, path: Path) -> None:
+        """Asks whether, and how, a scene or a run shall be made into a pack."""
+        if self.job is not None:
+            text = f"{self.job.plan.name} is still being made. Wait for it or stop it, then try again."
+            app.messages.dialogs.append(Dialog("One scene at a time", text))
+            return
+        self.plan, self._surveyed = Plan.of(subject, path), False
+        app.touch()
+
+    def again(self, app: App) -> None:
+        """Asks once more about what could not be made."""
+        if self.failed is not None and self.job is None:
+            self.plan, self.failed = self.failed, None
+            self.plan.choose(self.plan.out)
+        app.touch()
+
+    @property
+    def busy(self) -> bool:
+        """Whether something goes on that tick should look at now and then."""
+        return self.job is not None or (self.plan is not None and not self._surveyed)
+
+    def dismiss(self, app: App) -> None:
+        """Closes the question."""
+        self.plan = None
+        app.touch()
+
+    def ask_where(self, app: App) -> None:
+        """Asks for another folder for the results."""
+        plan = self.plan
+        if plan is None:
+            return
+
+        def then(path: Path) -> None:
+            plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
+            app.touch()
+
+        app.file_request = FileRequest("Where shall it be made?", "folder", then)
+
+    def copy_command(self, app: App) -> None:
+        """Puts the command line that does the same on the clipboard, for another machine, say."""
+        if self.plan is not None:
+            app.clipboard.set(self.plan.typed())
+            app.messages.say("The command is on the clipboard")
+
+    def start(self, app: App) -> None:
+        """Begins. UserError where the plan cannot be carried out, with the question left open."""
+        plan = self.plan
+        if plan is None or plan.problem() is not None:
+            return
+        self.job = Job(plan, Child(plan.command(), plan.log))
+        self.plan = None
+        app.messages.log(f"making {plan.name}: {plan.typed()}")
+        app.touch()
+
+    def stop(self, app: App) -> None:
+        """Asks the job to stop; asked again, ends it at once."""
+        if self.job is None:
+            return
+        if self.job.stopping:
+            self.job.child.kill()
+        else:
+            self.job.child.stop()
+        app.touch()
+
+    def ask_to_quit(self, app: App) -> None:
+        """Quits, but asks first where a scene is being made."""
+        if self.job is None:
+            app.quitting = True
+            return
+        title = f"{self.job.plan.name} is still being made"
+        if not self.quit_after and all(dialog.title != title for dialog in app.messages.dialogs):
+            text = "Quitting stops it. What is done so far is kept, and making it again goes on there."
+            buttons = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
+            app.messages.dialogs.append(Dialog(title, text, buttons=buttons))
+        app.touch()
+
+    def stop_and_quit(self, app: App) -> None:
+        """Quits as soon as the job has stopped."""
+        self.quit_after = True
+        if self.job is None:
+            app.quitting = True
+        elif not self.job.stopping:
+            self.stop(app)
+
+    def end(self) -> None:
+        """The program ends: no child outlives it."""
+        if self.job is not None:
+            self.job.child.end(PARTING_S)
+            self.job = None
+
+    def tick(self, app: App) -> None:
+        """Time passes: looks at what the child is doing."""
+        if self.plan is not None and self.plan.survey is not None and not self._surveyed and self.plan.survey.finished:
+            self._surveyed = True
+            app.touch()
+        job, now = self.job, time.monotonic()
+        if job is None or now - self._looked < LOOKED_AT_EVERY_S:
+            return
+        self._looked = now
+        status = job.child.poll()
+        if job.look():
+            app.touch(2)
+        if status is not None:
+            self.job = None
+            app.touch()
+            self._ended(app, job, status)
+        elif job.child.asked_to_stop is not None and now - job.child.asked_to_stop > PATIENCE_S:
+            job.child.kill()
+
+    def _ended(self, app: App, job: Job, status: int) -> None:
+        name = job.plan.name
+        if status == 0:
+            app.messages.say(f"{name} is made")
+            app.open(job.plan.pack)
+        elif job.stopping:
+            app.messages.say(f"{name} was stopped; make it again to go on where it was")
+        else:
+            self.failed = job.plan
+            text = f"{job.child.error_line()}\n\nAll that it said is in {job.plan.log}"
+            app.messages.fail(f"{name} could not be made", text, buttons=(("OK", ""), ("Try again", "make-again")))
+        if self.quit_after:
+            app.quitting = True

@@ -1,0 +1,107 @@
+"""The app's way from a path to a scene that is shown: read beside the window, seen while it arrives, or told why not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scenepack.pack import Pack
+from viewer.app.forward_facing import rig_for
+from viewer.app.loading import Loading
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+Then = Callable[["App"], None]
+
+
+@dataclass
+class Opening:
+    """loading: the pack that is being read. other: it shall be compared with, not shown instead. then: called once it is
+    shown.
+    """
+
+    loading: Loading | None = None
+    other: bool = False
+    then: Then | None = None
+    _share_told: float = -1.0
+
+    def start(self, app: App, path: Path, *, other: bool = False, then: Then | None = None) -> None:
+        """Starts to read a pack; what comes of it shows itself in later ticks."""
+        self.cancel(app)
+        self.loading, self.other, self.then = Loading(path), other, then
+        app.touch()
+
+    def cancel(self, app: App) -> None:
+        """Gives up reading; the scene that is open stays."""
+        if self.loading is not None:
+            self.loading.cancel()
+            app.messages.log(f"{self.loading.path}: opening was cancelled")
+            self.loading = None
+            self._drop_unfinished(app)
+            app.touch()
+
+    def tick(self, app: App) -> None:
+        """What the thread that reads has to say: something to see, a pack, or why not."""
+        loading = self.loading
+        if loading is None:
+            return
+        if loading.share != self._share_told:
+            self._share_told = loading.share
+            app.touch(1)
+        try:
+            if not loading.finished:
+                self._take_preview(app, loading)
+                return
+            app.touch()
+            self.loading = None
+            for note in loading.notes:
+                app.messages.log(note, "warning")
+            if loading.error is not None:
+                raise loading.error
+            if loading.pack is not None:
+                self._show_whole(app, loading.pack, loading.path)
+        except Exception as error:  # a dialog, and the program goes on
+            loading.cancel()
+            self.loading = None
+            self._drop_unfinished(app)
+            app.messages.fail(f"{loading.path.name} cannot be opened", error)
+            app.touch()
+
+    def _take_preview(self, app: App, loading: Loading) -> None:
+        """Shows what is there of a pack that is being read, unless a good scene is open: that stays until it is whole."""
+        pack = loading.preview
+        if pack is None or self.other:
+            return
+        if app.scene is None:
+            app.show(pack, loading.path, whole=False)
+        elif not app.scene.whole and app.scene.pack is not pack:
+            self._refine(app, pack, told=False)
+
+    def _show_whole(self, app: App, pack: Pack, path: Path) -> None:
+        if self.other and app.scene is not None:
+            app.comparison.with_pack(app, pack, path)
+        elif app.scene is not None and not app.scene.whole:
+            self._refine(app, pack)
+            app.scene.whole = True
+            app.scene.rig = app.scene.rig.grown(rig_for(pack))
+            app.opened()
+        else:
+            app.show(pack, path)
+        if self.then is not None:
+            self.then(app)
+
+    @staticmethod
+    def _refine(app: App, pack: Pack, *, told: bool = True) -> None:
+        if app.stage is not None and app.scene is not None:
+            with app.noting_warnings(told=told):
+                app.stage.refine(pack)
+            app.scene.pack = pack
+            app.touch()
+
+    @staticmethod
+    def _drop_unfinished(app: App) -> None:
+        if app.scene is not None and not app.scene.whole:
+            app.close()

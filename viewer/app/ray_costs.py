@@ -1,0 +1,74 @@
+"""What rays cost: how many samples they fetch and how many times they jump, counted while the picture rests.
+
+Counted in a small picture of the same view, over the rays that hit something: those whose opacity exceeds one step of an
+8-bit channel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+LONGEST_SIDE = 192  # pixels of the picture that is counted in
+HIT = 1.0 / 255.0  # opacity
+
+
+@dataclass(frozen=True)
+class RayCosts:
+    """Over the rays that hit: means and maxima per ray. hit: share of all rays, 0 … 1. size: of the picture."""
+
+    samples_mean: float
+    samples_max: int
+    jumps_mean: float
+    jumps_max: int
+    hit: float
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, counts: np.ndarray) -> RayCosts:
+        """From float32 [h, w, 3]: samples, jumps, opacity."""
+        hit = counts[..., 2] > HIT
+        samples, jumps = counts[..., 0][hit], counts[..., 1][hit]
+        if not len(samples):
+            samples = jumps = np.zeros(1)
+        return cls(
+            float(samples.mean()),
+            int(samples.max()),
+            float(jumps.mean()),
+            int(jumps.max()),
+            float(hit.mean()),
+            (counts.shape[1], counts.shape[0]),
+        )
+
+
+@dataclass
+class CostMeter:
+    """enabled: whether rays are counted at all. costs: of the view that rested last, None before."""
+
+    enabled: bool = False
+    costs: RayCosts | None = None
+    _measured: tuple[object, ...] = field(default=())
+
+    def switch(self, on: bool) -> None:
+        """Begins or ends counting."""
+        self.enabled, self.costs, self._measured = on, None, ()
+
+    def measure(self, app: App) -> None:
+        """Brings the figures up to date; call while nothing moves. Costs nothing while switched off."""
+        camera = app.camera()
+        if not self.enabled or camera is None or app.stage is None or app.scene is None:
+            return
+        settings = replace(app.settings, mode="normal", counts=True)
+        key = (id(app.scene.pack), settings, camera.grid_T_camera.tobytes(), camera.fy, camera.width, camera.height)
+        if key == self._measured:
+            return
+        self._measured = key
+        scale = min(1.0, LONGEST_SIDE / max(camera.width, camera.height))
+        size = max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
+        self.costs = RayCosts.of(app.stage.ray_counts(camera.resized(*size), settings))
+        app.touch()

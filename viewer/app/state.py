@@ -1,0 +1,145 @@
+"""What the viewer knows about what it shows and where: the open scene, the panels, the viewport; and what draws packs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from scenepack.pack import Pack
+from viewer.app.rig import CameraRig
+from viewer.camera import ViewCamera
+from viewer.settings import RenderSettings
+
+FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
+BACKGROUNDS: dict[str, tuple[float, float, float]] = {
+    "White": (1.0, 1.0, 1.0),
+    "Light": (0.82, 0.85, 0.89),
+    "Dark": (0.09, 0.11, 0.14),
+    "Black": (0.0, 0.0, 0.0),
+}
+
+
+class Stage(Protocol):
+    """What draws packs. Only the main thread calls it."""
+
+    def show(self, pack: Pack | None) -> None:
+        """Puts another pack on the card; raises UserError and keeps the old one where it does not fit."""
+
+    def refine(self, pack: Pack) -> None:
+        """Puts a finer version of the pack that is shown on the card, and shows it once all of it is there."""
+
+    def show_other(self, pack: Pack | None) -> None:
+        """Puts a second pack on the card, to compare with; None takes it off."""
+
+    def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
+        """Distance (grid units) along the ray through pixel (x, y) to the surface; None where there is none."""
+
+    def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """The picture, uint8 [height, width, 3]."""
+        ...
+
+    def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """What `settings` with counts give, float32 [height, width, 3]."""
+        ...
+
+    @property
+    def gpu_bytes(self) -> int:
+        """Texture memory in use."""
+        ...
+
+
+@dataclass
+class OpenScene:
+    """A pack that is shown. name: what the title bar says. whole: False while it is still being read."""
+
+    path: Path
+    name: str
+    pack: Pack
+    rig: CameraRig
+    whole: bool = True
+
+
+@dataclass
+class Interface:
+    """What the panels remember.
+
+    page: the one that the rail shows at its usual place; "" for none. moved: others that were dragged elsewhere, and stay
+    open whatever the rail shows. layout: where all of them are docked, as viewer.panels.docking writes it; "" is the
+    usual layout. layout_reset: it shall be that again.
+    """
+
+    page: str = "view"
+    moved: list[str] = field(default_factory=list)
+    layout: str = ""
+    layout_reset: bool = False
+    panels_shown: bool = True
+    help_shown: bool = False
+    full_screen: bool = False
+    v_sync: bool = True
+
+    def shows(self, page: str) -> bool:
+        """Whether a page is open."""
+        return page == self.page or page in self.moved
+
+    def opens(self, page: str) -> None:
+        """Opens a page; at the usual place it takes that of the one before."""
+        if not self.shows(page):
+            self.page = page
+
+    def closes(self, page: str) -> None:
+        """Closes a page."""
+        self.page = "" if page == self.page else self.page
+        self.moved = [other for other in self.moved if other != page]
+
+    def placed(self, page: str, usual: bool) -> None:
+        """A page is docked at the usual place, or has been dragged elsewhere."""
+        if not usual and page not in self.moved:
+            self.moved.append(page)
+            self.page = "" if page == self.page else self.page
+        elif usual and page in self.moved:
+            self.moved.remove(page)
+            self.page = page
+
+    def reset_layout(self) -> None:
+        """All pages to their usual place, one of them open."""
+        self.page = self.page or next(iter(self.moved), "view")
+        self.moved, self.layout, self.layout_reset = [], "", True
+
+
+class Clipboard:
+    """The system's clipboard; a plain variable until a window brings the real one."""
+
+    text = ""
+
+    def get(self) -> str:
+        return self.text
+
+    def set(self, text: str) -> None:
+        self.text = text
+
+
+@dataclass
+class Viewport:
+    """Where the picture is: position and size in window units, and pixels per unit."""
+
+    x: float = 0.0
+    y: float = 0.0
+    width: float = 1.0
+    height: float = 1.0
+    pixels_per_unit: float = 1.0
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Width and height in framebuffer pixels, at least 1."""
+        scale = self.pixels_per_unit
+        return max(1, round(self.width * scale)), max(1, round(self.height * scale))
+
+
+def name_of(path: Path) -> str:
+    """What a pack is called: its file's or folder's name, or that of the folder around it where it is just "pack"."""
+    path = path.resolve()
+    name = path.stem if path.suffix.lower() == ".zip" else path.name
+    return path.parent.name if name == "pack" and path.parent.name else name

@@ -1,0 +1,81 @@
+"""ImGuizmo on the crop box: arrows that move it, or bars that scale it about its middle.
+
+ImGuizmo only takes hold of the mouse where no widget is under it, so that the picture must not be one while `over`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from imgui_bundle import imgui, imguizmo
+
+from viewer.app import crop
+from viewer.app.application import App
+from viewer.camera import ViewCamera
+from viewer.panels.widgets import px
+
+gizmo = imguizmo.im_guizmo
+SIZE = 0.17  # length of an arrow over the picture's height
+Box = tuple[float, float, float, float]
+OPERATIONS = {"move": gizmo.OPERATION.translate, "scale": gizmo.OPERATION.scale}
+
+
+class CropGizmo:
+    """over: whether the mouse is on it or holds it."""
+
+    def __init__(self) -> None:
+        self.over = False
+        self._held = False
+
+    def show(self, app: App, box: Box) -> None:
+        """Draws it over the picture's box, where it is wanted, and applies what the mouse does to it."""
+        camera, cut = app.camera(), app.settings.crop
+        operation = OPERATIONS.get(app.crop.tool)
+        wanted = cut is not None and operation is not None and app.interface.shows("crop")
+        if not wanted or camera is None or app.scene is None or cut is None or operation is None:
+            self.over = self._held = False
+            return
+        gizmo.set_im_gui_context(imgui.get_current_context())
+        gizmo.begin_frame()
+        gizmo.set_drawlist()
+        gizmo.set_rect(*box)
+        gizmo.set_orthographic(False)
+        gizmo.set_gizmo_size_clip_space(SIZE)
+        style = gizmo.get_style()
+        style.translation_line_thickness = style.scale_line_thickness = px(4)
+        style.translation_line_arrow_size, style.scale_line_circle_size = px(8), px(7)
+        low, high = np.asarray(cut[0]), np.asarray(cut[1])
+        size = high - low
+        matrix = np.diag([*(size if app.crop.tool == "scale" else np.ones(3)), 1.0])
+        matrix[:3, 3] = 0.5 * (low + high)
+        held = gizmo.Matrix16(_columns(matrix))
+        view, projection = _view(camera), _projection(camera, app.scene.rig.radius)
+        changed = gizmo.manipulate(view, projection, operation, gizmo.MODE.world, held)
+        using = gizmo.is_using()
+        if using and not self._held:
+            app.crop.remember(app)
+        self.over, self._held = using or gizmo.is_over(), using
+        if changed:
+            moved = np.asarray(held.values, np.float64).reshape(4, 4).T
+            scaled = np.linalg.norm(moved[:3, :3], axis=0) if app.crop.tool == "scale" else size
+            app.set(crop=crop.placed(app.scene.pack, moved[:3, 3], scaled))
+            app.touch()
+
+
+def _columns(matrix: np.ndarray) -> list[float]:
+    """Column after column, as OpenGL has matrices."""
+    return [float(value) for value in matrix.T.reshape(-1)]
+
+
+def _view(camera: ViewCamera) -> gizmo.Matrix16:
+    return gizmo.Matrix16(_columns(np.linalg.inv(camera.grid_T_camera)))
+
+
+def _projection(camera: ViewCamera, radius: float) -> gizmo.Matrix16:
+    """OpenGL's projection for a pinhole camera; near and far only order what is drawn."""
+    near, far = 0.01 * radius, 100.0 * radius
+    matrix = np.zeros((4, 4))
+    matrix[0, 0], matrix[0, 2] = 2 * camera.fx / camera.width, 1 - 2 * camera.cx / camera.width
+    matrix[1, 1], matrix[1, 2] = 2 * camera.fy / camera.height, 2 * camera.cy / camera.height - 1
+    matrix[2, 2], matrix[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
+    matrix[3, 2] = -1.0
+    return gizmo.Matrix16(_columns(matrix))

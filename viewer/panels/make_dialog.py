@@ -1,0 +1,279 @@
+"""The question how a scene shall be made of photographs or of a run, and the card that shows how far it is."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from console.progress import duration
+from viewer.app.application import App
+from viewer.app.make_plan import PRESETS, RESOLUTIONS, Plan
+from viewer.app.making import Job
+from viewer.canvas import Canvas
+from viewer.panels import layout, theme
+from viewer.panels.dialogs import pressed_here
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
+
+NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
+CARD_WIDTH, CARD_MARGIN = 372.0, 16.0
+PICTURE = "making"
+STAGES = ("Training", "Baking")
+AUTOMATIC = "Automatic"
+
+
+def show(app: App, size: ImVec2, fonts: Fonts) -> None:
+    """Draws the question while there is one; file dialogs and messages come before it."""
+    plan = app.making.plan
+    if plan is None or app.file_request is not None or app.messages.dialogs:
+        return
+    if not imgui.is_popup_open(NAME):
+        imgui.open_popup(NAME)
+    imgui.set_next_window_pos(ImVec2(0.5 * size.x, 0.47 * size.y), imgui.Cond_.always, ImVec2(0.5, 0.5))
+    imgui.set_next_window_size(ImVec2(min(px(WIDTH), size.x - px(24)), 0))
+    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(PADDING), px(22)))
+    shown = imgui.begin_popup_modal(NAME, None, flags | imgui.WindowFlags_.always_auto_resize)[0]
+    imgui.pop_style_var()
+    if not shown:
+        return
+    _heading(plan, fonts)
+    imgui.dummy(ImVec2(0, px(6)))
+    problem = plan.problem()
+    surveying = plan.survey is not None and not plan.survey.finished
+    if problem is None and not surveying:
+        _choices(app, plan)
+    if problem is not None:
+        with coloured(text=theme.WARN):
+            imgui.push_text_wrap_pos(0.0)
+            imgui.text_unformatted(problem)
+            imgui.pop_text_wrap_pos()
+    if problem is None or plan.attempt is not None:
+        _where(app, plan)
+    imgui.dummy(ImVec2(0, px(8)))
+    _answer(app, plan, problem is None and not surveying)
+    imgui.end_popup()
+
+
+def _heading(plan: Plan, fonts: Fonts) -> None:
+    with font(fonts.bold, theme.LARGE):
+        with coloured(text=theme.ACCENT):
+            imgui.text_unformatted(fa.ICON_FA_WAND_MAGIC_SPARKLES)
+        imgui.same_line(0, px(12))
+        verb = "Make" if plan.subject == "scene" else "Bake"
+        imgui.text_unformatted(f"{verb} {plan.name} into a scene to fly through")
+    survey = plan.survey
+    if survey is None:
+        text = "A training run. Baking turns it into voxels that are drawn in real time."
+    elif not survey.finished:
+        text = "Looking at the photographs…"
+    else:
+        text = survey.text
+    if text:
+        with coloured(text=theme.MUTED):
+            imgui.push_text_wrap_pos(0.0)
+            imgui.text_unformatted(text)
+            imgui.pop_text_wrap_pos()
+
+
+def _choices(app: App, plan: Plan) -> None:
+    """Preset, size and what else there is to choose; none of it where an earlier attempt is gone on with."""
+    if plan.subject == "run":
+        _label("Voxels")
+        now = str(plan.resolution or RESOLUTIONS[1])
+        picked = segments(
+            "voxels", [str(side) for side in RESOLUTIONS], now, {s: f"{s}³" for s in map(str, RESOLUTIONS)}
+        )
+        if picked:
+            plan.resolution = int(picked)
+        _indented("More voxels show finer detail, and take more memory and time: 1000³ needs 6 GB to be baked.")
+        return
+    if plan.attempt is not None:
+        return
+    _label("How")
+    picked = segments("preset", list(PRESETS), plan.preset, {name: title for name, (title, _) in PRESETS.items()})
+    plan.preset = picked or plan.preset
+    _indented(PRESETS[plan.preset][1] if plan.preset in PRESETS else plan.preset)
+    survey = plan.survey
+    assert survey is not None
+    _label("Photographs")
+    titles = {"": AUTOMATIC} | {str(k): f"{width} px" for k, (width, _) in survey.sizes.items()}
+    picked = segments("downscale", ["", *map(str, survey.choices)], str(plan.downscale or ""), titles)
+    if picked is not None:
+        plan.downscale = int(picked) if picked else None
+    size = survey.size(plan.preset, plan.downscale)
+    _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
+    if survey.forward:
+        _label("From all around")
+        plan.spherify = switch("spherify", plan.spherify)
+    if survey.masks:
+        _label("Cut out")
+        plan.masks = switch("masks", plan.masks)
+        tip("Keeps only what the masks beside the photographs show")
+
+
+def _label(text: str) -> None:
+    label(text, LABELS)
+
+
+def _indented(text: str) -> None:
+    if text:
+        imgui.indent(px(LABELS) - px(PADDING))
+        hint(text)
+        imgui.unindent(px(LABELS) - px(PADDING))
+
+
+def _where(app: App, plan: Plan) -> None:
+    imgui.dummy(ImVec2(0, px(2)))
+    _label("Where")
+    width = imgui.get_content_region_avail().x - px(92)
+    text = str(plan.out)
+    while imgui.calc_text_size(text).x > width - px(8) and len(text) > 8:
+        text = "…" + text[2:]
+    imgui.text_unformatted(text)
+    tip(str(plan.out))
+    imgui.same_line()
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - px(84))
+    if imgui.button("Change…", ImVec2(px(84), 0)):
+        app.making.ask_where(app)
+    remark = plan.attempt_text()
+    if not remark and plan.pack.exists():
+        remark = "A pack is there already; it is replaced once the new one is done."
+    _indented(remark)
+
+
+def _answer(app: App, plan: Plan, possible: bool) -> None:
+    width = px(112)
+    if imgui.button(f"{fa.ICON_FA_COPY}  Copy the command", ImVec2(px(176), px(34))):
+        app.making.copy_command(app)
+    tip("The same as a command line, for another machine say")
+    imgui.same_line()
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - 2 * width - px(8))
+    cancelled = imgui.button("Cancel", ImVec2(width, px(34))) or pressed_here(imgui.Key.escape)
+    imgui.same_line()
+    imgui.begin_disabled(not possible)
+    word = "Bake" if plan.subject == "run" else "Go on" if plan.attempt is not None else "Make it"
+    wanted = main_button(word, width) or (possible and pressed_here(imgui.Key.enter))
+    imgui.end_disabled()
+    if cancelled or wanted:
+        imgui.close_current_popup()
+    if cancelled:
+        app.making.dismiss(app)
+    elif wanted:
+        try:
+            app.making.start(app)
+        except Exception as error:  # nothing can be written there, say: told, and asked again
+            app.messages.fail("It cannot be begun", error)
+
+
+def show_job(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
+    """The card of what is being made, at the lower left of the viewport's box."""
+    job = app.making.job
+    if job is None:
+        canvas.drop_image(PICTURE)
+        return
+    width = min(px(CARD_WIDTH), box[2] - 2 * px(CARD_MARGIN))
+    imgui.set_next_window_pos(
+        ImVec2(box[0] + px(CARD_MARGIN), box[1] + box[3] - px(CARD_MARGIN)), imgui.Cond_.always, ImVec2(0.0, 1.0)
+    )
+    imgui.set_next_window_size(ImVec2(width, 0))
+    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_nav
+    flags |= (
+        imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_focus_on_appearing | imgui.WindowFlags_.always_auto_resize
+    )
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(14)))
+    with coloured(window_bg=theme.CARD):
+        imgui.begin("##job", None, flags)
+    imgui.pop_style_var()
+    _job_head(app, job, fonts)
+    if job.picture is not None:
+        _picture(canvas, job)
+    if len(job.figures) > 2:
+        _curve(job)
+    _stages(job)
+    report = job.report
+    imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
+    hint(_told(job))
+    imgui.end()
+
+
+def _job_head(app: App, job: Job, fonts: Fonts) -> None:
+    word = "Stop now" if job.stopping else "Stop"
+    width = px(86)
+    imgui.align_text_to_frame_padding()
+    with font(fonts.bold, 16.0):
+        imgui.text_unformatted(job.plan.name)
+    if job.figures:
+        imgui.same_line(0, px(10))
+        with coloured(text=theme.ACCENT):
+            imgui.text_unformatted(f"{job.figures[-1]:.1f} dB")
+    imgui.same_line()
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(16) - width)
+    if imgui.button(word, ImVec2(width, 0)):
+        app.making.stop(app)
+    tip("Ends it without saving" if job.stopping else "What is done is kept; making it again goes on there")
+
+
+def _picture(canvas: Canvas, job: Job) -> None:
+    """A photograph that is held out, beside how it is rendered so far."""
+    assert job.picture is not None
+    height, width = job.picture.shape[:2]
+    wide = imgui.get_content_region_avail().x
+    at = imgui.get_cursor_screen_pos()
+    high = wide * height / width
+    low = ImVec2(at.x + wide, at.y + high)
+    texture = imgui.ImTextureRef(canvas.image(PICTURE, job.picture))
+    imgui.get_window_draw_list().add_image_rounded(
+        texture, at, low, ImVec2(0, 0), ImVec2(1, 1), theme.packed("#ffffff"), px(6)
+    )
+    imgui.dummy(ImVec2(wide, high))
+
+
+def _curve(job: Job) -> None:
+    """PSNR since the window began to watch."""
+    wide, high = imgui.get_content_region_avail().x, px(34)
+    at = imgui.get_cursor_screen_pos()
+    imgui.dummy(ImVec2(wide, high))
+    low, top = min(job.figures), max(job.figures)
+    span, count = max(top - low, 0.5), len(job.figures) - 1
+    points = [
+        ImVec2(at.x + wide * i / count, at.y + high - px(2) - (value - low) / span * (high - px(4)))
+        for i, value in enumerate(job.figures)
+    ]
+    draw, colour = imgui.get_window_draw_list(), theme.packed(theme.ACCENT)
+    for start, end in pairwise(points):
+        draw.add_line(start, end, colour, px(1.6))
+
+
+def _stages(job: Job) -> None:
+    for i, name in enumerate(STAGES, 1):
+        if i > 1:
+            imgui.same_line(0, px(8))
+            with coloured(text=theme.FAINT):
+                imgui.text_unformatted(fa.ICON_FA_CHEVRON_RIGHT)
+            imgui.same_line(0, px(8))
+        if job.plan.subject == "run" and i == 1:
+            with coloured(text=theme.GOOD):
+                imgui.text_unformatted(f"{fa.ICON_FA_CHECK}  Trained")
+            continue
+        done, now = job.stage > i, job.stage == i
+        with coloured(text=theme.GOOD if done else theme.TEXT if now else theme.FAINT):
+            imgui.text_unformatted(f"{fa.ICON_FA_CHECK}  {name}" if done else name)
+
+
+def _told(job: Job) -> str:
+    """How far it is, in words."""
+    if job.stopping:
+        return "Ending…" if job.child.killed else "Stopping: what is done is being saved…"
+    report = job.report
+    if report is None:
+        return "Starting: reading the photographs and getting the numbers ready…"
+    if report.title == "training":
+        parts = [f"Step {report.done:,.0f} of {report.total:,.0f}"]
+    else:
+        parts = [f"{report.title[:1].upper()}{report.title[1:]}, {100 * report.share:.0f} %"]
+    if report.seconds_left is not None and report.share < 1:
+        parts.append(f"{duration(report.seconds_left)} left")
+    return "   ·   ".join(parts)
