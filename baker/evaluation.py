@@ -37,9 +37,9 @@ class ViewScore:
 
 
 def evaluate(
-    subject: Path, scene: Scene, split: str, images: Path | None = None, by_alpha: bool = False
+    subject: Path | Run, scene: Scene, split: str, images: Path | None = None, by_alpha: bool = False
 ) -> dict[str, Any]:
-    """The JSON of snerg-eval for a run or a pack. images: folder for pictures beside their photographs.
+    """The JSON of snerg-eval for a run (its folder, or loaded) or a pack. images: folder for pictures beside their photographs.
 
     by_alpha: both are shown over the background wherever the subject is transparent.
 
@@ -90,10 +90,10 @@ def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray) -> Vie
 
 
 @contextmanager
-def shown_by(subject: Path) -> Iterator[Shown]:
+def shown_by(subject: Path | Run) -> Iterator[Shown]:
     """What draws the subject: the field itself for a run, the OpenGL renderer for a pack."""
-    if is_run(subject):
-        yield _field_pictures(load_run(subject))
+    if isinstance(subject, Run) or is_run(subject):
+        yield _field_pictures(subject if isinstance(subject, Run) else load_run(subject))
         return
     from viewer.offscreen import OffscreenRenderer
 

@@ -54,8 +54,11 @@ def snerg_bake(
     bake_to(load_run(run), config, out, codec)
 
 
-def bake_to(run: Run, config: BakeConfig, out: Path, codec: str = "png") -> None:
-    """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it."""
+def bake_to(run: Run, config: BakeConfig, out: Path, codec: str = "png") -> dict[str, float]:
+    """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it.
+
+    Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
+    """
     from baker.bake import Stages, bake, work_key
     from baker.work_folder import AGAIN, WorkFolder, work_beside
     from scenepack import save_pack
@@ -74,6 +77,7 @@ def bake_to(run: Run, config: BakeConfig, out: Path, codec: str = "png") -> None
     print(describe_pack(pack, out))
     times = ", ".join(f"{name} {duration(seconds)}" for name, seconds in stages.seconds.items())
     print(f"{times}; {duration(sum(stages.seconds.values()))} in all{peak_memory()}")
+    return stages.seconds
 
 
 def peak_memory() -> str:
