@@ -18,6 +18,7 @@ import numpy as np
 from console import UserError, run_command
 
 if TYPE_CHECKING:
+    from baker.bake import BakeConfig
     from baker.report_packs import Study
 
 DESCRIPTION = "Measures the paper's tables on a trained run: quality ladder, resolution, codecs, sparsity loss."
@@ -36,6 +37,7 @@ def report(
     resolution: int = 512,
     resolutions: str = "500,750,1000",
     fine_tune: str = "none,view-mlp,all",
+    fine_tune_epochs: int = 100,
     against: Path | None = None,
     frames: int = 150,
     size: str | None = None,
@@ -53,6 +55,7 @@ def report(
         resolution: Voxels along the longest side for ladder, codecs and sparsity.
         resolutions: Those of the resolution table, with commas between.
         fine_tune: Rungs of the ladder above the field: none, view-mlp, all (the slowest by far).
+        fine_tune_epochs: Passes over the training pixels that refine the view MLP, as for snerg-bake.
         against: A second run of the same scene, trained without the sparsity loss, for the table sparsity.
         frames: Of the path on which the resolution table times frames.
         size: WIDTHxHEIGHT in pixels of those frames; by default as snerg-bench.
@@ -66,17 +69,19 @@ def report(
     if out.exists() and not out.is_dir():
         raise UserError("is a file", where=out, expected="a folder, or nothing yet")
     from baker import report_tables
+    from baker.bake import BakeConfig
     from viewer.arguments import parse_size
 
     pixels = parse_size(size) if size else None
-    study = _study(run, out, scene, split, views, against)
+    options = BakeConfig(resolution=resolution, fine_tune_epochs=fine_tune_epochs)
+    study = _study(run, out, scene, split, views, options, against)
     _check_resolutions([resolution, *sides])
     document = _begun(study)
     makers = {
-        "ladder": lambda: report_tables.ladder_table(study, resolution, rungs),  # type: ignore[arg-type]
+        "ladder": lambda: report_tables.ladder_table(study, rungs),  # type: ignore[arg-type]
         "resolution": lambda: report_tables.resolution_table(study, sides, frames, pixels),
-        "codecs": lambda: report_tables.codecs_table(study, resolution, quick),
-        "sparsity": lambda: report_tables.sparsity_table(study, resolution),
+        "codecs": lambda: report_tables.codecs_table(study, quick),
+        "sparsity": lambda: report_tables.sparsity_table(study),
     }
     for name in chosen:
         document["tables"][name] = makers[name]()
@@ -115,7 +120,15 @@ def _check_resolutions(sides: Sequence[int]) -> None:
                             expected=f"{BLOCK_SIZE} ... {most} voxels", found=side)  # fmt: skip
 
 
-def _study(run_path: Path, out: Path, scene_path: Path | None, split: str, views: int, against: Path | None) -> Study:
+def _study(
+    run_path: Path,
+    out: Path,
+    scene_path: Path | None,
+    split: str,
+    views: int,
+    options: BakeConfig,
+    against: Path | None,
+) -> Study:
     from baker.report_packs import Study
     from training.run import load_run, require_bakeable
 
@@ -136,7 +149,7 @@ def _study(run_path: Path, out: Path, scene_path: Path | None, split: str, views
     if 0 < views < len(photographs):
         photographs = tuple(photographs[i] for i in np.linspace(0, len(photographs) - 1, views).round().astype(int))
     scored = dataclasses.replace(run.scene, splits={**run.scene.splits, split: photographs})
-    return Study(run, scored, split, out, other)
+    return Study(run, scored, split, out, options, other)
 
 
 def _begun(study: Study) -> dict[str, Any]:

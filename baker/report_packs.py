@@ -6,6 +6,7 @@ key is another one (the run went on, other options) is baked anew.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,19 +33,24 @@ class Baked:
 class Study:
     """A run, what it is compared with, and what was made of it so far.
 
-    scene: the photographs that count, in `split`. out: the report's folder. against: a second run of the same scene.
+    scene: the photographs that count, in `split`. out: the report's folder. options: how its packs are baked
+    where a table does not say otherwise. against: a second run of the same scene.
     """
 
     run: Run
     scene: Scene
     split: str
     out: Path
+    options: BakeConfig
     against: Run | None = None
     scores: dict[Path, dict[str, Any]] = field(default_factory=dict)
 
-    def baked(self, config: BakeConfig, run: Run | None = None) -> Baked:
-        """The pack of a run (by default the report's own), from the shelf where it lies there already."""
-        run = run or self.run
+    def baked(self, run: Run | None = None, **changes: Any) -> Baked:
+        """The pack of a run (by default the report's own), from the shelf where it lies there already.
+
+        changes: fields of BakeConfig that differ from `options`.
+        """
+        run, config = run or self.run, dataclasses.replace(self.options, **changes)
         name = f"{config.resolution}-{config.fine_tune}"
         name += "" if config.tau_weight > 0 else "-all-voxels"
         name = f"against-{name}" if run is self.against else name

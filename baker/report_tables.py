@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from baker.bake import BakeConfig
 from baker.codec_report import LADDER, measured
 from baker.cross_sections import draw_sections, section, shares
 from baker.pack_compare import stored_bytes
@@ -28,7 +27,7 @@ Tuned = Literal["none", "view-mlp", "all"]
 AXES = "xyz"
 
 
-def ladder_table(study: Study, resolution: int, rungs: Sequence[Tuned]) -> dict[str, Any]:
+def ladder_table(study: Study, rungs: Sequence[Tuned]) -> dict[str, Any]:
     """From the trained field to what is shown: the field, then the bake with each kind of fine-tuning.
 
     seconds: of training for the field, of baking for the packs.
@@ -39,19 +38,19 @@ def ladder_table(study: Study, resolution: int, rungs: Sequence[Tuned]) -> dict[
          "picture": study.picture("field")}
     ]  # fmt: skip
     for rung in rungs:
-        baked = study.baked(BakeConfig(resolution=resolution, fine_tune=rung))
+        baked = study.baked(fine_tune=rung)
         rows.append({
             "of": rung, **study.score(baked), "bytes": stored_bytes(baked.path),
             "seconds": sum(baked.seconds.values()), "stages": baked.seconds, "picture": study.picture(baked.name),
         })  # fmt: skip
-    return {"resolution": resolution, "rows": rows}
+    return {"resolution": study.options.resolution, "rows": rows}
 
 
 def resolution_table(
     study: Study, resolutions: Sequence[int], frames: int, size: tuple[int, int] | None
 ) -> dict[str, Any]:
     """Quality, size and frame time at each resolution. Frames of all of them are drawn in turn (viewer.benchmark)."""
-    shelf = {n: study.baked(BakeConfig(resolution=n)) for n in resolutions}
+    shelf = {n: study.baked(resolution=n) for n in resolutions}
     rows, packs = [], {}
     for n, baked in shelf.items():
         pack = packs[str(n)] = load_pack(baked.path)
@@ -78,25 +77,24 @@ def resolution_table(
     }  # fmt: skip
 
 
-def codecs_table(study: Study, resolution: int, quick: bool) -> dict[str, Any]:
+def codecs_table(study: Study, quick: bool) -> dict[str, Any]:
     """One pack written with every codec; the rows are baker.codec_report's."""
-    baked = study.baked(BakeConfig(resolution=resolution))
+    baked = study.baked()
     ladder = [step for step in LADDER if not (quick and step[1] is not None)]
     with tempfile.TemporaryDirectory(prefix="snerg-codecs-") as folder:
         rows = list(measured(baked.path, study.scene, study.split, ladder, Path(folder)))
-    return {"resolution": resolution, "rows": rows}
+    return {"resolution": study.options.resolution, "rows": rows}
 
 
-def sparsity_table(study: Study, resolution: int) -> dict[str, Any]:
+def sparsity_table(study: Study) -> dict[str, Any]:
     """What the sparsity loss saves, and cross-sections of both grids as pictures.
 
     Baked with tau_weight 0, as the paper bakes: emptying voxels that no photograph shows would hide the fog that a field
     trained without the loss leaves.
     """
-    config = BakeConfig(resolution=resolution, tau_weight=0.0)
     rows, packs = [], {}
     for run in filter(None, (study.run, study.against)):
-        baked = study.baked(config, run)
+        baked = study.baked(run, tau_weight=0.0)
         with open_pack(baked.path) as reader:
             pack = reader.read()
             facts = pack_facts(reader.files, pack)
@@ -108,7 +106,7 @@ def sparsity_table(study: Study, resolution: int) -> dict[str, Any]:
             "voxels": facts["voxels"], "alpha_histogram": facts["alpha_histogram"],
         })  # fmt: skip
     sections = [_sections(study.out, axis, packs) for axis in range(3)]
-    return {"resolution": resolution, "rows": rows, "sections": sections}
+    return {"resolution": study.options.resolution, "rows": rows, "sections": sections}
 
 
 def _sections(out: Path, axis: int, packs: dict[str, Pack]) -> dict[str, Any]:
