@@ -94,7 +94,7 @@ def placed(cut: Section, low: np.ndarray, high: np.ndarray, step: float) -> tupl
             index = sides - 1 - index[::-1]
         inside.append((index >= 0) & (index < sides))
         picked.append(np.clip(index, 0, sides - 1))
-    at, seen = np.ix_(*picked), np.logical_and(*np.ix_(*inside))
+    at, seen = np.ix_(*picked), inside[0][:, None] & inside[1]  # not ix_: it would take bools for a choice
     return np.where(seen[..., None], cut.rgba[at], 0).astype(np.uint8), cut.stored[at] & seen
 
 
