@@ -47,7 +47,7 @@ class BakeConfig:
     tau_weight: float = TAU_WEIGHT
     """Voxels that no training photograph shows with at least this weight are emptied; 0 leaves all (the paper)."""
     fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp"
-    """What is fine-tuned: nothing, the view MLP (the paper's), or the stored voxels and the view MLP together."""
+    """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together."""
     fine_tune_epochs: int = EPOCHS
     """Passes over the training pixels that refine the view MLP; 0 for none."""
     seed: int = 0
@@ -111,11 +111,8 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
             pack, removed = shed(pack, run.dataset, config.tau_weight, config.seed, bar.update)
         counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
-    if config.fine_tune == "all":
-        with stages("fine-tuning"), progress("fine-tuning voxels and view MLP", 1.0) as bar:
-            pack, tuned = joint_tune(pack, run.dataset, JointConfig(seed=config.seed), bar.update)
-    elif config.fine_tune == "view-mlp":
-        with stages("fine-tuning"), progress("fine-tuning the view MLP", 1.0) as bar:
+    if config.fine_tune != "none":
+        with stages("view MLP"), progress("fine-tuning the view MLP", 1.0) as bar:
             pack, before, after = fine_tune(
                 pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update
             )
@@ -124,6 +121,10 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
                 "epochs": config.fine_tune_epochs,
                 "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
             }  # fmt: skip
+    if config.fine_tune == "all":
+        with stages("voxels and view MLP"), progress("fine-tuning voxels and view MLP", 1.0) as bar:
+            pack, figures = joint_tune(pack, run.dataset, JointConfig(seed=config.seed), bar.update)
+        tuned |= figures
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
         **vars(run.options), "resolution": config.resolution, "macroblocks": counts,

@@ -203,6 +203,52 @@ def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(
     assert not (tmp_path / "pack").exists()
 
 
+def test_a_run_whose_checkpoints_are_all_damaged_cannot_be_baked(made: Path, tmp_path: Path, capsys) -> None:
+    run = Path(shutil.copytree(made / "run", tmp_path / "run"))
+    for checkpoint in (run / "checkpoints").glob("*.safetensors"):
+        checkpoint.write_bytes(checkpoint.read_bytes()[:200])
+    capsys.readouterr()
+    assert snerg_bake([str(run), "--out", str(tmp_path / "pack")]) == 2
+    *warnings, error = capsys.readouterr().err.splitlines()
+    assert all("warning" in line and "damaged" in line for line in warnings), "one for each that was passed over"
+    assert "damaged" in error and "train the run again" in error and str(run) in error
+    assert [path.name for path in tmp_path.iterdir()] == ["run"], "nothing is left half-written"
+
+
+def test_a_field_with_nothing_in_it_cannot_be_baked(made: Path, tmp_path: Path, capsys) -> None:
+    arguments = [
+        "--out",
+        str(tmp_path / "pack"),
+        "--resolution",
+        "40",
+        "--tau-alpha",
+        "1.1",
+    ]  # fainter than this is all
+    line = one_line(capsys, snerg_bake, [str(made / "run"), *arguments])
+    assert "holds nothing" in line and str(made / "run") in line
+    assert not (tmp_path / "pack").exists()
+
+
+@pytest.mark.parametrize("limit", [400, 20_000])
+def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(
+    limit: int, made: Path, tmp_path: Path, capsys
+) -> None:
+    """Files beyond `limit` bytes are refused by the system, as they are by a full disk: of the bake's work, or of the pack."""
+    resource = pytest.importorskip("resource")
+    pack = Path(shutil.copytree(made / "pack", tmp_path / "pack"))
+    before = {path.name: path.read_bytes() for path in pack.iterdir()}
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        line = one_line(capsys, snerg_bake, [str(made / "run"), "--out", str(pack), "--resolution", "60"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert str(tmp_path) in line and "File too large" in line
+    assert {path.name: path.read_bytes() for path in pack.iterdir()} == before
+    assert snerg_bake([str(made / "run"), "--out", str(pack), "--resolution", "60"]) == 0, "with room it goes on"
+    assert [path.name for path in tmp_path.iterdir()] == ["pack"]
+
+
 def test_photographs_are_never_overwritten_by_a_pack(made: Path, scene: Path, capsys) -> None:
     before = sorted(path.name for path in scene.rglob("*"))
     assert str(scene) in one_line(capsys, snerg_bake, [str(made / "run"), "--out", str(scene)])

@@ -20,7 +20,6 @@ from tests.window.test_application import FakeStage
 from training.scenes.procedural import write_procedural_scene
 from viewer.app import child as child_module
 from viewer.app import make_plan
-from viewer.app import making as making_module
 from viewer.app.application import App
 from viewer.app.child import Child
 from viewer.app.commands import run
@@ -328,7 +327,6 @@ def test_nothing_is_looked_at_while_nothing_is_made():
 def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_between(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setattr(child_module, "POLITENESS", 0)  # other tests would go first
-    monkeypatch.setattr(making_module, "PATIENCE_S", 300.0)
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "compiled"))
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     app = App(stage=FakeStage())

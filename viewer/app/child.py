@@ -14,7 +14,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,7 +34,7 @@ class Child:
 
     def __init__(self, command: Sequence[str], log: Path) -> None:
         self.command, self.log = list(command), log
-        self.asked_to_stop: float | None = None  # time.monotonic()
+        self.stopping = False
         self.killed = False
         self._scratch = Path(tempfile.mkdtemp(prefix="snerg-child-"))
         environment = {**os.environ, PROGRESS: str(self._scratch / "progress.json"), ENDS_WITH_STDIN: "1"}
@@ -67,7 +66,7 @@ class Child:
         status = self._process.poll()
         if status is not None:
             self._close_pipe()
-            if self.asked_to_stop is not None:
+            if self.stopping:
                 self._kill_group()  # whatever it may have started itself
             self._clean_up()
         return status
@@ -78,9 +77,8 @@ class Child:
 
     def stop(self) -> None:
         """Asks it to end as with Ctrl-C: it keeps what is done. Poll on until it has."""
-        if self.asked_to_stop is None:
-            self.asked_to_stop = time.monotonic()
-            self._close_pipe()
+        self.stopping = True
+        self._close_pipe()
 
     def kill(self) -> None:
         """Ends it, and all it started, at once."""

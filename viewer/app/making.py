@@ -1,7 +1,7 @@
 """Making a scene from the window: a plan to decide on, then a child process that trains and bakes, then its pack opens.
 
-One at a time. The child is asked to stop, never torn down while it saves, unless it takes too long or the user is in a
-hurry; what it has done is kept, and the same plan goes on there.
+One at a time. The child is asked to stop and never torn down while it saves, unless the user is in a hurry: on a slow
+machine it may take minutes, for JAX has steps under way that must end first. The same plan goes on from there.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from viewer.app.application import App
 
 LOOKED_AT_EVERY_S = 0.2
-PATIENCE_S = 60.0  # a first step that is still being compiled cannot be interrupted
-PARTING_S = 5.0  # where the program ends in a way that leaves no window to wait in
+PARTING_S = 30.0  # for the child to save in, where the program ends in a way that leaves no window to wait in
 PSNR = re.compile(r"PSNR ([\d.]+)")
 KEPT_FIGURES = 400
 PICTURE_SIDE = 512  # pixels of the longer side, at most
@@ -50,7 +49,7 @@ class Job:
     @property
     def stopping(self) -> bool:
         """Whether it was asked to stop."""
-        return self.child.asked_to_stop is not None
+        return self.child.stopping
 
     @property
     def stage(self) -> int:
@@ -203,8 +202,6 @@ class Making:
             self.job = None
             app.touch()
             self._ended(app, job, status)
-        elif job.child.asked_to_stop is not None and now - job.child.asked_to_stop > PATIENCE_S:
-            job.child.kill()
 
     def _ended(self, app: App, job: Job, status: int) -> None:
         name = job.plan.name

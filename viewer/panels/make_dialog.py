@@ -51,7 +51,7 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
             imgui.text_unformatted(problem)
             imgui.pop_text_wrap_pos()
     if problem is None or plan.attempt is not None:
-        _where(app, plan)
+        _where(app, plan, told=problem is None)
     imgui.dummy(ImVec2(0, px(8)))
     _answer(app, plan, problem is None and not surveying)
     imgui.end_popup()
@@ -125,7 +125,7 @@ def _indented(text: str) -> None:
         imgui.unindent(px(LABELS) - px(PADDING))
 
 
-def _where(app: App, plan: Plan) -> None:
+def _where(app: App, plan: Plan, told: bool) -> None:
     imgui.dummy(ImVec2(0, px(2)))
     _label("Where")
     width = imgui.get_content_region_avail().x - px(92)
@@ -141,7 +141,8 @@ def _where(app: App, plan: Plan) -> None:
     remark = plan.attempt_text()
     if not remark and plan.pack.exists():
         remark = "A pack is there already; it is replaced once the new one is done."
-    _indented(remark)
+    if told:
+        _indented(remark)
 
 
 def _answer(app: App, plan: Plan, possible: bool) -> None:
