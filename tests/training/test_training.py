@@ -228,6 +228,6 @@ def test_a_config_goes_through_json_and_back(name: str):
 
 def test_a_checkpoint_of_another_version_is_told_in_one_line(unbroken: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(NerfMethod, "restore", lambda self, arrays: arrays["what a later version keeps"])
-    with pytest.raises(UserError, match="another version of snerg.*what a later version keeps") as caught:
+    with pytest.raises(UserError, match=r"another version of snerg.*what a later version keeps") as caught:
         load_run(unbroken)
     assert "\n" not in str(caught.value)
