@@ -112,7 +112,20 @@ def load_run(path: str | Path, *, scene_path: str | Path | None = None, config: 
     dataset = make_dataset(scene)
     with together():
         method = make_method(config, scene, dataset)
-    return Run(path, config, scene, description.options, dataset, method, method.restore(arrays), step)
+    return Run(path, config, scene, description.options, dataset, method, _restored(method, arrays, path), step)
+
+
+def _restored(method: Method, arrays: dict[str, np.ndarray], path: Path) -> Any:
+    """The method's state. UserError where the checkpoint lacks what this version of the method keeps."""
+    try:
+        return method.restore(arrays)
+    except KeyError as missing:
+        raise UserError(
+            "the run was trained by another version of snerg",
+            where=path,
+            expected=f"{missing.args[0]!r} in its checkpoint",
+            remedy="train it again into another folder",
+        ) from missing
 
 
 def resume_run(path: Path, scene_path: Path, config: TrainConfig) -> Run:

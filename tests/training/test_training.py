@@ -224,3 +224,10 @@ def test_bad_scenes_and_presets_end_with_status_2(tmp_path: Path, capsys):
 def test_a_config_goes_through_json_and_back(name: str):
     written = json.loads(json.dumps(to_json(PRESETS[name])))
     assert from_json(TrainConfig, written, "config.json") == PRESETS[name]
+
+
+def test_a_checkpoint_of_another_version_is_told_in_one_line(unbroken: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(NerfMethod, "restore", lambda self, arrays: arrays["what a later version keeps"])
+    with pytest.raises(UserError, match=r"another version of snerg.*what a later version keeps") as caught:
+        load_run(unbroken)
+    assert "\n" not in str(caught.value)

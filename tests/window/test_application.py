@@ -109,7 +109,7 @@ def test_a_preview_tells_its_images_and_not_its_voxels(open_app):
     assert state_of(open_app) == "44 × 44 × 44 voxels"
     open_app.scene.whole = False
     assert state_of(open_app) == "loading"
-    open_app.loading = type("Loading", (), {"images": (3, 16)})()
+    open_app.opening.loading = type("Loading", (), {"images": (3, 16)})()
     assert state_of(open_app) == "loading 3 of 16 images"
 
 
