@@ -103,8 +103,8 @@ def _ladder(table: Table) -> list[str]:
     lines = [f"Baked at {table['resolution']} voxels along the longest side.", "", *_table(headings, cells), ""]
     lines += ["Time is of training for the field, of baking for the packs.", ""]
     for row in rows:
-        lines += [f"![{RUNGS[row['of']]}: picture, photograph, five times their difference]({row['picture']})", ""]
-        lines += [f"{RUNGS[row['of']]}: picture, photograph, five times their difference".capitalize() + ".", ""]
+        caption = f"{RUNGS[row['of']]}: picture, photograph, five times their difference"
+        lines += [f"![{caption}]({row['picture']})", "", f"{caption[0].upper()}{caption[1:]}.", ""]
     return lines[:-1]
 
 
