@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from PIL import Image
 
 from console.driven import Report, read_report
 from tests.window.test_application import FakeStage
+from training.config import BakeablePreset
 from training.scenes.procedural import write_procedural_scene
 from viewer.app import child as child_module
 from viewer.app import make_plan
@@ -107,7 +109,7 @@ def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monk
             assert called["no_view"] and called["masks"] and called["spherify"] and called["preset"] == "fast"
             assert (called["downscale"], called["steps"], called["resolution"]) == (2, 5, 96)
     monkeypatch.undo()
-    assert set(make_plan.PRESETS) <= set(make.RESOLUTION)
+    assert set(make_plan.PRESETS) <= set(get_args(BakeablePreset))
 
 
 def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):

@@ -28,6 +28,7 @@ from viewer.panels.offscreen_ui import OffscreenUi
 FOLDER = GOLDEN / "ui"
 SIZE = (900, 640)
 FLIP_TOLERANCE = 0.01  # mean over the picture: a moved label gives 0.02 and more, another driver's rounding 0.003
+FADING_FRAMES = 15  # what lies behind a dialog dims within a sixth of a second
 Picture = Callable[[OffscreenUi, str], None]
 
 
@@ -53,6 +54,8 @@ def compare(request) -> Picture:
         if "llvmpipe" not in renderer:
             skip(request.config, f"golden pictures are compared on llvmpipe only, this is {renderer}")
         ui.settle()
+        for _ in range(FADING_FRAMES):
+            ui.frame()
         _freeze(ui)
         for _ in range(2):
             ui.frame()
