@@ -37,7 +37,8 @@ class SceneFacts(NamedTuple):
 
     near, far: bounds of t. aabb: ((x, y, z), (x, y, z)), training frame (NDC space where ndc). ndc_camera:
     (width, height, focal) or None. disparity: spread samples in 1/t. background: sRGB. distorted: some
-    lens is not a pinhole. size: (width, height) of every view, or None where they differ.
+    lens is not a pinhole. size: (width, height) of every view, or None where they differ. cut_out: photographs of an
+    object were cut out of what surrounded it, by masks.
     """
 
     near: float
@@ -48,6 +49,7 @@ class SceneFacts(NamedTuple):
     background: tuple[float, float, float]
     distorted: bool
     size: tuple[int, int] | None
+    cut_out: bool = False
 
 
 @partial(
@@ -265,5 +267,6 @@ def make_dataset(scene: Scene, split: str = "train", mesh: Mesh | None = None) -
         background=tuple(float(c) for c in scene.background),  # type: ignore[arg-type]
         distorted=any(any(camera.distortion) for camera in cameras),
         size=(cameras[0].width, cameras[0].height) if len({(c.width, c.height) for c in cameras}) == 1 else None,
+        cut_out=bool(scene.notes.get("masks")),
     )
     return RayDataset(pixels=put_split(own, count, mesh), **whole, facts=facts, count=count, mesh=mesh)

@@ -74,6 +74,7 @@ class Settings(NamedTuple):
     shift: float
     reference: float
     background: tuple[float, float, float]
+    any_background: bool
     sparsity_weight: float
     sparsity_scale: float
     sparsity_spacing: float
@@ -148,8 +149,11 @@ def update(
     """One step: draw rays, march, render, differentiate, Adam. Samples are spread over the devices of the dataset's mesh."""
     ray_key, phase_key, voxel_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 4)
     ids = hits[jax.random.randint(ray_key, (rays,), 0, hit_count)]
-    # Before a background of any colour, gaps in opaque photographs are mistakes, and so is white mist around an object.
+    # Before a background of any colour, gaps in opaque photographs are mistakes, and so is white mist around what masks
+    # cut out. Rendered pictures are seen before their own colour, and keep it.
     background = jax.random.uniform(colour_key, (rays, 3))
+    if not settings.any_background:
+        background = jnp.broadcast_to(jnp.asarray(settings.background), (rays, 3))
     batch, target = split((dataset.geometry_at(ids), dataset.colours_over(ids, background)), dataset.mesh)
     grid_rays, phase = to_grid(layout, batch), jax.random.uniform(phase_key, (rays,))
     samples = march(layout, grid_rays, phase, sizes, settings.step_voxels, settings.horizon)
@@ -246,6 +250,7 @@ class VoxelMethod:
             shift=float(np.log(np.expm1(optical_depth))),
             reference=float(fine),
             background=dataset.background,
+            any_background=dataset.kind != "object" or dataset.facts.cut_out,
             sparsity_weight=config.sparsity_weight * self.by_kind.sparsity_factor,
             sparsity_scale=config.sparsity_scale,
             sparsity_spacing=float(spacing),
