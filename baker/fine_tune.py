@@ -17,8 +17,8 @@ import numpy as np
 import optax
 
 from baker.culling import in_grid_frame
-from baker.pack_layout import PackLayout, accumulate, pack_layout, pack_sizes, pack_voxels
-from scenepack.constants import TRANSMITTANCE_SHADED, UNPREMULTIPLY_GAIN
+from baker.pack_layout import PackLayout, accumulate, over_background, pack_layout, pack_sizes, pack_voxels
+from scenepack.constants import TRANSMITTANCE_SHADED
 from scenepack.pack import Pack, ViewMlp
 from training.dataset import RayDataset
 from training.method import ViewMlpParams
@@ -105,12 +105,7 @@ def _march_pixels(
     rays, target = dataset.rays_at(ids)
     rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
     sums, complete = accumulate(layout, voxels, in_grid_frame(rays, grid_T_training), sizes)
-    colour, features, behind = sums
-    if ndc:  # forward-facing: partially un-premultiplied (appendix C.3)
-        alpha = 1.0 - behind
-        gain = jnp.minimum(1.0, UNPREMULTIPLY_GAIN * alpha) / jnp.maximum(alpha, 1e-6)
-        colour, features, behind = colour * gain[:, None], features * gain[:, None], 1.0 - alpha * gain
-    diffuse = colour + behind[:, None] * jnp.asarray(dataset.background)
+    diffuse, features, behind = over_background(sums, dataset.background, ndc)
     table = jnp.concatenate([diffuse, features, rays.viewdirs, target], axis=-1)
     return table, behind <= TRANSMITTANCE_SHADED, complete
 

@@ -134,7 +134,7 @@ def _meets(scene: Scene, dataset: RayDataset, ids: jax.Array, segments: int) -> 
 
 def split_by_view(ids: np.ndarray, dataset: RayDataset, one_in: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Ray ids to train on, and a random HELD_OUT_RAYS of the views held out (of all views where one_in is 0)."""
-    view = ids // (dataset.count // dataset.views)
+    view = np.searchsorted(np.asarray(dataset.first), ids, side="right") - 1
     away = view % one_in == one_in // 2 if one_in and dataset.views >= one_in else np.zeros(len(ids), bool)
     held_out = ids[away] if away.any() else ids
     return ids[~away], np.random.default_rng(seed).permutation(held_out)[:HELD_OUT_RAYS]

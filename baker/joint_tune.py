@@ -23,8 +23,8 @@ import jax
 import jax.numpy as jnp
 
 from baker.culling import in_grid_frame
-from baker.pack_layout import MAX_ALPHA, Accumulated, PackLayout, composite
-from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, UNPREMULTIPLY_GAIN
+from baker.pack_layout import MAX_ALPHA, Accumulated, PackLayout, composite, over_background
+from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP
 from training.dataset import RayDataset
 from training.method import ViewMlpParams
 from training.view_mlp import apply_view_mlp
@@ -112,12 +112,7 @@ def shown(
     sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, background: tuple[float, ...], ndc: bool
 ) -> jax.Array:
     """[R, 3] what the viewer makes of accumulated rays (CONTRACT section 2), above 1 not yet clamped."""
-    colour, features, behind = sums
-    if ndc:  # forward-facing: partially un-premultiplied (appendix C.3)
-        alpha = 1.0 - behind
-        gain = jnp.minimum(1.0, UNPREMULTIPLY_GAIN * alpha) / jnp.maximum(alpha, 1e-6)
-        colour, features, behind = colour * gain[:, None], features * gain[:, None], 1.0 - alpha * gain
-    diffuse = colour + behind[:, None] * jnp.asarray(background)
+    diffuse, features, behind = over_background(sums, background, ndc)
     if head is None:
         return diffuse
     residual = apply_view_mlp(head, diffuse, features, viewdirs)

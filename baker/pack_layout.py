@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scenepack.blocks import block_copy
-from scenepack.constants import ALPHA_CONTRIBUTES, FEATURES, TRANSMITTANCE_STOP
+from scenepack.constants import ALPHA_CONTRIBUTES, FEATURES, TRANSMITTANCE_STOP, UNPREMULTIPLY_GAIN
 from scenepack.pack import Pack
 from training.method import Rays
 from training.voxels.march import MarchSizes, Samples, march, to_grid, transmittance
@@ -78,6 +78,18 @@ class Accumulated(NamedTuple):
     colour: jax.Array
     features: jax.Array
     transmittance: jax.Array
+
+
+def over_background(
+    sums: Accumulated, background: tuple[float, ...], ndc: bool
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Diffuse colour [N, 3] over the background, features [N, 4] and T [N] of what was accumulated (CONTRACT section 2)."""
+    colour, features, behind = sums
+    if ndc:  # forward-facing: partially un-premultiplied (appendix C.3)
+        alpha = 1.0 - behind
+        gain = jnp.minimum(1.0, UNPREMULTIPLY_GAIN * alpha) / jnp.maximum(alpha, 1e-6)
+        colour, features, behind = colour * gain[:, None], features * gain[:, None], 1.0 - alpha * gain
+    return colour + behind[:, None] * jnp.asarray(background), features, behind
 
 
 def pack_voxels(pack: Pack) -> jax.Array:

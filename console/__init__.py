@@ -7,6 +7,7 @@ one another, still fail and report in the same voice.
 from console.errors import UserError, refusal
 from console.notices import Notice, plain_notices
 from console.progress import Progress, progress
+from console.results import write_json
 from console.run import run_command
 
-__all__ = ["Notice", "Progress", "UserError", "plain_notices", "progress", "refusal", "run_command"]
+__all__ = ["Notice", "Progress", "UserError", "plain_notices", "progress", "refusal", "run_command", "write_json"]

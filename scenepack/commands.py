@@ -5,15 +5,13 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from console import UserError, progress, run_command
+from console import UserError, progress, run_command, write_json
 from scenepack.check import check_pack
 from scenepack.codecs import chosen_quality, codec_named
 from scenepack.pack import Pack
@@ -33,7 +31,7 @@ def info(pack: Path, /, json: Path | None = None) -> None:
     """
     with open_pack(pack) as reader:
         facts = pack_facts(reader.files, _read(reader))
-    if not _write_json(json, facts):
+    if not write_json(json, facts):
         print_facts(facts, Console())
 
 
@@ -49,7 +47,7 @@ def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None
     """
     with open_pack(pack) as reader:
         findings = check_pack(_read(reader))
-    if not _write_json(json, {"path": str(pack), "findings": [finding.as_json() for finding in findings]}):
+    if not write_json(json, {"path": str(pack), "findings": [finding.as_json() for finding in findings]}):
         print_findings(findings, Console())
     broken = [f for f in findings if f.severity == "error" or (strict and f.severity == "warning")]
     if broken:
@@ -92,21 +90,6 @@ def convert(pack: Path, /, out: Path, codec: str = "avif", quality: int | None =
 def _read(reader: PackReader) -> Pack:
     with progress("reading", reader.total) as bar:
         return reader.read(lambda done, _total: bar.update(done))
-
-
-def _write_json(path: Path | None, value: dict[str, Any]) -> bool:
-    """Writes `value` where asked for; True where it went to stdout and nothing else should."""
-    if path is None:
-        return False
-    text = json_text.dumps(value, indent=2)
-    if str(path) == "-":
-        print(text)
-        return True
-    try:
-        path.write_text(text + "\n")
-    except OSError as error:
-        raise UserError(f"cannot be written: {error.strerror or error}", where=path) from error
-    return False
 
 
 COMMANDS: dict[str, Callable[..., None]] = {"info": info, "check": check, "convert": convert}

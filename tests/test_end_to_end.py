@@ -37,7 +37,7 @@ def made(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_photographs_become_a_pack_whose_pictures_are_near_the_photographs(
-    made: Path, scene: Path, tmp_path: Path
+    made: Path, scene: Path, tmp_path: Path, capsys
 ) -> None:
     scores = {}
     for subject in ("run", "pack"):
@@ -47,6 +47,9 @@ def test_photographs_become_a_pack_whose_pictures_are_near_the_photographs(
     assert scores["pack"]["width"] == 48 and len(scores["pack"]["views"]) >= 2
     assert scores["run"]["psnr"] > 13 and scores["pack"]["psnr"] > 13
     assert abs(scores["run"]["psnr"] - scores["pack"]["psnr"]) < 1.5, "little is lost in baking"
+    capsys.readouterr()
+    assert snerg_eval([str(made / "pack"), "--scene", str(scene), "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out) == scores["pack"], "and nothing but the figures where they go to stdout"
 
 
 def test_the_pack_is_sound_and_says_where_it_comes_from(made: Path, scene: Path) -> None:

@@ -41,8 +41,8 @@ def snerg_bake(
         tau_alpha: Macroblocks whose largest opacity is below this are dropped.
         tau_vis: Macroblocks that no training camera sees with at least this transmittance are dropped.
         tau_weight: Voxels that no training photograph shows with at least this weight are emptied; 0 leaves all.
-        fine_tune: none; view-mlp, the paper's; or all: the stored voxels and the view MLP together (minutes more, sharper).
-        fine_tune_epochs: Passes over the training pixels that refine the view MLP with --fine-tune view-mlp.
+        fine_tune: none; view-mlp, the paper's; or all: then the stored voxels, too, with it (minutes more, sharper).
+        fine_tune_epochs: Passes over the training pixels that refine the view MLP; not with --fine-tune none.
         seed: Seed of the samples within voxels and of fine-tuning.
     """
     from baker.bake import BakeConfig  # JAX starts here, not for --help

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from console import UserError, run_command
+from console import UserError, run_command, write_json
 
 DESCRIPTION = "Compares a trained run, or a pack drawn by the OpenGL renderer, with the photographs of a scene."
 
@@ -35,7 +34,7 @@ def snerg_eval(
         masks: Cut the object out by the masks beside the pictures (likewise).
         mask_by_alpha: Show both over the background where the run or pack is transparent, as the paper does for real scenes
             that go on beyond the box.
-        json: Write the scores to this file, too.
+        json: Write the scores to this file, too; "-" prints them instead.
         images: Folder for pictures: ours, the photograph, and five times their difference.
     """
     from baker.evaluation import evaluate, reading_of
@@ -48,6 +47,8 @@ def snerg_eval(
         scene, downscale=downscale, spherify=spherify or made["spherify"], masks=masks or bool(made["masks"])
     )
     result = evaluate(subject, photographed, split, images, mask_by_alpha)
+    if write_json(json, result):
+        return
     lpips = "-" if result["lpips"] is None else f"{result['lpips']:.4f}"
     for view in result["views"]:
         print(f"{view['name']}: {view['psnr']:.2f} dB, SSIM {view['ssim']:.4f}")
@@ -55,13 +56,6 @@ def snerg_eval(
         f"mean of {len(result['views'])} views at {result['width']} x {result['height']}: PSNR {result['psnr']:.2f} dB, "
         f"SSIM {result['ssim']:.4f}, LPIPS {lpips}"
     )
-    if json is not None:
-        _write_json(json, result)
-
-
-def _write_json(path: Path, result: dict) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
 
 
 def main(args: Sequence[str] | None = None) -> int:

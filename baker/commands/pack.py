@@ -6,12 +6,11 @@ all four work in the viewer-only install.
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from console import UserError, run_command
+from console import UserError, run_command, write_json
 from scenepack.commands import COMMANDS
 
 DESCRIPTION = (
@@ -35,9 +34,7 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
     if not 1 <= views <= 1000:
         raise UserError("is out of range", where="--views", expected="1 to 1000", found=views)
     result = compare_packs(a, b, views, parse_size(size))
-    text = json_text.dumps(result, indent=2)
-    if str(json) == "-":
-        print(text)
+    if write_json(json, result):
         return
     for pack in (result["a"], result["b"]):
         print(f"{pack['path']}: {pack['codec']}, {pack['bytes'] / 1e6:.2f} MB")
@@ -49,12 +46,6 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
             else f"PSNR {view['psnr']:.2f} dB{ssim}, at most {view['worst']}/255 apart"
         )
         print(f"{view['name']}: {same}")
-    if json is not None:
-        try:
-            json.parent.mkdir(parents=True, exist_ok=True)
-            json.write_text(text + "\n", encoding="utf-8")
-        except OSError as error:
-            raise UserError(f"cannot be written: {error.strerror or error}", where=json) from error
 
 
 def main(args: Sequence[str] | None = None) -> int:

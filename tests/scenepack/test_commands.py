@@ -106,7 +106,8 @@ def test_untidy_packs_are_told_in_one_plain_line(tmp_path: Path, run: Run) -> No
 
 
 def test_a_file_that_cannot_be_written_is_status_two(tmp_path: Path, run: Run) -> None:
-    status, _, err = run("info", written(tmp_path / "pack"), "--json", tmp_path / "no" / "f.json")
+    (tmp_path / "file").write_text("in the way of a folder")
+    status, _, err = run("info", written(tmp_path / "pack"), "--json", tmp_path / "file" / "f.json")
     assert status == 2 and "f.json" in err and err.count("\n") == 1
 
 

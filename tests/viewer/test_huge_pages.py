@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import re
 from pathlib import Path
 
@@ -31,8 +32,9 @@ def test_new_memory_is_moved_and_keeps_its_contents() -> None:
     values[:] = np.arange(len(values))
     steps = sum(1 for _ in move_to_huge_pages(before))
     assert steps >= 1 and np.array_equal(values, np.arange(len(values)))
-    if huge_bytes() <= huge:
-        pytest.skip("this kernel had no huge pages to spare")
+    if tuple(map(int, platform.release().split(".")[:2])) < (6, 1):
+        pytest.skip("this kernel moves memory when it pleases")
+    assert huge_bytes() > huge
 
 
 def huge_bytes() -> int:

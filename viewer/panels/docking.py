@@ -13,18 +13,17 @@ from viewer.app.application import App
 from viewer.panels import theme
 from viewer.panels.widgets import coloured, px
 
-Box = tuple[float, float, float, float]
+Box = tuple[float, float, float, float]  # x, y, width, height in window units
 HOST, SPACE = "##dock", "##space"
 HEADER = "snerg layout, home "
 LONGEST_TEXT = 65536  # what a page or two a window could ever need, and more
-FLAGS = (
+FIXED = (
     imgui.WindowFlags_.no_decoration
     | imgui.WindowFlags_.no_move
     | imgui.WindowFlags_.no_saved_settings
     | imgui.WindowFlags_.no_bring_to_front_on_focus
     | imgui.WindowFlags_.no_nav
     | imgui.WindowFlags_.no_docking
-    | imgui.WindowFlags_.no_background
 )
 
 
@@ -55,7 +54,7 @@ class Docking:
         imgui.set_next_window_size(ImVec2(box[2], box[3]))
         imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))
         imgui.push_style_var(imgui.StyleVar_.window_rounding, 0.0)
-        imgui.begin(HOST, None, FLAGS)
+        imgui.begin(HOST, None, FIXED | imgui.WindowFlags_.no_background)
         imgui.pop_style_var(2)
         space = imgui.get_id(SPACE)
         if shown:

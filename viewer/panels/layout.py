@@ -22,23 +22,13 @@ from viewer.panels import (
     page_view,
     theme,
 )
-from viewer.panels.docking import Docking
+from viewer.panels.docking import FIXED, Box, Docking
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, icon_button, px
 
 TOP, RAIL, SIDE = 48.0, 50.0, 318.0
 SMALLEST_PAGE = 250.0
 NARROW = 620.0  # a window narrower than this has no room for a page beside the picture
-
-Box = tuple[float, float, float, float]  # x, y, width, height in window units
-FIXED = (
-    imgui.WindowFlags_.no_decoration
-    | imgui.WindowFlags_.no_move
-    | imgui.WindowFlags_.no_saved_settings
-    | imgui.WindowFlags_.no_bring_to_front_on_focus
-    | imgui.WindowFlags_.no_nav
-    | imgui.WindowFlags_.no_docking
-)
 
 
 @dataclass(frozen=True)
