@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -22,7 +22,7 @@ from baker.grid import BakeGrid, box_in_grid_frame, make_grid
 from baker.joint_loop import JointConfig, joint_tune
 from baker.shedding import TAU_WEIGHT, shed
 from baker.supersample import fill_atlas, supersample
-from baker.work_folder import Arrays, WorkFolder, once
+from baker.work_folder import Arrays, BakeEnded, WorkFolder, once
 from console import UserError, progress
 from console.progress import Progress
 from scenepack.codecs.pieces import restore_padding
@@ -82,14 +82,14 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
 def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: Stages | None = None) -> Pack:
     """Bakes the run's field. UserError where the field holds nothing that a training camera sees.
 
-    work: where a broken-off bake with the same work_key goes on; the caller removes it when the pack is saved.
+    work: where a broken-off bake with the same work_key goes on, and where other processes help (its share); the caller
+    removes it when the pack is saved.
     """
-    require_bakeable(run)
-    if config.resolution < BLOCK_SIZE:
-        raise UserError("too coarse", where="--resolution", expected=f"at least {BLOCK_SIZE}", found=config.resolution)
-    keep_freed_memory()
+    _require_bakeable(run, config)
     stages = stages or Stages()
-    grid, culling, atlas = _voxels(run, config, work, stages)
+    grid, culling = _culled(run, config, work, stages)
+    with stages("supersampling"):
+        atlas = fill_atlas(_content(run, config, work, grid, culling), culling.kept, BLOCK_SIZE)
     head = run.method.view_mlp(run.state)
     view_mlp = head and ViewMlp(
         tuple(np.asarray(w, np.float32) for w in head.weights),  # type: ignore[arg-type]
@@ -136,10 +136,26 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run))
 
 
-def _voxels(
-    run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stages
-) -> tuple[BakeGrid, Culling, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """The grid, what was culled, and the atlas (indices, rgba, features) with its padding still empty."""
+def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
+    """Makes pieces of a bake that another process ends, until none is missing: density and content of macroblocks.
+
+    What comes after (shedding, fine-tuning) is not shared.
+    """
+    _require_bakeable(run, config)
+    with suppress(BakeEnded):
+        grid, culling = _culled(run, config, work, Stages())
+        next(_content(run, config, work, grid, culling), None)  # the first is there once none is missing
+
+
+def _require_bakeable(run: Run, config: BakeConfig) -> None:
+    require_bakeable(run)
+    if config.resolution < BLOCK_SIZE:
+        raise UserError("too coarse", where="--resolution", expected=f"at least {BLOCK_SIZE}", found=config.resolution)
+    keep_freed_memory()
+
+
+def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stages) -> tuple[BakeGrid, Culling]:
+    """The grid, and which of its macroblocks are kept."""
     query = field_query(run)
     frame = np.asarray(run.scene.worldspace_T_opengl, np.float64)
 
@@ -160,15 +176,21 @@ def _voxels(
             on_blocks=lambda share: bar.update(0.75 * share, "opacity"),
             on_rays=lambda share: bar.update(0.75 + 0.25 * share, "visibility"), work=work, stages=stages,
         )  # fmt: skip
-    count = int(culling.kept.sum())
-    if count == 0:
+    if not culling.kept.any():
         raise _nothing_there(run)
-    with stages("supersampling"), progress("supersampling", count) as bar:
-        blocks = supersample(
-            query, grid, culling, tau_alpha=config.tau_alpha, seed=config.seed, on_blocks=_Rate(bar, count), work=work
-        )
-        atlas = fill_atlas(blocks, culling.kept, BLOCK_SIZE)
-    return grid, culling, atlas
+    return grid, culling
+
+
+def _content(
+    run: Run, config: BakeConfig, work: WorkFolder | None, grid: BakeGrid, culling: Culling
+) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """The kept macroblocks' voxels, as baker.supersample.supersample gives them, with a progress line."""
+    count = int(culling.kept.sum())
+    with progress("supersampling", count) as bar:
+        yield from supersample(
+            field_query(run), grid, culling,
+            tau_alpha=config.tau_alpha, seed=config.seed, on_blocks=_Rate(bar, count), work=work,
+        )  # fmt: skip
 
 
 class _Rate:

@@ -17,7 +17,7 @@ import numpy as np
 
 from baker.field_query import FieldQuery, Occupied
 from baker.grid import BakeGrid, to_training
-from baker.work_folder import Arrays, WorkFolder, once
+from baker.work_folder import Arrays, WorkFolder, once, share_out
 from training.dataset import RayDataset
 from training.method import Rays
 from training.voxels.march import MarchSizes, march, to_grid, transmittance
@@ -160,15 +160,14 @@ def _opacity(
         nonlocal done
         done += count
         if tick:
-            tick(done / total)
+            tick(min(done / total, 1.0))
 
-    for k in range(bz):
-        if not holds[k].any():
-            continue
+    layers = {k: (f"opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, tau_alpha, on_some))
+              for k in range(bz) if holds[k].any()}  # fmt: skip
+    share_out(work, list(layers.values()))
+    for k, piece in layers.items():
         before = done
-        layer = once(
-            work, f"opacity_{k:03d}", lambda k=k: _opacity_of_layer(query, holds[k], k, grid, tau_alpha, on_some)
-        )
+        layer = once(work, *piece)
         on_some(before + int(holds[k].sum()) - done)
         opaque[k], density[k * per_block : (k + 1) * per_block] = layer["opaque"], layer["density"]
     return opaque, density

@@ -1,17 +1,17 @@
 """Asking a trained field at any number of points, in batches of one fixed size so that nothing recompiles.
 
-A batch is shared out over all local devices: its points are split among them, and the compiled query follows.
+Local devices take batches in turn, each with a copy of the field; they work at the same time, since JAX does not wait.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from training.devices import here
 from training.method import FieldOutput
 from training.run import Run
 
@@ -24,23 +24,32 @@ Occupied = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def field_query(run: Run) -> FieldQuery:
     """A function from training-frame points [N, 3] to NumPy density [N], diffuse [N, 3], features [N, 4]."""
     devices = jax.local_devices()
-    batch = BATCH * len(devices)
-    split = NamedSharding(Mesh(np.array(devices), ("points",)), PartitionSpec("points"))
+    states = [_moved(here(run.state), device) for device in devices] if len(devices) > 1 else [run.state]
 
     def ask(points: np.ndarray) -> FieldOutput:
         parts = []
-        for start in range(0, len(points), batch):
-            part = points[start : start + batch]
-            padded = np.zeros((batch, 3), np.float32)
+        for turn, start in enumerate(range(0, len(points), BATCH)):
+            part = points[start : start + BATCH]
+            padded = np.zeros((BATCH, 3), np.float32)
             padded[: len(part)] = part
-            placed = jnp.asarray(padded) if len(devices) == 1 else jax.device_put(padded, split)
-            output = run.method.query(run.state, placed)
-            parts.append([np.asarray(array)[: len(part)] for array in output])
+            device = turn % len(devices)
+            parts.append(run.method.query(states[device], jax.device_put(padded, devices[device])))
+            if turn >= len(devices):  # no more than one batch waits for each device
+                parts[turn - len(devices)] = _fetched(parts[turn - len(devices)])
         if not parts:
             return FieldOutput(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4)))  # type: ignore[arg-type]
-        return FieldOutput(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))  # type: ignore[arg-type]
+        arrays = zip(*map(_fetched, parts), strict=True)
+        return FieldOutput(*(np.concatenate(some)[: len(points)] for some in arrays))  # type: ignore[arg-type]
 
     return ask
+
+
+def _moved(state: Any, device: jax.Device) -> Any:
+    return jax.tree.map(lambda v: jax.device_put(v, device) if isinstance(v, jax.Array) else v, state)
+
+
+def _fetched(output: FieldOutput) -> FieldOutput:
+    return FieldOutput(*(np.asarray(array) for array in output))  # type: ignore[arg-type]
 
 
 def occupied_query(run: Run) -> Occupied | None:

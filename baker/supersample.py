@@ -7,13 +7,14 @@ voxels that are not empty. The random numbers of a macroblock depend on the seed
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
 from baker.culling import TAU_ALPHA, Culling
 from baker.field_query import FieldQuery
 from baker.grid import BakeGrid
-from baker.work_folder import Arrays, WorkFolder, once
+from baker.work_folder import Arrays, WorkFolder, once, share_out
 from scenepack.blocks import atlas_shape, choose_atlas_blocks
 from scenepack.constants import EMPTY_BLOCK
 
@@ -41,23 +42,32 @@ def supersample(
     faint to keep a macroblock alive only costs samples (a fifth of those that a ray took on lego) and bytes.
     """
     blocks = np.argwhere(culling.kept)
-    size = grid.block_size
-    for start in range(0, len(blocks), BLOCKS_AT_ONCE):
-        part = blocks[start : start + BLOCKS_AT_ONCE]
-        taken = 0
+    size, done, most = grid.block_size, 0, 0
 
-        def make(part: np.ndarray = part) -> Arrays:
-            nonlocal taken
-            places, values = _content(query, grid, culling, part, tau_alpha, seed)
-            taken = SAMPLES * len(places)
-            some = values.any(axis=1)
-            return {"places": places[some], "values": values[some]}
+    def make(part: np.ndarray) -> Arrays:
+        nonlocal done
+        places, values = _content(query, grid, culling, part, tau_alpha, seed)
+        done += len(part)
+        on_some(done, SAMPLES * len(places))
+        some = values.any(axis=1)
+        return {"places": places[some], "values": values[some]}
 
-        piece = once(work, f"voxels_{start:06d}", make)
-        voxels = np.zeros((len(part), size, size, size, 8), np.uint8)
-        voxels.reshape(-1, 8)[piece["places"]] = piece["values"]
+    def on_some(reached: int, samples: int) -> None:
+        nonlocal most
+        most = max(most, reached)
         if on_blocks:
-            on_blocks(start + len(part), taken)
+            on_blocks(most, samples)
+
+    parts = np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE))
+    pieces = [(f"voxels_{BLOCKS_AT_ONCE * i:06d}", partial(make, part)) for i, part in enumerate(parts)]
+    share_out(work, pieces)
+    reached = 0
+    for part, piece in zip(parts, pieces, strict=True):
+        made = once(work, *piece)
+        voxels = np.zeros((len(part), size, size, size, 8), np.uint8)
+        voxels.reshape(-1, 8)[made["places"]] = made["values"]
+        reached += len(part)
+        on_some(reached, 0)
         yield from zip(map(tuple, part.tolist()), voxels, strict=True)
 
 

@@ -2,7 +2,10 @@
 
 A work folder holds `key.json`, which says of which bake it is, and one .npz for each piece of work done, written aside
 and renamed. A piece that cannot be read (a power cut) is made again. Every piece depends on the key alone, never on
-when it was made, so an unbroken bake and a resumed one give the same bytes.
+when it was made or by whom, so an unbroken bake, a resumed one, and one shared by many hosts give the same bytes.
+
+Hosts share a bake through its work folder and nothing else: each makes the pieces of its own share first, then whatever
+is still missing. So none waits for another, and one that dies costs the others time, not the bake.
 """
 
 from __future__ import annotations
@@ -11,10 +14,12 @@ import io
 import json
 import os
 import shutil
+import time
 import warnings
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +35,31 @@ except ImportError:  # Windows
 
 Arrays = dict[str, np.ndarray]
 AGAIN = "type the same line again: what is done is kept"
+PATIENCE = 600.0  # seconds that a helper waits for the first process to begin
+
+
+@dataclass(frozen=True)
+class Share:
+    """Which of how many processes of a bake this one is, from 0. Process 0 ends the bake; the others help it."""
+
+    process: int = 0
+    processes: int = 1
+
+    @property
+    def helps(self) -> bool:
+        """Whether another process writes the pack."""
+        return self.process > 0
+
+    def order(self, count: int) -> list[int]:
+        """0 to count - 1 in the order in which to make pieces: its own share, then the others' from their ends."""
+        turns = [(self.process + turn) % self.processes for turn in range(self.processes)]
+        return [*range(self.process, count, self.processes)] + [
+            piece for turn in turns[1:] for piece in reversed(range(turn, count, self.processes))
+        ]
+
+
+class BakeEnded(Exception):
+    """The work folder is gone: process 0 has all it needs."""
 
 
 def work_beside(pack: Path) -> Path:
@@ -41,13 +71,18 @@ class WorkFolder:
     """Opened for one bake; `key` is anything JSON can hold that its result depends on.
 
     A folder left by another bake is emptied, with a notice. UserError where another process is baking into it, or the
-    disk refuses.
+    disk refuses. A helper (share) changes nothing but adds pieces, and waits until process 0 has begun.
     """
 
-    def __init__(self, path: Path, key: Mapping[str, Any]) -> None:
-        self.path = path
+    def __init__(self, path: Path, key: Mapping[str, Any], share: Share | None = None) -> None:
+        self.path, self.share = path, share or Share()
+        self.made = 0  # pieces, here and now
+        self._lock: int | None = None
         text = json.dumps(key, indent=2, sort_keys=True) + "\n"
         file = path / "key.json"
+        if self.share.helps:
+            self._wait_for(file, text)
+            return
         try:
             path.mkdir(parents=True, exist_ok=True)
             self._lock = self._hold()
@@ -68,13 +103,27 @@ class WorkFolder:
         if kept is not None:
             return kept
         arrays = make()
+        self.made += 1
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)  # type: ignore[arg-type]
         try:
             write_aside(self.file(name), buffer.getvalue())
         except OSError as error:
-            raise self._refused(error) from error
+            if not (self.share.helps and isinstance(error, FileNotFoundError)):
+                raise self._refused(error) from error
+            if not self.path.is_dir():
+                raise BakeEnded from error
         return arrays
+
+    def share_out(self, pieces: Sequence[tuple[str, Callable[[], Arrays]]]) -> None:
+        """Makes, with the other processes of the bake, all pieces (name, how); afterwards each is there."""
+        for number in self.share.order(len(pieces)):
+            name, make = pieces[number]
+            if self.has(name):
+                continue
+            if self.share.helps and not self.path.is_dir():
+                raise BakeEnded
+            self.once(name, make)
 
     def read(self, name: str) -> Arrays | None:
         """The arrays of a piece, None where it is not there or damaged. Zip's checksums tell."""
@@ -103,6 +152,17 @@ class WorkFolder:
         self.close()
         shutil.rmtree(self.path, ignore_errors=True)
 
+    def _wait_for(self, file: Path, text: str) -> None:
+        """Until process 0 bakes the same here."""
+        until = time.monotonic() + PATIENCE
+        while not (file.is_file() and file.read_text(encoding="utf-8") == text):
+            if time.monotonic() > until:
+                raise UserError(
+                    "process 0 of this bake has not begun", where=file,
+                    expected="the same line, with the same run and options, by every process, in folders that all share",
+                )  # fmt: skip
+            time.sleep(0.2)
+
     def _hold(self) -> int | None:
         if fcntl is None:
             return None
@@ -123,6 +183,12 @@ class WorkFolder:
         return UserError(
             f"the bake cannot be kept: {error.strerror or error}", where=self.path, remedy=f"make room, then {AGAIN}"
         )
+
+
+def share_out(work: WorkFolder | None, pieces: Sequence[tuple[str, Callable[[], Arrays]]]) -> None:
+    """WorkFolder.share_out where a bake has several processes; one alone makes pieces as it needs them."""
+    if work is not None and work.share.processes > 1:
+        work.share_out(pieces)
 
 
 def once(work: WorkFolder | None, name: str, make: Callable[[], Arrays]) -> Arrays:

@@ -35,6 +35,13 @@ LAUNCHERS = (
 )
 
 
+def launched() -> tuple[int, int] | None:
+    """(processes, this one's index) as the launcher tells (Slurm, Open MPI and MPICH's environment), None without one."""
+    return next(
+        ((int(os.environ[n]), int(os.environ[i])) for n, i in LAUNCHERS if n in os.environ and i in os.environ), None
+    )
+
+
 def join_processes(coordinator: str | None = None, processes: int | None = None, process_id: int | None = None) -> None:
     """Connects this process with the others of its run; does nothing where it is the only one. Call before JAX is used.
 
@@ -42,17 +49,15 @@ def join_processes(coordinator: str | None = None, processes: int | None = None,
     MPI 4, Kubernetes jobs and TPU pods). UserError where the options do not make a whole, or the others do not come.
     """
     told = (coordinator, processes, process_id)
-    launched = next(
-        ((int(os.environ[n]), int(os.environ[i])) for n, i in LAUNCHERS if n in os.environ and i in os.environ), None
-    )
+    found = launched()
     address = coordinator or os.environ.get("JAX_COORDINATOR_ADDRESS")
-    if told == (None, None, None) and address is None and (launched is None or launched[0] == 1):
+    if told == (None, None, None) and address is None and (found is None or found[0] == 1):
         in_a_job = "KUBERNETES_SERVICE_HOST" in os.environ and "JOB_COMPLETION_INDEX" in os.environ
         if not in_a_job:
             return
-    if address is not None and launched is not None:
-        processes = launched[0] if processes is None else processes
-        process_id = launched[1] if process_id is None else process_id
+    if address is not None and found is not None:
+        processes = found[0] if processes is None else processes
+        process_id = found[1] if process_id is None else process_id
     try:
         jax.distributed.initialize(address, processes, process_id)
     except (ValueError, TypeError, RuntimeError) as error:

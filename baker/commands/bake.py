@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from console import progress, run_command
+from console import UserError, progress, run_command
 from console.progress import duration
 
 if TYPE_CHECKING:
     from baker.bake import BakeConfig
+    from baker.work_folder import Share
     from scenepack import Pack
     from training.run import Run
 
@@ -30,6 +31,8 @@ def snerg_bake(
     fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp",
     fine_tune_epochs: int = 100,
     seed: int = 0,
+    processes: int | None = None,
+    process_id: int | None = None,
 ) -> None:
     """Bakes a trained run into a pack.
 
@@ -44,17 +47,51 @@ def snerg_bake(
         fine_tune: none; view-mlp, the paper's; or all: then the stored voxels, too, with it (minutes more, sharper).
         fine_tune_epochs: Passes over the training pixels that refine the view MLP; not with --fine-tune none.
         seed: Seed of the samples within voxels and of fine-tuning.
+        processes: How many processes bake this pack together, each with the same line, on hosts that share the folders of
+            run and pack (docs/distributed.md; Slurm and MPI tell it themselves).
+        process_id: Which of them this one is, from 0, which writes the pack.
     """
     from baker.bake import BakeConfig  # JAX starts here, not for --help
     from scenepack import check_target
     from training.run import load_run
 
+    share = share_of(processes, process_id)
     check_target(out)  # now, not after the work is done
     config = BakeConfig(resolution, tau_alpha, tau_vis, tau_weight, fine_tune, fine_tune_epochs, seed)
-    bake_to(load_run(run), config, out, codec)
+    if share.helps:
+        help_with(load_run(run), config, out, share)
+    else:
+        bake_to(load_run(run), config, out, codec, share)
 
 
-def bake_to(run: Run, config: BakeConfig, out: Path, codec: str = "png") -> dict[str, float]:
+def share_of(processes: int | None, process_id: int | None) -> Share:
+    """This process's share of the work, from the options or the launcher. UserError where they do not make a whole."""
+    from baker.work_folder import Share
+    from training.devices import launched
+
+    told = launched() if processes is None and process_id is None else (processes, process_id)
+    count, index = told or (1, 0)
+    if count is None or index is None or not 0 <= index < count:
+        raise UserError(
+            "do not make a whole", where="--processes, --process-id",
+            expected="how many there are, and which this is, from 0", found=f"{count}, {index}",
+        )  # fmt: skip
+    return Share(index, count)
+
+
+def help_with(run: Run, config: BakeConfig, out: Path, share: Share) -> None:
+    """Helps the process that bakes `run` into the pack `out`, until its macroblocks are made."""
+    from baker.bake import help_bake, work_key
+    from baker.work_folder import WorkFolder, work_beside
+
+    work = WorkFolder(work_beside(out), work_key(run, config), share)
+    help_bake(run, config, work)
+    print(f"{out}: {work.made} pieces of it made here; process 0 writes the pack")
+
+
+def bake_to(
+    run: Run, config: BakeConfig, out: Path, codec: str = "png", share: Share | None = None
+) -> dict[str, float]:
     """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it.
 
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
@@ -64,7 +101,7 @@ def bake_to(run: Run, config: BakeConfig, out: Path, codec: str = "png") -> dict
     from scenepack import save_pack
 
     stages = Stages()
-    work = WorkFolder(work_beside(out), work_key(run, config))
+    work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
         pack = bake(run, config, work, stages)
         with stages("writing"), progress("writing the pack", 1) as bar:
