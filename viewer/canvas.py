@@ -62,7 +62,8 @@ class _Target:
             self.release()
             texture = self.ctx.texture((width, height), 4)
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-            self.framebuffer, self.size = self.ctx.framebuffer([texture]), (width, height)
+            depth = self.ctx.depth_renderbuffer((width, height))
+            self.framebuffer, self.size = self.ctx.framebuffer([texture], depth), (width, height)
             if self.ctx.error != "GL_NO_ERROR":
                 self.release()
                 raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
@@ -77,6 +78,7 @@ class _Target:
         if self.framebuffer is not None:
             _unbind_framebuffers(self.ctx)
             texture = self.texture
+            self.framebuffer.depth_attachment.release()  # type: ignore[union-attr]
             self.framebuffer.release()
             self.retired.append(texture)
         self.framebuffer, self.size = None, (0, 0)
@@ -247,7 +249,8 @@ class Canvas:
         assert self.renderer is not None
         self.renderer.arrive()
         texture = self.ctx.texture((camera.width, camera.height), 4, dtype="f4")
-        framebuffer = self.ctx.framebuffer([texture])
+        depth = self.ctx.depth_renderbuffer((camera.width, camera.height))
+        framebuffer = self.ctx.framebuffer([texture], depth)
         try:
             self.renderer.render(framebuffer, camera, settings)
             pixels = np.frombuffer(framebuffer.read(components=3, dtype="f4"), "f4")
@@ -255,6 +258,7 @@ class Canvas:
         finally:
             _unbind_framebuffers(self.ctx)
             framebuffer.release()
+            depth.release()
             texture.release()
 
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:

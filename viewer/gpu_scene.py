@@ -56,8 +56,8 @@ class GpuScene:
 
     atlas_size: voxels (x, y, z). slots: macroblocks of it, (x, y, z). occupied: macroblocks that it holds.
     features_beside: whether features lie beside rgba in one atlas, a macroblock's side further in x.
-    content_min, content_max: float64 [3], voxels, the box around all content. arriving: fills the textures step by
-    step; None once all is there.
+    content_min, content_max: float64 [3], voxels, the box around all content. hull: its triangles' corners, where the
+    layout has them and there are any. arriving: fills the textures step by step; None once all is there.
     """
 
     textures: dict[str, moderngl.Texture | moderngl.Texture3D]
@@ -68,6 +68,7 @@ class GpuScene:
     features_beside: bool
     content_min: np.ndarray
     content_max: np.ndarray
+    hull: moderngl.Buffer | None
     gpu_bytes: int
     arriving: Iterator[None] | None = None
 
@@ -107,7 +108,9 @@ class GpuScene:
         """Frees the textures and samplers."""
         for thing in {id(thing): thing for thing in (*self.textures.values(), *self.samplers.values())}.values():
             thing.release()
-        self.textures, self.samplers, self.arriving = {}, {}, None
+        if self.hull is not None:
+            self.hull.release()
+        self.textures, self.samplers, self.hull, self.arriving = {}, {}, None, None
 
 
 def tightest_atlas(count: int, padded_block_size: int, max_side: int, parts: int = 1) -> Triple:
@@ -315,6 +318,7 @@ def _allocate(uploader: _Uploader, pack: Pack, layout: str, features_beside: boo
     nearest = nearest_sampler(ctx)
     textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {"indirection": writer.indirection}
     content_min = content_max = np.zeros(3)
+    hull = None
     if layout == "paper":
         textures["atlas_alpha"] = writer.texture("alpha", (pack.atlas_rgba, slice(3, 4)))
         textures["atlas_alpha_nearest"] = textures["atlas_alpha"]
@@ -330,6 +334,7 @@ def _allocate(uploader: _Uploader, pack: Pack, layout: str, features_beside: boo
     if layout != "paper":  # last, for it takes time: a pack that does not fit has been refused by now
         skip_grid = skip_grid_of(pack)
         content_min, content_max = skip_grid.content_min, skip_grid.content_max
+        hull = ctx.buffer(skip_grid.hull.tobytes()) if len(skip_grid.hull) else None
         textures["skip_grid"] = uploader.filled("skip distance", skip_grid.distances[..., None])
     filtered = ("atlas_alpha", "atlas_rgb", "atlas_rgba", "atlas_features")
     samplers = {name: linear if name in filtered else nearest for name in textures}
@@ -342,6 +347,7 @@ def _allocate(uploader: _Uploader, pack: Pack, layout: str, features_beside: boo
         features_beside,
         content_min,
         content_max,
+        hull,
         uploader.bytes,
         writer.steps(),
     )

@@ -82,7 +82,7 @@ class OffscreenRenderer:
         key = (width, height, dtype)
         if key not in self._framebuffers:
             colour = self.ctx.texture((width, height), 4, dtype=dtype)
-            self._framebuffers[key] = self.ctx.framebuffer([colour])
+            self._framebuffers[key] = self.ctx.framebuffer([colour], self.ctx.depth_renderbuffer((width, height)))
             if self.ctx.error != "GL_NO_ERROR":
                 raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
         return self._framebuffers[key]
@@ -111,8 +111,8 @@ class OffscreenRenderer:
         if self._framebuffers:
             _unbind_framebuffers(self.ctx)
         for framebuffer in self._framebuffers.values():
-            for texture in framebuffer.color_attachments:
-                texture.release()
+            for attached in (*framebuffer.color_attachments, framebuffer.depth_attachment):
+                attached.release()
             framebuffer.release()
         self._framebuffers = {}
         self.renderer.release()

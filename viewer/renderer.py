@@ -64,7 +64,7 @@ class Renderer:
     ) -> None:
         self.ctx, self._limits = ctx, limits
         self._scenes: dict[str, GpuScene] = {}
-        self._programs: dict[tuple[Any, ...], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self._programs: dict[tuple[Any, ...] | str, tuple[moderngl.Program, moderngl.VertexArray]] = {}
         self.pack = pack
         refused: NoRoomError | None = None
         while not self._scenes:
@@ -117,7 +117,8 @@ class Renderer:
             camera = camera.resized(*viewport[2:])
         scene = self.scene(settings.marcher)
         program, vertices = self._program(settings, camera)
-        self._set_uniforms(program, scene, camera, settings, viewport)
+        uniforms = self._uniforms(scene, camera, settings, viewport)
+        write_uniforms(program, uniforms)
         ctx = self.ctx
         framebuffer.use()
         framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
@@ -128,21 +129,40 @@ class Renderer:
         ctx.disable_direct(GL_FRAMEBUFFER_SRGB)
         ctx.wireframe = False
         scene.bind(program)
-        if self._draws_content_box(settings, camera):
+        if self._sees_hull(settings, camera):
             over_background = settings.mode in MODES_OVER_BACKGROUND and not settings.counts
             empty = settings.background if over_background else (0.0, 0.0, 0.0)
-            framebuffer.clear(*empty, 1.0, viewport=viewport)
-            ctx.enable_direct(GL_DEPTH_CLAMP)
-            ctx.enable_only(moderngl.CULL_FACE)
-            ctx.cull_face = "front"
-            ctx.front_face = "ccw" if np.linalg.det(camera.grid_T_camera[:3, :3]) > 0 else "cw"
-            vertices.render(moderngl.TRIANGLE_STRIP, vertices=14)
-            ctx.enable_only(moderngl.NOTHING)
-            ctx.disable_direct(GL_DEPTH_CLAMP)
-            ctx.cull_face, ctx.front_face = "back", "ccw"
-        else:
-            vertices.render(moderngl.TRIANGLES, vertices=3)
+            framebuffer.depth_mask = True
+            framebuffer.clear(*empty, 1.0, depth=1.0, viewport=viewport)
+            if scene.hull is not None:
+                self._mark_hull(framebuffer, scene.hull, camera, uniforms)
+            ctx.enable_only(moderngl.DEPTH_TEST)
+            ctx.depth_func = ">"
+        vertices.render(moderngl.TRIANGLES, vertices=3)
+        ctx.enable_only(moderngl.NOTHING)
+        ctx.depth_func = "<"
         scene.unbind(ctx)
+
+    def _mark_hull(
+        self, framebuffer: moderngl.Framebuffer, hull: moderngl.Buffer, camera: ViewCamera, uniforms: dict[str, Any]
+    ) -> None:
+        """Leaves depth 0.5 in the pixels that see the hull of all content; see shaders/content_hull.vert."""
+        ctx = self.ctx
+        if "hull" not in self._programs:
+            program = compile_program(ctx, assemble("content_hull.vert"), assemble("content_hull.frag"))
+            self._programs["hull"] = program, ctx.vertex_array(program, [(hull, "3f", "corner")])
+        program, triangles = self._programs["hull"]
+        write_uniforms(program, uniforms)
+        framebuffer.color_mask = (False, False, False, False)
+        ctx.enable_direct(GL_DEPTH_CLAMP)
+        ctx.enable_only(moderngl.CULL_FACE | moderngl.DEPTH_TEST)
+        ctx.cull_face, ctx.depth_func = "front", "1"
+        ctx.front_face = "ccw" if np.linalg.det(camera.grid_T_camera[:3, :3]) > 0 else "cw"
+        triangles.render(moderngl.TRIANGLES)
+        ctx.disable_direct(GL_DEPTH_CLAMP)
+        ctx.cull_face, ctx.front_face = "back", "ccw"
+        framebuffer.color_mask = (True, True, True, True)
+        framebuffer.depth_mask = False
 
     def release(self) -> None:
         """Frees textures and programs; the renderer cannot be used afterwards."""
@@ -158,14 +178,14 @@ class Renderer:
         if key not in self._programs:
             program = compile_program(
                 self.ctx,
-                assemble("content_box.vert" if self._draws_content_box(settings, camera) else "fullscreen.vert"),
+                assemble("fullscreen.vert"),
                 assemble("snerg.frag", self._defines(settings, camera), self._generated()),
             )
             self._programs[key] = program, self.ctx.vertex_array(program, [])
         return self._programs[key]
 
-    def _draws_content_box(self, settings: RenderSettings, camera: ViewCamera) -> bool:
-        """Whether only the pixels that see the box around all content are shaded; bent rays see no box."""
+    def _sees_hull(self, settings: RenderSettings, camera: ViewCamera) -> bool:
+        """Whether only the pixels that see the hull of all content are shaded; bent rays see no hull."""
         return (
             settings.marcher == "exact"
             and settings.mode != "atlas"
@@ -212,16 +232,10 @@ class Renderer:
             return {"view_mlp_weights": "", "view_mlp_biases": ""}
         return {"view_mlp_weights": view_mlp_weights(mlp), "view_mlp_biases": view_mlp_biases(mlp)}
 
-    def _set_uniforms(
-        self,
-        program: moderngl.Program,
-        scene: GpuScene,
-        camera: ViewCamera,
-        settings: RenderSettings,
-        viewport: tuple[int, int, int, int],
-    ) -> None:
-        values = self._ray_frame.uniforms(camera, settings)
-        values |= {
+    def _uniforms(
+        self, scene: GpuScene, camera: ViewCamera, settings: RenderSettings, viewport: tuple[int, int, int, int]
+    ) -> dict[str, Any]:
+        return self._ray_frame.uniforms(camera, settings) | {
             "viewport_origin": viewport[:2],
             "atlas_texel": 1.0 / np.asarray(scene.atlas_size),
             "atlas_slots": scene.slots,
@@ -233,7 +247,11 @@ class Renderer:
             "background": settings.background,
             "cost_scale": settings.cost_scale,
         }
-        for name, value in values.items():
-            uniform = program.get(name, None)  # one that a variant does not use vanishes when it is linked
-            if isinstance(uniform, moderngl.Uniform):
-                uniform.write(np.asarray(value, "f4").T.tobytes())  # GLSL's matrices are column-major
+
+
+def write_uniforms(program: moderngl.Program, values: dict[str, Any]) -> None:
+    """Those that the program has; what a variant does not use vanishes when it is linked."""
+    for name, value in values.items():
+        uniform = program.get(name, None)
+        if isinstance(uniform, moderngl.Uniform):
+            uniform.write(np.asarray(value, "f4").T.tobytes())  # GLSL's matrices are column-major

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenepack.pack import Pack
+from viewer.content_hull import hull_triangles
 
 CELL = 4  # texel cubes a side; 1 and 2 were slower, 3 no faster (docs/performance.md)
 FARTHEST = 255
@@ -23,11 +24,15 @@ FARTHEST = 255
 
 @dataclass(frozen=True)
 class SkipGrid:
-    """distances: uint8 [cells z, y, x], see chebyshev_distances. content_min, content_max: see content_bounds."""
+    """distances: uint8 [cells z, y, x], see chebyshev_distances. content_min, content_max: see content_bounds.
+
+    hull: float32 [T, 3, 3], see viewer.content_hull.
+    """
 
     distances: np.ndarray
     content_min: np.ndarray
     content_max: np.ndarray
+    hull: np.ndarray
 
 
 _known: dict[int, SkipGrid] = {}
@@ -38,7 +43,7 @@ def skip_grid_of(pack: Pack) -> SkipGrid:
     key = id(pack)
     if key not in _known:
         content = content_cells(pack)
-        _known[key] = SkipGrid(chebyshev_distances(content), *content_bounds(content))
+        _known[key] = SkipGrid(chebyshev_distances(content), *content_bounds(content), hull_triangles(content, CELL))
         weakref.finalize(pack, _known.pop, key, None)
     return _known[key]
 
