@@ -9,18 +9,23 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import flip_evaluator
 import numpy as np
 import pytest
 from PIL import Image
 
+from console.driven import Report
 from tests.viewer.pictures import AMPLIFIED, FAILURES, GOLDEN, skip
 from tests.window.conftest import toy_pack
 from tests.window.scenes import photographed
+from training.scenes.procedural import write_procedural_scene
 from viewer.app import crop
 from viewer.app.commands import run
 from viewer.app.log import LogLine
+from viewer.app.make_plan import Plan, Survey
+from viewer.app.making import Job
 from viewer.app.timing import FrameTimes
 from viewer.panels.layout import PAGES
 from viewer.panels.offscreen_ui import OffscreenUi
@@ -159,9 +164,46 @@ def test_asking_for_a_path_looks_as_before(ui, app, compare):
     compare(ui, "path")
 
 
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory) -> Path:
+    return write_procedural_scene(tmp_path_factory.mktemp("photographs") / "still", size=64, views=4, subpixels=1)
+
+
+def plan_of(scene: Path) -> Plan:
+    """How the scene would be made, with folders that are the same everywhere."""
+    plan = Plan("scene", scene, Path("/scenes/still-snerg"), survey=Survey(scene))
+    plan.survey.wait(30)
+    return plan
+
+
+@pytest.mark.parametrize("which", ["scene", "again", "run", "refused"])
+def test_the_questions_how_to_make_a_scene_look_as_before(ui, app, compare, photographs, which):
+    plan = plan_of(photographs)
+    if which == "again":
+        plan.attempt = {"scene": str(photographs), "steps": 6000}
+    elif which == "run":
+        plan = Plan("run", Path("/scenes/still-snerg/run"), Path("/scenes/still-snerg/pack"))
+    elif which == "refused":
+        plan.attempt = {"scene": "/scenes/lego", "steps": 6000}
+    app.making.plan = plan
+    compare(ui, f"make-{which}")
+
+
+def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
+    child = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
+    job = app.making.job = Job(plan_of(photographs), child)
+    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0)
+    job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
+    with Image.open(photographs / "test" / "r_0.png") as opened:
+        shown = np.asarray(opened.convert("RGB").resize((256, 256)))
+    job.picture = np.concatenate([shown, shown // 2 + 64], axis=1)
+    compare(ui, "make-job")
+
+
 def test_no_picture_is_left_over():
     names = {f"page-{page.id}" for page in PAGES}
     names |= {"start", "photograph", "frusta", "crop-gizmo", "help", "dialog", "path"}
+    names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
     assert {path.stem for path in FOLDER.glob("*.png")} == names
 
 

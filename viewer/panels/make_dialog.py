@@ -88,7 +88,7 @@ def _choices(app: App, plan: Plan) -> None:
         )
         if picked:
             plan.resolution = int(picked)
-        _indented("More voxels show finer detail, and take more memory and time: 1000³ needs 6 GB to be baked.")
+        _indented("More voxels show finer detail, and take more memory and time: 1000³ needs 7 GB to be baked.")
         return
     if plan.attempt is not None:
         return
