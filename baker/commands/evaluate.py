@@ -30,7 +30,7 @@ def snerg_eval(
         scene: Folder of the photographs.
         split: Which photographs: test, train or val.
         downscale: Divide width and height of the photographs by this whole number.
-        spherify: Read an LLFF capture as one from all around (what was trained so is read so without asking).
+        spherify: Read an LLFF or COLMAP capture as one from all around (what was trained so is read so without asking).
         masks: Cut the object out by the masks beside the pictures (likewise).
         mask_by_alpha: Show both over the background where the run or pack is transparent, as the paper does for real scenes
             that go on beyond the box.

@@ -45,7 +45,7 @@ def snerg_make(
             of snerg-train that can be baked.
         downscale: Divide the photographs' sides by this whole number; by default 1, and with `cpu` as much as brings the
             longer side to 256 pixels or fewer. LLFF captures count from their full-size pictures.
-        spherify: Read an LLFF capture as one from all around, also where its cameras look forward.
+        spherify: Read an LLFF or COLMAP capture as one from all around, also where its cameras look forward.
         masks: Cut the object out by the masks beside the pictures.
         steps: Training steps; by default the preset's.
         resolution: Voxels along the longest side of the baked grid; by default the preset's.

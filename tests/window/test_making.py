@@ -17,6 +17,7 @@ from imgui_bundle import imgui
 from PIL import Image
 
 from console.driven import Report, read_report
+from tests.training.reconstructions import around, ball, write_colmap
 from tests.window.test_application import FakeStage
 from training.config import BakeablePreset
 from training.scenes.procedural import write_procedural_scene
@@ -91,6 +92,17 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
     assert "--no-view" in plan.command()
     run(app, "escape")
     assert app.making.plan is None and not app.messages.dialogs
+
+
+@pytest.mark.parametrize("folder", ["sparse/0", "sparse"])
+def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
+    app = App(stage=FakeStage())
+    app.drop([write_colmap(tmp_path / "shrine", around(), ball(), folder=folder)])
+    survey = app.making.plan.survey
+    survey.wait(20)
+    assert (
+        survey.text == "10 photographs of 48 × 36, seen from all around  (COLMAP)" and app.making.plan.problem() is None
+    )
 
 
 def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monkeypatch):

@@ -73,7 +73,7 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
                 the paper's tables: jaxnerf, jaxnerf-plus, tinyview (none of these can be baked), deferred (is paper),
                 diffuse, no-sparsity.
             downscale: Divide width and height of the pictures by this whole number (1 where not given).
-            spherify: Read an LLFF capture as one from all around, also where its cameras look forward.
+            spherify: Read an LLFF or COLMAP capture as one from all around, also where its cameras look forward.
             masks: Cut the object out by the masks beside the pictures.
             resume: Go on with the run in --out from its newest checkpoint, with the run's own settings.
             coordinator: HOST:PORT of process 0, for a run of several processes whose launcher says nothing of them (see

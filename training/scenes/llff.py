@@ -54,12 +54,12 @@ def read(path: Path, options: SceneOptions) -> Scene:
     for pose, source, mask in zip(P, sources, masks, strict=True):
         stored = picture_size(source)
         _check_aspect(source, stored, full_size)
-        target = _target_size(stored, factor, options.downscale)
+        target = target_size(stored, factor, options.downscale)
         height, width = full_size
         camera = Camera(pose, width, height, focal, focal, width / 2, height / 2).resized(*target)
         photographs.append(Photograph(source.stem, camera, PictureLoader(source, stored, target, mask)))
     splits = hold_out(photographs)
-    facts = _facts_360(photographs, bounds) if spherified else _facts_ndc(photographs)
+    facts = _facts_360(photographs, bounds) if spherified else ndc_facts(photographs)
     return Scene(path=path, kind="llff", splits=splits, notes=vars(options), **facts)
 
 
@@ -90,8 +90,8 @@ def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, n
     return P, (round(height), round(width)), float(focal), bounds
 
 
-def choose_pictures(path: Path, downscale: int) -> tuple[list[Path], int]:
-    """The pictures of images_K with the largest K up to the downscale, sorted, and K (1 for images)."""
+def picture_folders(path: Path) -> dict[int, Path]:
+    """The folders images_K by K (1 for images), at least one. UserError where there is none."""
     folders = {1: path / "images"} if (path / "images").is_dir() else {}
     for folder in path.glob("images_*"):
         suffix = folder.name.removeprefix("images_")
@@ -99,6 +99,12 @@ def choose_pictures(path: Path, downscale: int) -> tuple[list[Path], int]:
             folders[int(suffix)] = folder
     if not folders:
         raise UserError("no pictures", where=path, expected="a folder images or images_K")
+    return folders
+
+
+def choose_pictures(path: Path, downscale: int) -> tuple[list[Path], int]:
+    """The pictures of images_K with the largest K up to the downscale, sorted, and K (1 for images)."""
+    folders = picture_folders(path)
     fitting = [factor for factor in folders if factor <= downscale]
     factor = max(fitting) if fitting else min(folders)
     if not fitting:
@@ -160,7 +166,8 @@ def _facts_360(photographs: list[Photograph], bounds: np.ndarray) -> dict:
     }
 
 
-def _facts_ndc(photographs: list[Photograph]) -> dict:
+def ndc_facts(photographs: list[Photograph]) -> dict:
+    """What a Scene in NDC says of the space. UserError where a photograph sees what the warp cannot show."""
     camera = photographs[0].camera
     ndc_camera = (camera.width, camera.height, camera.fx)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -187,7 +194,7 @@ def _not_forward(found: str) -> UserError:
     return UserError("not a forward-facing capture", where="poses_bounds.npy", found=found, remedy="use --spherify")
 
 
-def _target_size(stored: tuple[int, int], factor: int, downscale: int) -> tuple[int, int]:
+def target_size(stored: tuple[int, int], factor: int, downscale: int) -> tuple[int, int]:
     """Size of the pictures to train on, from stored ones that are `factor` times smaller than full size."""
     scale = min(1.0, factor / downscale)
     size = int(stored[0] * scale + 1e-6), int(stored[1] * scale + 1e-6)

@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from console import UserError
-from training.scenes import blender, llff, transforms
+from training.scenes import blender, colmap, llff, transforms
 from training.scenes.scene import Scene, SceneOptions
 
-LAYOUTS = (blender, llff, transforms)
+LAYOUTS = (blender, llff, transforms, colmap)  # COLMAP last: others keep its files beside their own
 
 
 def load_scene(path: str | Path, *, downscale: int = 1, spherify: bool | None = None, masks: bool = False) -> Scene:

@@ -54,16 +54,16 @@ class SceneOptions:
     downscale: int = 1
     """Divide width and height of the pictures by this whole number, averaging over areas."""
     spherify: bool | None = None
-    """LLFF: True reads a 360° capture, False a forward-facing one; None tells by where the cameras look."""
+    """LLFF and COLMAP: True reads a 360° capture, False a forward-facing one; None tells by where the cameras look."""
     masks: bool = False
-    """LLFF and transforms.json: cut the object out by the masks beside the pictures (alpha 0 where black)."""
+    """Captures: cut the object out by the masks beside the pictures (alpha 0 where black)."""
 
 
 @dataclass(frozen=True)
 class Scene:
     """Posed photographs by split, and what a trainer must know of the space they show.
 
-    kind: "blender", "llff", "transforms", ... near, far: along the unit-length ray (in NDC: 0, 1).
+    kind: "blender", "llff", "transforms" or "colmap". near, far: along the unit-length ray (in NDC: 0, 1).
     aabb: float64 [2, 3] box that holds the content, in the training frame (NDC space where ndc).
     worldspace_T_opengl: float64 [4, 4], the pack's grid frame (y up) to the training frame.
     ndc_camera: width, height and focal length in pixels that define the NDC warp; None unless ndc.

@@ -166,8 +166,9 @@ class App:
             self.making.offer(self, kind, path)
         elif kind == "pictures":
             text = (
-                "There are pictures in it, but nothing says where the camera stood. nerfstudio's ns-process-data, which "
-                "works through COLMAP, finds that out and writes a transforms.json beside them."
+                "There are pictures in it, but nothing says where the camera stood. COLMAP finds that out: its automatic "
+                "reconstruction writes a folder sparse beside a folder images, and the two make a scene. nerfstudio's "
+                "ns-process-data does the same, and writes a transforms.json."
             )
             self.messages.dialogs.append(Dialog(f"{path.name} has no camera poses", text))
         else:

@@ -12,7 +12,13 @@ from scenepack.files import PARAMS_NAME
 
 Kind = Literal["pack", "run", "scene", "pictures", "unknown"]
 PICTURES = (".png", ".jpg", ".jpeg")
-SCENE_FILES = ("transforms_train.json", "transforms.json", "poses_bounds.npy", "sparse/0/cameras.bin")
+SCENE_FILES = (
+    "transforms_train.json",
+    "transforms.json",
+    "poses_bounds.npy",
+    "sparse/0/cameras.bin",
+    "sparse/cameras.bin",
+)
 
 
 @dataclass(frozen=True)

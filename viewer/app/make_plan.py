@@ -34,7 +34,7 @@ PRESETS: dict[Preset, tuple[str, str]] = {
 }
 DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
-KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json"}
+KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
 PARTS = ("jax", "optax", "safetensors", "scipy")  # the extra `train`
 
 
@@ -47,7 +47,7 @@ class Survey:
     """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest.
 
     error: why it is no scene that can be read. text: one line about it. sizes: width, height in pixels by downscale.
-    automatic: the downscale of a preset that shrinks. forward: LLFF cameras that may be read as looking all around.
+    automatic: the downscale of a preset that shrinks. forward: cameras (LLFF, COLMAP) that may be read as looking all around.
     """
 
     def __init__(self, path: Path) -> None:

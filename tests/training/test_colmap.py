@@ -1,0 +1,236 @@
+"""COLMAP scenes: the geometry of what pycolmap wrote, which pictures are taken, and what is wrong with the files."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from console import Notice, UserError
+from tests.training.reconstructions import SIZE, around, ball, save_picture, side_by_side, write_colmap
+from tests.training.test_captures import complaint, everyone, write_transforms
+from training.scenes import load_scene
+from training.scenes.colmap_files import FILES, read_reconstruction
+from training.scenes.rays import camera_rays, ndc_points
+from training.scenes.scene import Scene
+
+
+def met_points(scene: Scene, model: Path) -> tuple[np.ndarray, np.ndarray, float]:
+    """Where the rays through each point's pixels meet [M, 3], COLMAP's place of it [M, 3], and how far they miss, at most.
+
+    Says nothing of how the reader makes cameras: pixels and places are pycolmap's, rays are training.scenes.rays'.
+    """
+    made = pycolmap.Reconstruction(model)
+    cameras = {photograph.name: photograph.camera for photograph in everyone(scene)}
+    lines: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for image in made.images.values():
+        camera = cameras[image.name]
+        for point in image.points2D:
+            x, y = point.xy / SIZE * (camera.width, camera.height)
+            lines.setdefault(point.point3D_id, []).append(camera_rays(camera, np.array(x), np.array(y)))
+    met, miss = [], 0.0
+    for rays in lines.values():
+        origins, directions = (np.stack(values) for values in zip(*rays, strict=True))
+        across = np.eye(3) - directions[:, :, None] * directions[:, None]
+        at = np.linalg.solve(across.sum(0), (across @ origins[..., None]).sum(0)[:, 0])
+        miss = max(miss, float(np.linalg.norm((across @ (at - origins)[..., None])[..., 0], axis=-1).max()))
+        met.append(at)
+    return np.array(met), np.array([made.points3D[number].xyz for number in lines]), miss
+
+
+def similarity_between(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
+    """Rotation times scale [3, 3] that takes centred `source` to centred `target`, and the largest distance left."""
+    a, b = source - source.mean(0), target - target.mean(0)
+    left, sizes, right = np.linalg.svd(b.T @ a)
+    scaled = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right * sizes.sum() / np.square(a).sum()
+    return scaled, float(np.linalg.norm(a @ scaled.T - b, axis=-1).max())
+
+
+@pytest.mark.parametrize("models", [("SIMPLE_PINHOLE", "PINHOLE"), ("SIMPLE_RADIAL", "RADIAL"), ("PINHOLE", "OPENCV")])
+@pytest.mark.parametrize("downscale", [1, 3])
+def test_rays_through_a_points_pixels_meet_where_colmap_has_it_and_up_is_up(tmp_path, models, downscale):
+    path = write_colmap(tmp_path, around(), ball(), models)
+    scene = load_scene(path, downscale=downscale)
+    met, places, miss = met_points(scene, path / "sparse/0")
+    assert len(met) == 150 and miss < 1e-6
+    scaled, error = similarity_between(places, met)
+    assert error < 1e-6
+    up = scaled @ np.array([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(up / np.linalg.norm(up), [0, 0, 1], atol=0.02)
+    assert np.linalg.norm([p.camera.world_T_camera[:3, 3] for p in everyone(scene)], axis=-1).mean() == pytest.approx(1)
+
+
+def test_the_points_say_where_things_are_whatever_was_matched_wrongly(tmp_path):
+    path = write_colmap(tmp_path, around(), ball(), mistakes=2)
+    scene = load_scene(path)
+    met, _, _ = met_points(load_scene(write_colmap(tmp_path / "clean", around(), ball())), tmp_path / "clean/sparse/0")
+    inside = np.all((met > scene.aabb[0]) & (met < scene.aabb[1]), axis=1)
+    assert inside.mean() > 0.95 and np.ptp(scene.aabb, axis=0).max() < 2 * np.ptp(met, axis=0).max()
+    eyes = np.stack([p.camera.world_T_camera[:3, 3] for p in everyone(scene)])
+    distances = np.linalg.norm(met[:, None] - eyes, axis=-1)
+    assert 0.3 < scene.near < distances.min() and scene.far > distances.max() and scene.disparity and not scene.ndc
+
+
+def test_a_capture_that_looks_outwards_has_its_walls_in_the_box(tmp_path):
+    P = around()
+    P[:, :3, 0] *= -1
+    P[:, :3, 2] *= -1  # turned round, and still no mirror
+    directions = np.random.default_rng(3).normal(size=(900, 3))
+    walls = 12 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    scene = load_scene(write_colmap(tmp_path, P, np.add(walls, (1, -2, 0.5)), ("PINHOLE",)))
+    assert np.ptp(scene.aabb, axis=0)[:2].min() > 2 * 12 / 3.3 and np.linalg.norm(scene.aabb.mean(0)[:2]) < 0.2
+
+
+def test_every_eighth_picture_by_name_is_held_out_and_folders_belong_to_names(tmp_path):
+    scene = load_scene(write_colmap(tmp_path, around(), ball()))
+    names = sorted(p.name for p in everyone(scene))
+    assert names[0] == "left/01.png" and [p.name for p in scene.splits["test"]] == names[::8]
+    photograph = scene.splits["train"][0]
+    colour = 10 * int(Path(photograph.name).stem)
+    assert photograph.load()[0, 0, 0] == pytest.approx(colour / 255)
+
+
+def test_opaque_photographs_from_all_around_are_surroundings_to_the_trainer(tmp_path):
+    from training.dataset import make_dataset
+
+    dataset = make_dataset(load_scene(write_colmap(tmp_path, around(), ball(), ("OPENCV",)), downscale=4))
+    assert dataset.kind == "surroundings" and dataset.facts.distorted
+
+
+def test_cameras_that_look_forward_are_read_in_ndc_unless_told_otherwise(tmp_path):
+    depths = np.random.default_rng(4).uniform(2.0, 9.0, 300)
+    aside = np.random.default_rng(5).uniform(-0.3, 0.3, (300, 2)) * depths[:, None]
+    points = np.concatenate([aside, -depths[:, None]], axis=1)
+    path = write_colmap(tmp_path, side_by_side(), np.add(points, (1, -2, 3.5)))
+    with pytest.warns(Notice, match="--spherify"):
+        scene = load_scene(path)
+    assert scene.ndc and scene.ndc_camera == (*SIZE, 50.0) and (scene.near, scene.far) == (0, 1)
+    met, _, miss = met_points(scene, path / "sparse/0")
+    warped = ndc_points(met, *scene.ndc_camera)
+    assert miss < 1e-6 and warped[:, 2].min() > -1 and 0.2 < warped[:, 2].max() < 1
+    assert np.all((warped > scene.aabb[0]) & (warped < scene.aabb[1]))
+    around_it = load_scene(path, spherify=True)
+    assert not around_it.ndc and around_it.disparity
+
+
+def test_shrunk_pictures_are_taken_where_they_are_what_they_say(tmp_path):
+    path = write_colmap(tmp_path, around(), ball())
+    for folder, size in (("images_2", (24, 18)), ("images_3", (40, 30))):
+        for index in range(10):
+            save_picture(path / folder / f"{'left' if index % 2 else 'right'}/{index:02d}.jpg", size, index)
+    for downscale, size, source in ((1, SIZE, "images"), (2, (24, 18), "images_2"), (4, (12, 9), "images_2")):
+        photograph = load_scene(path, downscale=downscale).splits["train"][0]
+        assert photograph.load.path.relative_to(path).parts[0] == source
+        assert photograph.load().shape[1::-1] == (photograph.camera.width, photograph.camera.height) == size
+    shutil.rmtree(path / "images")
+    shutil.rmtree(path / "images_3")
+    with pytest.warns(Notice, match="images_2"):
+        assert load_scene(path).splits["train"][0].camera.width == 24
+
+
+def test_masks_cut_the_object_out(tmp_path):
+    path = write_colmap(tmp_path, around(3), ball())
+    assert "masks" in complaint(path, masks=True)
+    mask = np.zeros(SIZE[::-1], np.uint8)
+    mask[9:27] = 255
+    for name in ("left/01.png.png", "right/00.png", "right/02_mask.png"):  # COLMAP's name, the same name, and LLFF's
+        (path / "masks" / name).parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(mask).save(path / "masks" / name)
+    for photograph in everyone(load_scene(path, masks=True)):
+        alpha = photograph.load()[..., 3]
+        assert alpha[:9].max() == 0 and alpha[9:27].min() == 1
+    (path / "masks" / "right/00.png").unlink()
+    assert "right/00.png" in complaint(path, masks=True)
+
+
+def test_what_is_left_out_is_told_in_one_line_each(tmp_path):
+    path = write_colmap(tmp_path, around(), ball(), unposed=2)
+    (path / "images/right/04.png").unlink()
+    shutil.copytree(path / "sparse/0", path / "sparse/1")
+    with pytest.warns(Notice) as told:
+        assert len(everyone(load_scene(path))) == 9
+    lines = "\n".join(str(one.message) for one in told)
+    assert len(told) == 3 and "2 of 11 pictures have no pose" in lines and "lost_0.png" in lines
+    assert "1 of 10 images" in lines and "right/04.png" in lines and "2 parts" in lines
+
+
+def test_few_points_leave_a_guess_with_a_notice(tmp_path):
+    with pytest.warns(Notice, match="20 points"):
+        scene = load_scene(write_colmap(tmp_path, around(), ball(20)))
+    np.testing.assert_array_equal(scene.aabb, [[-1.5] * 3, [1.5] * 3])
+
+
+def test_the_reconstruction_may_lie_in_sparse_itself_and_others_descriptions_win(tmp_path):
+    path = write_colmap(tmp_path / "s", around(), ball(), folder="sparse")
+    assert load_scene(path).kind == "colmap"
+    (tmp_path / "t").mkdir()
+    write_transforms(tmp_path / "t" / "u", around())
+    shutil.copytree(path / "sparse", tmp_path / "t/u/sparse")
+    assert load_scene(tmp_path / "t" / "u").kind == "transforms"
+
+
+def test_unsupported_lenses_are_named(tmp_path):
+    words = complaint(write_colmap(tmp_path, around(3), ball(), ("PINHOLE", "OPENCV_FISHEYE")))
+    assert "OPENCV_FISHEYE" in words and "RADIAL" in words and "image_undistorter" in words
+
+
+def test_without_pycolmap_the_remedy_is_told(tmp_path, monkeypatch):
+    path = write_colmap(tmp_path, around(3), ball())
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    assert "pip install 'snerg[colmap]'" in complaint(path)
+
+
+def test_an_empty_reconstruction_is_told(tmp_path):
+    path = write_colmap(tmp_path, around(3), ball())
+    pycolmap.Reconstruction().write(path / "sparse/0")
+    assert "no image has a pose" in complaint(path)
+
+
+def test_missing_parts_and_pictures_are_told(tmp_path):
+    path = write_colmap(tmp_path, around(3), ball())
+    save_picture(path / "images/left/01.png", (36, 48))
+    assert "the shape of 48x36" in complaint(path)
+    (path / "images/left/01.png").write_text("no picture")
+    assert "not a readable picture" in complaint(path)
+    shutil.rmtree(path / "images")
+    assert "no pictures" in complaint(path)
+    (path / "images").mkdir()
+    assert "picture not found" in complaint(path)
+    (path / "sparse/0/points3D.bin").unlink()
+    assert "points3D.bin: this part" in complaint(path)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_cut_anywhere_is_told_as_damaged_and_nothing_hangs(tmp_path, name):
+    path = write_colmap(tmp_path, around(3), ball(5))
+    file = path / "sparse/0" / name
+    whole = file.read_bytes()
+    for length in range(0, len(whole), 7):
+        file.write_bytes(whole[:length])
+        with pytest.raises(UserError, match=name) as raised:
+            read_reconstruction(file.parent)
+        assert "damaged" in str(raised.value) or "lens model" in str(raised.value)
+    for spoilt in (b"\xff" * len(whole), whole + b"more", b"version https://git-lfs.github.com/spec/v1\n"):
+        file.write_bytes(spoilt)
+        assert name in complaint(path)
+
+
+def test_numbers_that_no_camera_can_have_are_told(tmp_path):
+    path = write_colmap(tmp_path, around(3), ball(), ("PINHOLE",))
+    file = path / "sparse/0/cameras.bin"
+    whole = file.read_bytes()
+    file.write_bytes(whole[:32] + np.array([np.nan, 51, 23, 19]).tobytes())
+    assert "camera 1" in complaint(path)
+    file.write_bytes(whole)
+    for newer in ("rigs.bin", "frames.bin"):  # where COLMAP keeps poses since 3.12; older ones have none
+        (path / "sparse/0" / newer).unlink()
+    file = path / "sparse/0/images.bin"
+    assert len(everyone(load_scene(path))) == 3
+    whole = file.read_bytes()
+    file.write_bytes(whole[:12] + b"\xff" * 32 + whole[44:])
+    assert "not finite" in complaint(path)
