@@ -70,7 +70,7 @@ def report(
         raise UserError("is a file", where=out, expected="a folder, or nothing yet")
     from baker import report_tables
     from baker.bake import BakeConfig
-    from viewer.arguments import parse_size
+    from console.arguments import parse_size
 
     pixels = parse_size(size) if size else None
     options = BakeConfig(resolution=resolution, fine_tune_epochs=fine_tune_epochs)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import shlex
+import sys
 from pathlib import Path
 
 import jax
@@ -22,6 +23,8 @@ from training.interrupt import interruptible
 from training.recorder import Recorder
 from training.run import Run, resume_run, start_run
 from training.scenes import SceneOptions
+from training.scenes.box import box_line
+from training.scenes.scene import Box
 
 AGREE_EVERY = 10  # steps between asking the other processes whether one was told to stop
 
@@ -34,6 +37,7 @@ def train(
     downscale: int = 1,
     spherify: bool | None = None,
     masks: bool = False,
+    aabb: Box | None = None,
     resume: bool = False,
 ) -> Run:
     """Trains into the folder `out` until config.steps, and returns the finished run.
@@ -44,8 +48,10 @@ def train(
     """
     keep_freed_memory()
     scene_path, out = Path(scene_path), Path(out)
-    options = SceneOptions(downscale, spherify, masks)
+    options = SceneOptions(downscale, spherify, masks, aabb)
     run = resume_run(out, scene_path, config) if resume else start_run(out, scene_path, config, options)
+    if is_writer() and (line := box_line(run.scene, given=run.options.aabb is not None)):
+        print(line, file=sys.stderr, flush=True)
     with together():
         recorder = Recorder(run)
 

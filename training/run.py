@@ -26,6 +26,7 @@ from training.devices import agree, is_writer, together
 from training.method import Method
 from training.methods import make_method
 from training.scenes import Scene, SceneOptions, load_scene
+from training.scenes.box import checked_box
 
 FORMAT = 1
 
@@ -198,11 +199,17 @@ def read_description(path: Path) -> RunDescription:
         return RunDescription(
             config,
             Path(document["scene"]),
-            SceneOptions(**document["scene_options"]),
+            _scene_options(document["scene_options"]),
             dict(document.get("provenance", {})),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError("the run's description is damaged", where=file, found=str(error)[:100]) from error
+
+
+def _scene_options(values: dict[str, Any]) -> SceneOptions:
+    """Options from JSON, which knows no tuples; those that an older run lacks have their defaults."""
+    box = values.get("aabb")
+    return SceneOptions(**{**values, "aabb": None if box is None else checked_box(box)})
 
 
 def _provenance() -> dict[str, Any]:

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from console import UserError, run_command
+from console.arguments import parse_numbers
 from console.plots import Line, draw_plot
 from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp, pack_of_cube
-from viewer.arguments import parse_numbers
 from viewer.benchmark import Contender, measure
 from viewer.camera import orbit_path
 from viewer.settings import RenderSettings

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from console import UserError, run_command
+from console.arguments import join_negative_values
 from training.config import BakeablePreset
 
 DESCRIPTION = (
@@ -30,6 +31,7 @@ def snerg_make(
     downscale: int | None = None,
     spherify: bool = False,
     masks: bool = False,
+    aabb: str | None = None,
     steps: int | None = None,
     resolution: int | None = None,
     fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp",
@@ -47,6 +49,8 @@ def snerg_make(
             longer side to 256 pixels or fewer. LLFF captures count from their full-size pictures.
         spherify: Read an LLFF or COLMAP capture as one from all around, also where its cameras look forward.
         masks: Cut the object out by the masks beside the pictures.
+        aabb: The box that holds the content, as x0,y0,z0,x1,y1,z1 in the scene's training frame, in place of the one that is
+            found (which is printed when training begins); not for forward-facing scenes, which are in NDC.
         steps: Training steps; by default the preset's.
         resolution: Voxels along the longest side of the baked grid; by default the preset's.
         fine_tune: What is tuned after baking, see snerg-bake; all takes minutes more and is sharper.
@@ -59,8 +63,11 @@ def snerg_make(
     from training.config import PRESETS
     from training.loop import train
     from training.run import is_run, read_description
+    from training.scenes import SceneOptions
+    from training.scenes.box import OPTION, parse_box
     from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
 
+    box = None if aabb is None else parse_box(aabb)
     run_path, pack_path = out / "run", out / "pack"
     check_target(pack_path)
     config = dataclasses.replace(PRESETS[preset], seed=seed)
@@ -73,12 +80,14 @@ def snerg_make(
         if stored.scene != scene.resolve():
             raise UserError("holds a run of another scene", where=run_path, expected=scene, found=stored.scene,
                             remedy="choose another --out")  # fmt: skip
+        if box is not None and box != stored.options.aabb:
+            raise UserError("a run cannot change what it is trained on", where=OPTION, expected=stored.options.aabb or "none",
+                            found=box, remedy="leave it out, or choose another --out")  # fmt: skip
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
     else:
         downscale = downscale or suggested_downscale(scene, LONGEST_SIDE.get(preset))
-    run = train(
-        scene, run_path, config, downscale=downscale or 1, spherify=spherify or None, masks=masks, resume=resume
-    )
+    options = SceneOptions(downscale or 1, spherify or None, masks, box)
+    run = train(scene, run_path, config, **vars(options), resume=resume)
     trained = time.monotonic()
     voxels = resolution or RESOLUTION.get(preset, FULL_RESOLUTION)
     bake_to(run, BakeConfig(resolution=voxels, fine_tune=fine_tune), pack_path)
@@ -98,7 +107,8 @@ def minutes(seconds: float) -> str:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(snerg_make, prog="snerg-make", description=DESCRIPTION, args=args)
+    words = join_negative_values(sys.argv[1:] if args is None else args, ["--aabb"])
+    return run_command(snerg_make, prog="snerg-make", description=DESCRIPTION, args=words)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
         json: Also write the figures to this file; "-" prints them instead.
     """
     from baker.pack_compare import compare_packs  # OpenGL starts here, not for info
-    from viewer.arguments import parse_size
+    from console.arguments import parse_size
 
     if not 1 <= views <= 1000:
         raise UserError("is out of range", where="--views", expected="1 to 1000", found=views)

@@ -106,6 +106,10 @@ def test_reading_a_capture_from_all_around_as_forward_facing_is_refused(tmp_path
     assert "--spherify" in complaint(write_llff(tmp_path, circle(height=0.0)), spherify=False)
 
 
+def test_cameras_that_look_the_same_way_cannot_be_spherified(tmp_path: Path):
+    assert "leave out --spherify" in complaint(write_llff(tmp_path, forward()), spherify=True)
+
+
 def test_the_folder_of_pictures_follows_the_downscale(tmp_path: Path):
     path = write_llff(tmp_path, forward(), sizes={"images_2": (20, 16), "images_4": (10, 8)})
     for downscale, size in ((2, (20, 16)), (4, (10, 8)), (8, (5, 4))):

@@ -13,8 +13,11 @@ from typing import Annotated, cast
 import tyro
 
 from console import UserError, run_command
+from console.arguments import join_negative_values
 from training.config import PRESETS, PresetName, TrainConfig
 from training.scenes import SceneOptions
+from training.scenes.box import OPTION, parse_box
+from training.scenes.scene import Box
 
 DEFAULT_PRESET = "cpu"
 DESCRIPTION = "Trains a deferred NeRF on posed photographs. The run can be stopped and resumed at any time."
@@ -30,7 +33,7 @@ FREE = (
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    args = list(sys.argv[1:] if args is None else args)
+    args = join_negative_values(sys.argv[1:] if args is None else args, [OPTION])
     return run_command(make_command(args), prog="snerg-train", description=DESCRIPTION, args=args)
 
 
@@ -57,6 +60,7 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         downscale: int | None = None,
         spherify: bool = False,
         masks: bool = False,
+        aabb: str | None = None,
         resume: bool = False,
         coordinator: str | None = None,
         processes: int | None = None,
@@ -75,6 +79,8 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
             downscale: Divide width and height of the pictures by this whole number (1 where not given).
             spherify: Read an LLFF or COLMAP capture as one from all around, also where its cameras look forward.
             masks: Cut the object out by the masks beside the pictures.
+            aabb: The box that holds the content, as x0,y0,z0,x1,y1,z1 in the scene's training frame, in place of the one that
+                is found (which is printed when training begins); not for forward-facing scenes, which are in NDC.
             resume: Go on with the run in --out from its newest checkpoint, with the run's own settings.
             coordinator: HOST:PORT of process 0, for a run of several processes whose launcher says nothing of them (see
                 docs/distributed.md; Slurm, MPI and Kubernetes mostly need none of these three).
@@ -88,12 +94,13 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         from training.loop import train
         from training.run import read_description
 
+        box = None if aabb is None else parse_box(aabb)
         if resume:
             stored = read_description(out)
             _refuse_changes(stored.config, config)
-            options = _stored_options(stored.options, downscale, spherify or None, masks or None)
+            options = _stored_options(stored.options, downscale, spherify or None, masks or None, box)
         else:
-            options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks)
+            options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks, box)
         run = train(scene, out, config, **vars(options), resume=resume)
         if is_writer():
             print(f"{out}: {run.step} of {config.steps} steps done; bake it with: snerg-bake {out} --out PACK")
@@ -102,16 +109,17 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
 
 
 def _stored_options(
-    stored: SceneOptions, downscale: int | None, spherify: bool | None, masks: bool | None
+    stored: SceneOptions, downscale: int | None, spherify: bool | None, masks: bool | None, aabb: Box | None
 ) -> SceneOptions:
     """A resumed run reads the same pictures in the same way; options that say otherwise are refused."""
-    asked = {"downscale": downscale, "spherify": spherify, "masks": masks}
+    asked = {"downscale": downscale, "spherify": spherify, "masks": masks, "aabb": aabb}
     for name, value in asked.items():
-        if value is not None and value != getattr(stored, name):
+        before = getattr(stored, name)
+        if value is not None and value != before:
             raise UserError(
-                "a run cannot change its pictures",
+                "a run cannot change what it is trained on",
                 where=f"--{name}",
-                expected=getattr(stored, name),
+                expected="none" if before is None else before,
                 found=value,
                 remedy="leave it out with --resume",
             )

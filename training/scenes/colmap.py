@@ -198,7 +198,7 @@ def _placed(
         near, far = _near_far(P, points, found)
         box = _box(P, points, found.tracks, otherwise=box)
     else:
-        text = f"{len(found.points)} points say too little of where things are; the box that is trained is a guess"
+        text = f"{len(found.points)} points say too little of where things are; the box is a guess, which --aabb mends"
         warnings.warn(Notice(f"{path}: {text}"), stacklevel=3)
     facts = {"near": near, "far": far, "aabb": box, "disparity": True, "worldspace_T_opengl": WORLDSPACE_T_OPENGL}
     return _moved(photographs, P), facts

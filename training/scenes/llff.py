@@ -141,7 +141,11 @@ def recentre(P: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def spherify(P: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Poses and depths of a 360 degree capture about the point it looks at, cameras at root mean square distance 1."""
-    centre = focus_point(P)
+    try:
+        centre = focus_point(P)
+    except np.linalg.LinAlgError as error:
+        raise UserError("the cameras all look the same way, at no point in common", where="poses_bounds.npy",
+                        remedy="leave out --spherify") from error  # fmt: skip
     z = normalised((P[:, :3, 3] - centre).mean(0))
     x = normalised(np.cross([0.1, 0.2, 0.3], z))  # any direction across; this one is NeRF's
     axes = np.stack([x, np.cross(z, x), z], axis=1)

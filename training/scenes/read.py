@@ -6,16 +6,25 @@ downscale).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from console import UserError
 from training.scenes import blender, colmap, llff, transforms
+from training.scenes.box import checked_box, with_box
 from training.scenes.scene import Scene, SceneOptions
 
 LAYOUTS = (blender, llff, transforms, colmap)  # COLMAP last: others keep its files beside their own
 
 
-def load_scene(path: str | Path, *, downscale: int = 1, spherify: bool | None = None, masks: bool = False) -> Scene:
+def load_scene(
+    path: str | Path,
+    *,
+    downscale: int = 1,
+    spherify: bool | None = None,
+    masks: bool = False,
+    aabb: Sequence[float] | None = None,
+) -> Scene:
     """Reads the posed photographs in a folder; pictures are decoded lazily.
 
     Options: see SceneOptions. Raises UserError, in one line, for whatever is wrong with the folder, its descriptions or
@@ -32,7 +41,9 @@ def load_scene(path: str | Path, *, downscale: int = 1, spherify: bool | None = 
         raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
     for layout in LAYOUTS:
         if layout.recognises(path):
-            return layout.read(path, SceneOptions(int(downscale), spherify, masks))
+            options = SceneOptions(int(downscale), spherify, masks, None if aabb is None else checked_box(aabb))
+            scene = layout.read(path, options)
+            return scene if options.aabb is None else with_box(scene, options.aabb)
     raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
 
 

@@ -47,6 +47,9 @@ class Photograph:
     load: Callable[[], np.ndarray]
 
 
+Box = tuple[float, float, float, float, float, float]  # x0, y0, z0, x1, y1, z1
+
+
 @dataclass(frozen=True)
 class SceneOptions:
     """How a folder is to be read; a run stores it to read the same photographs again."""
@@ -57,6 +60,8 @@ class SceneOptions:
     """LLFF and COLMAP: True reads a 360° capture, False a forward-facing one; None tells by where the cameras look."""
     masks: bool = False
     """Captures: cut the object out by the masks beside the pictures (alpha 0 where black)."""
+    aabb: Box | None = None
+    """The box that holds the content, in the training frame, in place of the reader's own; not for NDC scenes."""
 
 
 @dataclass(frozen=True)

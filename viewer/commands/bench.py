@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from console import UserError, run_command
+from console.arguments import parse_size
 from scenepack import Pack, load_pack
 from viewer import bench_report
-from viewer.arguments import parse_size
 from viewer.benchmark import PROTOCOLS, Contender, Measurement, measure
 from viewer.settings import RenderSettings
 

@@ -11,9 +11,9 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, progress, run_command
+from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
 from scenepack import Pack, load_pack
 from training.scenes import load_scene
-from viewer.arguments import join_negative_values, parse_numbers, parse_point, parse_size
 from viewer.camera import ViewCamera, content_box, is_mirrored, orbit_path
 from viewer.films import require_video, write_film
 from viewer.offscreen import OffscreenRenderer

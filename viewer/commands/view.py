@@ -13,6 +13,8 @@ from typing import Annotated, Literal
 import tyro
 
 from console import UserError, run_command
+from console.arguments import join_negative_values
+from console.arguments import parse_size as parse_pixels
 from scenepack.reader import load_pack
 from viewer.app import preferences
 from viewer.app.application import App
@@ -21,8 +23,6 @@ from viewer.app.files import kind_of
 from viewer.app.pose import pose_from_text
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
-from viewer.arguments import join_negative_values
-from viewer.arguments import parse_size as parse_pixels
 from viewer.flyover import fly_over
 from viewer.settings import Mode, RenderSettings
 from viewer.window import NoDisplay, Window, display_problem

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from console import UserError
+from console.errors import UserError
 
 MAX_SIDE = 16384
 
