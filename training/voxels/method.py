@@ -28,7 +28,7 @@ from training.view_mlp import apply_view_mlp, init_view_mlp
 from training.volume import alpha_of
 from training.voxels import stages
 from training.voxels.config import settings_for
-from training.voxels.march import MarchSizes, Samples, march, to_grid, transmittance
+from training.voxels.march import GridRays, MarchSizes, Samples, march, to_grid, transmittance
 from training.voxels.smoothness import distortion, neighbourhood, variation, windows
 from training.voxels.sparse_grid import CHANNELS, DEPTH_UNITS, GridLayout, blend, cell_means, interpolate, with_depths
 
@@ -146,52 +146,110 @@ def update(
     hits: jax.Array, hit_count: jax.Array, dataset: RayDataset, key: jax.Array, step: jax.Array, progress: jax.Array,
     *, sizes: MarchSizes, rays: int, settings: Settings,
 ) -> tuple[Trainable, Trainable, Trainable, jax.Array, dict[str, jax.Array]]:  # fmt: skip
-    """One step: draw rays, march, render, differentiate, Adam. Samples are spread over the devices of the dataset's mesh."""
+    """One step: draw rays, march, render, differentiate, Adam. Samples are spread over the devices of the dataset's mesh.
+
+    Its parts are functions of their own, so that training.profile_step can time what is run here.
+    """
     ray_key, phase_key, voxel_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 4)
+    batch = draw(hits, hit_count, dataset, ray_key, colour_key, rays, settings)
+    grid_rays, samples = marched(batch, layout, phase_key, sizes, settings, dataset.mesh)
+    rows = addressed(trainable, layout, cells, samples, voxel_key, settings)
+
+    def loss_of(trainable: Trainable) -> tuple[jax.Array, dict[str, jax.Array]]:
+        values = fetched(trainable, rows)
+        return losses(trainable, values, rows, batch, grid_rays, samples, layout, sizes, settings)
+
+    (loss, metrics), gradient = jax.value_and_grad(loss_of, has_aux=True)(trainable)
+    trainable, first, second = adam(trainable, gradient, first, second, updates, progress, settings)
+    metrics |= {"loss": loss, "psnr": psnr_of(metrics["mse"])}
+    return trainable, first, second, updates + 1, metrics
+
+
+class Batch(NamedTuple):
+    """The rays of a step, their colours [N, 3] and the background [N, 3] that these were laid over."""
+
+    rays: Rays
+    target: jax.Array
+    background: jax.Array
+
+
+class Addresses(NamedTuple):
+    """Rows int32 [S, 8] and trilinear weights [S, 8] around each sample; rows [P, 4] of voxels whose variation is looked at."""
+
+    ids: jax.Array
+    weights: jax.Array
+    near: jax.Array
+
+
+def draw(
+    hits: jax.Array, hit_count: jax.Array, dataset: RayDataset, ray_key: jax.Array, colour_key: jax.Array, rays: int,
+    settings: Settings,
+) -> Batch:  # fmt: skip
+    """Random training rays among those that meet content, and their pixels."""
     ids = hits[jax.random.randint(ray_key, (rays,), 0, hit_count)]
     # Before a background of any colour, gaps in opaque photographs are mistakes, and so is white mist around what masks
     # cut out. Rendered pictures are seen before their own colour, and keep it.
     background = jax.random.uniform(colour_key, (rays, 3))
     if not settings.any_background:
         background = jnp.broadcast_to(jnp.asarray(settings.background), (rays, 3))
-    batch, target = split((dataset.geometry_at(ids), dataset.colours_over(ids, background)), dataset.mesh)
-    grid_rays, phase = to_grid(layout, batch), jax.random.uniform(phase_key, (rays,))
+    return Batch(*split((dataset.geometry_at(ids), dataset.colours_over(ids, background)), dataset.mesh), background)
+
+
+def marched(
+    batch: Batch, layout: GridLayout, phase_key: jax.Array, sizes: MarchSizes, settings: Settings, mesh: Mesh
+) -> tuple[GridRays, Samples]:
+    """The samples of a batch, empty space left out, at a random phase of each ray."""
+    grid_rays = to_grid(layout, batch.rays)
+    phase = jax.random.uniform(phase_key, batch.rays.near.shape)
     samples = march(layout, grid_rays, phase, sizes, settings.step_voxels, settings.horizon)
-    samples = split(samples, dataset.mesh)
+    return grid_rays, split(samples, mesh)
+
+
+def addressed(
+    trainable: Trainable, layout: GridLayout, cells: jax.Array, samples: Samples, voxel_key: jax.Array,
+    settings: Settings,
+) -> Addresses:  # fmt: skip
+    """Which voxels a step reads: around its samples, and in random windows, for their variation."""
+    ids, weights = layout.corners(samples.g)
+    picked = windows(voxel_key, trainable.rows.shape[0] - 1, settings.variation_share)
+    return Addresses(ids, weights, neighbourhood(layout, cells, picked))
+
+
+def fetched(trainable: Trainable, rows: Addresses) -> tuple[jax.Array, jax.Array]:
+    """Raw values [S, 8] at the samples, and those of the neighbourhoods [P, 4, 8]."""
+    # One gather for samples and neighbourhoods: its transpose is one scatter into one dense gradient.
+    values = trainable.rows[jnp.concatenate([rows.ids.ravel(), rows.near.ravel()])]
+    at_samples, nearby = values[: rows.ids.size].reshape(-1, 8, CHANNELS), values[rows.ids.size :]
+    return blend(at_samples, rows.weights), nearby.reshape(-1, 4, CHANNELS)
+
+
+def losses(
+    trainable: Trainable, values: tuple[jax.Array, jax.Array], rows: Addresses, batch: Batch, grid_rays: GridRays,
+    samples: Samples, layout: GridLayout, sizes: MarchSizes, settings: Settings,
+) -> tuple[jax.Array, dict[str, jax.Array]]:  # fmt: skip
+    """The loss of a step and its metrics, from raw values at the samples and in the neighbourhoods."""
+    (raw, nearby), count = values, batch.target.shape[0]
     counted = samples.complete & (samples.counts > 0)
     total = jnp.maximum(counted.sum(), 1)
-    sample_ids, sample_weights = layout.corners(samples.g)
-    near_ids = neighbourhood(layout, cells, windows(voxel_key, trainable.rows.shape[0] - 1, settings.variation_share))
-
-    def loss_of(trainable: Trainable) -> tuple[jax.Array, dict[str, jax.Array]]:
-        # One gather for samples and neighbourhoods: its transpose is one scatter into one dense gradient.
-        values = trainable.rows[jnp.concatenate([sample_ids.ravel(), near_ids.ravel()])]
-        at_samples, nearby = values[: sample_ids.size].reshape(-1, 8, CHANNELS), values[sample_ids.size :]
-        raw = blend(at_samples, sample_weights)
-        output, field, weights = render_samples(
-            raw, trainable.head, samples, grid_rays.length, batch.viewdirs, sizes, settings, background
-        )
-        error = jnp.square(output.rgb - target).sum(-1)
-        colour = jnp.where(counted, error, 0.0).sum() / total
-        penalty = jnp.where(samples.valid, jnp.log1p(jnp.square(field.density) / settings.sparsity_scale), 0.0).sum()
-        spacing = settings.step_voxels * layout.voxel.max() / settings.sparsity_spacing
-        sparsity = settings.sparsity_weight * spacing * penalty / total
-        scattered = 0.0
-        if settings.distortion_weight > 0:
-            spread = settings.distortion_spread / (layout.voxel.max() * settings.step_voxels)
-            scattered = distortion(samples, weights, spread, rays, sizes.per_ray) / total
-        rough_density, rough_colour = variation(nearby.reshape(-1, 4, CHANNELS), near_ids)
-        smooth = settings.variation[0] * rough_density + settings.variation[1] * rough_colour
-        mse = jnp.where(counted, jnp.square(jnp.clip(output.rgb, 0, 1) - target).sum(-1), 0.0).sum() / (3 * total)
-        scattered *= settings.distortion_weight
-        metrics = {"mse": mse, "sparsity": sparsity, "variation": smooth, "distortion": jnp.float32(scattered)}
-        metrics |= {"rays": total, "samples": samples.valid.sum()}
-        return colour + sparsity + smooth + scattered, metrics
-
-    (loss, metrics), gradient = jax.value_and_grad(loss_of, has_aux=True)(trainable)
-    trainable, first, second = adam(trainable, gradient, first, second, updates, progress, settings)
-    metrics |= {"loss": loss, "psnr": psnr_of(metrics["mse"])}
-    return trainable, first, second, updates + 1, metrics
+    output, field, weights = render_samples(
+        raw, trainable.head, samples, grid_rays.length, batch.rays.viewdirs, sizes, settings, batch.background
+    )
+    error = jnp.square(output.rgb - batch.target).sum(-1)
+    colour = jnp.where(counted, error, 0.0).sum() / total
+    penalty = jnp.where(samples.valid, jnp.log1p(jnp.square(field.density) / settings.sparsity_scale), 0.0).sum()
+    spacing = settings.step_voxels * layout.voxel.max() / settings.sparsity_spacing
+    sparsity = settings.sparsity_weight * spacing * penalty / total
+    scattered = 0.0
+    if settings.distortion_weight > 0:
+        spread = settings.distortion_spread / (layout.voxel.max() * settings.step_voxels)
+        scattered = distortion(samples, weights, spread, count, sizes.per_ray) / total
+    rough_density, rough_colour = variation(nearby, rows.near)
+    smooth = settings.variation[0] * rough_density + settings.variation[1] * rough_colour
+    mse = jnp.where(counted, jnp.square(jnp.clip(output.rgb, 0, 1) - batch.target).sum(-1), 0.0).sum() / (3 * total)
+    scattered *= settings.distortion_weight
+    metrics = {"mse": mse, "sparsity": sparsity, "variation": smooth, "distortion": jnp.float32(scattered)}
+    metrics |= {"rays": total, "samples": samples.valid.sum()}
+    return colour + sparsity + smooth + scattered, metrics
 
 
 def adam(

@@ -1,0 +1,261 @@
+"""Where the time of one training step of the fast method goes, on the machine at hand.
+
+    python -m training.profile_step RUN                        (a trained run, as its newest checkpoint left it)
+    python -m training.profile_step SCENE --preset cpu --steps 300   (photographs, trained that long first)
+
+The step (training.voxels.method.update) is compiled up to each of its parts. These programs take turns, round by round,
+with the whole step, which goes on training; a part's time is the median over rounds of the difference between its program
+and the one before, so that a machine that slows down slows all alike. What a compiler may fuse across the border of two
+parts is counted with the later one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from console import UserError, progress, run_command, write_json
+
+DESCRIPTION = "Times the parts of one training step of the fast method."
+PARTS = {
+    "draw": "random rays and their pixels",
+    "march": "which samples of each ray lie in stored voxels",
+    "gather": "the 8 voxels around each sample, looked up, fetched and blended",
+    "forward": "activation, compositing, the view MLP once a ray, the losses",
+    "backward": "all of these in reverse, and the scatter into one dense gradient",
+    "variation": "total variation of random windows of voxels, forth and back",
+    "adam": "the optimiser, over every stored voxel",
+    "remember": "how deep, optically, cells are: one look in 50 steps, spread over them",
+}
+WHOLE_STEP = "step"
+
+
+@dataclass(frozen=True)
+class Profile:
+    """parts: milliseconds of each of PARTS. step_ms: the whole step, by its own median. facts: what was profiled, on what."""
+
+    parts: dict[str, float]
+    step_ms: float
+    facts: dict[str, Any]
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Each part's share of their sum; a difference below zero is noise and counts as nothing."""
+        times = {name: max(ms, 0.0) for name, ms in self.parts.items()}
+        total = max(sum(times.values()), 1e-9)
+        return {name: ms / total for name, ms in times.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """For scripts: {"step_ms", "parts": {name: {"ms", "share"}}, and what was profiled}."""
+        parts = {name: {"ms": round(ms, 3), "share": round(self.shares[name], 4)} for name, ms in self.parts.items()}
+        return {"step_ms": round(self.step_ms, 3), "parts": parts, **self.facts}
+
+    def to_markdown(self) -> str:
+        """The table, below a line about what was profiled."""
+        facts = self.facts
+        about = (
+            f"{facts['scene']} after {facts['step']:,} steps: {facts['voxels']:,} voxels, {facts['rays']:,} rays and "
+            f"{facts['samples']:,} samples a step. {facts['rounds']} rounds on {facts['device']}; a step took "
+            f"{self.step_ms:.0f} ms, by the median."
+        )
+        rows = [
+            f"| {name} | {what} | {100 * self.shares[name]:.0f} % | {self.parts[name]:.1f} |"
+            for name, what in PARTS.items()
+        ]
+        return "\n".join([about, "", "| part | what it does | share | ms |", "| --- | --- | --- | --- |", *rows]) + "\n"
+
+
+def profile(
+    method: Any, state: Any, step: int, rounds: int, on_share: Callable[[float], None] = lambda _: None
+) -> Profile:
+    """Times `rounds` rounds at a VoxelState, whose trainable values are given away. step: how many were done before."""
+    import jax
+    import numpy as np
+
+    from training.voxels.method import REMEMBER_EVERY, compiled_remembering, compiled_update
+
+    programs = _prefixes(method, state)
+    names = [*programs, WHOLE_STEP, "remember"]
+    times: dict[str, list[float]] = {name: [] for name in names}
+    metrics: dict[str, Any] = {}
+    for turn in range(rounds + 1):  # the first compiles, and is not counted
+        at = step + turn
+        for name in names:
+            moments = (state.first, state.second, state.updates) if name == WHOLE_STEP else ()
+            shared = (
+                state.layout, state.cells, state.hits, state.hit_count, method.dataset, method.key, np.int32(at)
+            )  # fmt: skip
+            began = time.perf_counter()
+            if name == "remember":
+                depths = compiled_remembering(method.dataset.mesh)(state.trainable.rows, state.layout, method.settings)
+                jax.block_until_ready(depths.support)
+            elif name == WHOLE_STEP:
+                share = np.float32(min(at / max(method.config.steps, 1), 1.0))
+                *new, metrics = compiled_update(method.dataset.mesh)(
+                    state.trainable, *moments, *shared, share,
+                    sizes=state.sizes, rays=state.rays, settings=method.settings,
+                )  # fmt: skip
+                jax.block_until_ready(new)
+                state = state._replace(trainable=new[0], first=new[1], second=new[2], updates=new[3])
+            else:
+                jax.block_until_ready(programs[name](state.trainable, *shared))
+            if turn:
+                times[name].append(1000 * (time.perf_counter() - began))
+        on_share((turn + 1) / (rounds + 1))
+    parts = _differences({name: np.array(values) for name, values in times.items()}, REMEMBER_EVERY)
+    facts = {
+        "step": step, "voxels": int(state.trainable.rows.shape[0] - 1), "rays": state.rays,
+        "samples": int(metrics["samples"]), "rounds": rounds,
+        "device": f"{jax.device_count()} x {jax.devices()[0].device_kind}, {os.cpu_count()} cores",
+    }  # fmt: skip
+    return Profile(parts, float(np.median(times[WHOLE_STEP])), facts)
+
+
+def _differences(times: dict[str, Any], every: int) -> dict[str, float]:
+    """Milliseconds of each of PARTS, from those [rounds] of the programs that end with it."""
+    import numpy as np
+
+    order = [*(name for name in PARTS if name not in ("adam", "remember")), WHOLE_STEP]
+    before, parts = np.zeros_like(times[WHOLE_STEP]), {}
+    for name in order:
+        parts["adam" if name == WHOLE_STEP else name] = float(np.median(times[name] - before))
+        before = times[name]
+    return {**parts, "remember": float(np.median(times["remember"])) / every}
+
+
+def _prefixes(method: Any, state: Any) -> dict[str, Callable[..., Any]]:
+    """The step up to each part, jitted, without its optimiser; those before `variation` look at one window of voxels only."""
+    import jax
+
+    quiet = method.settings._replace(variation_share=0.0)
+    return {
+        name: jax.jit(
+            partial(
+                _up_to,
+                name,
+                sizes=state.sizes,
+                rays=state.rays,
+                settings=method.settings if name == "variation" else quiet,
+            )
+        )
+        for name in PARTS
+        if name not in ("adam", "remember")
+    }
+
+
+def _up_to(
+    part: str, trainable: Any, layout: Any, cells: Any, hits: Any, hit_count: Any, dataset: Any, key: Any, step: Any,
+    *, sizes: Any, rays: int, settings: Any,
+) -> Any:  # fmt: skip
+    """training.voxels.method.update as far as `part`; returns what the next part would take, so that nothing is left out."""
+    import jax
+
+    from training.voxels.method import addressed, draw, fetched, losses, marched
+
+    ray_key, phase_key, voxel_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 4)
+    batch = draw(hits, hit_count, dataset, ray_key, colour_key, rays, settings)
+    if part == "draw":
+        return batch
+    grid_rays, samples = marched(batch, layout, phase_key, sizes, settings, dataset.mesh)
+    if part == "march":
+        return batch, grid_rays, samples
+    rows = addressed(trainable, layout, cells, samples, voxel_key, settings)
+    if part == "gather":
+        return batch, grid_rays, samples, fetched(trainable, rows)
+
+    def loss_of(trainable: Any) -> Any:
+        values = fetched(trainable, rows)
+        return losses(trainable, values, rows, batch, grid_rays, samples, layout, sizes, settings)
+
+    return loss_of(trainable) if part == "forward" else jax.value_and_grad(loss_of, has_aux=True)(trainable)
+
+
+def profile_step(
+    subject: Path,
+    /,
+    preset: Literal["cpu", "fast"] = "cpu",
+    downscale: int | None = None,
+    steps: int = 300,
+    rounds: int = 15,
+    json: Path | None = None,
+    markdown: Path | None = None,
+) -> None:
+    """Times the parts of one training step of the fast method.
+
+    Args:
+        subject: Folder of a run (its newest checkpoint is looked at), or of posed photographs.
+        preset: Settings to train photographs with.
+        downscale: Divide the photographs' sides by this whole number; by default as snerg-make does.
+        steps: Steps that photographs are trained before, a whole schedule of that length.
+        rounds: How often each part is timed.
+        json: Write the figures to this file; "-" prints them instead of the table.
+        markdown: Write the table to this file, too.
+    """
+    for option, value in (("--steps", steps), ("--rounds", rounds)):
+        if value < 1:
+            raise UserError("must be at least 1", where=option, found=value)
+    from training.run import is_run
+
+    method, state, step, name = _of_run(subject) if is_run(subject) else _trained(subject, preset, downscale, steps)
+    with progress("timing", 1.0) as bar:
+        measured = profile(method, state, step, rounds, bar.update)
+    measured = dataclasses.replace(measured, facts={"scene": name, **measured.facts})
+    if markdown is not None:
+        from training.checkpoints import cannot_write, write_aside
+
+        try:
+            markdown.parent.mkdir(parents=True, exist_ok=True)
+            write_aside(markdown, measured.to_markdown().encode())
+        except OSError as error:
+            raise cannot_write(markdown, error) from error
+    if not write_json(json, measured.to_json()):
+        print(measured.to_markdown(), end="")
+
+
+def _of_run(path: Path) -> tuple[Any, Any, int, str]:
+    from training.run import load_run, read_description
+
+    config = read_description(path).config
+    if config.method != "voxels":
+        raise UserError("only the fast method's step is taken apart", where=path, expected="a run of the presets cpu, fast",
+                        found=f"method {config.method}")  # fmt: skip
+    run = load_run(path)
+    return run.method, run.state, run.step, run.scene.path.name
+
+
+def _trained(
+    path: Path, preset: Literal["cpu", "fast"], downscale: int | None, steps: int
+) -> tuple[Any, Any, int, str]:
+    import jax
+
+    from training.config import PRESETS
+    from training.dataset import make_dataset
+    from training.methods import make_method
+    from training.scenes import load_scene
+    from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
+
+    scene = load_scene(path, downscale=downscale or suggested_downscale(path, LONGEST_SIDE.get(preset)))
+    config = dataclasses.replace(PRESETS[preset], steps=steps)
+    method = make_method(config, scene, make_dataset(scene))
+    state = method.start(jax.random.PRNGKey(config.seed))
+    with progress("training", steps) as bar:
+        for step in range(steps):
+            state, _ = method.step(state, step)
+            bar.update(step + 1)
+    return method, state, steps, path.name
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    return run_command(profile_step, prog="python -m training.profile_step", description=DESCRIPTION, args=args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
