@@ -27,7 +27,8 @@ DESCRIPTION = "Times the parts of one training step of the fast method."
 PARTS = {
     "draw": "random rays and their pixels",
     "march": "which samples of each ray lie in stored voxels",
-    "gather": "the 8 voxels around each sample, looked up, fetched and blended",
+    "look up": "which rows hold the 8 voxels around each sample",
+    "gather": "these rows, fetched and blended",
     "forward": "activation, compositing, the view MLP once a ray, the losses",
     "backward": "all of these in reverse, and the scatter into one dense gradient",
     "variation": "total variation of random windows of voxels, forth and back",
@@ -167,6 +168,8 @@ def _up_to(
     if part == "march":
         return batch, grid_rays, samples
     rows = addressed(trainable, layout, cells, samples, voxel_key, settings)
+    if part == "look up":
+        return batch, grid_rays, samples, rows
     if part == "gather":
         return batch, grid_rays, samples, fetched(trainable, rows)
 

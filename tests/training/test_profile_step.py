@@ -21,6 +21,14 @@ SMALL = dataclasses.replace(CPU.voxels, resolutions=(24, 32, 48), samples_per_st
 TINY = dataclasses.replace(CPU, steps=20, batch_size=256, voxels=SMALL)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled_quickly():
+    """Nine programs are compiled here; how fast they run does not matter."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
+
+
 @pytest.fixture
 def tiny_cpu(monkeypatch) -> None:
     """The preset cpu, as small as can be."""
@@ -28,20 +36,13 @@ def tiny_cpu(monkeypatch) -> None:
 
 
 def test_each_part_is_what_its_program_takes_longer_than_the_one_before():
-    ends = {
-        "draw": 1,
-        "march": 4,
-        "gather": 6,
-        "forward": 9,
-        "backward": 20,
-        "variation": 22,
-        "step": 32,
-        "remember": 50,
-    }
-    rounds = {name: np.array([at, 2.0 * at]) for name, at in ends.items()}
+    ends = (1, 4, 5, 6, 9, 20, 22, 32)  # of the programs up to draw ... variation, and of the whole step
+    names = [*list(PARTS)[:7], "step"]
+    rounds = {name: np.array([end, 2.0 * end]) for name, end in zip(names, ends, strict=True)}
+    rounds["remember"] = np.array([50.0, 100.0])
     parts = profile_step._differences(rounds, 50)
-    assert {name: ms / 1.5 for name, ms in parts.items()} == pytest.approx(
-        {"draw": 1, "march": 3, "gather": 2, "forward": 3, "backward": 11, "variation": 2, "adam": 10, "remember": 1}
+    assert dict(zip(PARTS, (1, 3, 1, 1, 3, 11, 2, 10, 1), strict=True)) == pytest.approx(
+        {name: ms / 1.5 for name, ms in parts.items()}
     )
     shares = Profile({**parts, "march": -1.0}, 48.0, {}).shares
     assert shares["march"] == 0 and sum(shares.values()) == pytest.approx(1) and set(shares) == set(PARTS)
