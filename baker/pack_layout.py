@@ -18,7 +18,7 @@ from scenepack.constants import ALPHA_CONTRIBUTES, FEATURES, TRANSMITTANCE_STOP,
 from scenepack.pack import Pack
 from training.method import Rays
 from training.voxels.march import MarchSizes, Samples, march, to_grid, transmittance
-from training.voxels.sparse_grid import BRICK, blend, trilinear_weights
+from training.voxels.sparse_grid import BRICK, DEEPEST, DEPTH_UNITS, blend, trilinear_weights
 
 MAX_ALPHA = 1 - 1e-6  # keeps the optical depth of opaque samples finite
 
@@ -27,7 +27,8 @@ class PackLayout(NamedTuple):
     """Where voxels are: a training.voxels.march.Layout over macroblocks.
 
     blocks int32 [bz by bx]: slot of each macroblock, -1 empty; block_dims int32 [3]; block_size int32.
-    support uint8 [slots B³]: 1 where interpolation from this voxel and the next along each axis meets alpha > 0.
+    support uint8 [slots B³]: of the cell between this voxel and the next along each axis, 0 where all have alpha 0, else 1 plus
+    the optical depth of a step at their mean alpha, in DEPTH_UNITS (a march may end by it, see march's horizon).
     bricks uint8, brick_dims: as in training.voxels.sparse_grid.
     """
 
@@ -57,6 +58,12 @@ class PackLayout(NamedTuple):
         """bool [..]: whether any of the 8 voxels around g [.., 3] within its macroblock's copy has alpha."""
         slot, lower, _ = self._lower(g.reshape(-1, 3))
         return ((slot >= 0) & (self.support[self._flat(slot, lower)] > 0)).reshape(g.shape[:-1])
+
+    def optical_depth(self, g: jax.Array) -> jax.Array:
+        """int32 [...]: see training.voxels.march.Remembering."""
+        slot, lower, _ = self._lower(g.reshape(-1, 3))
+        depth = self.support[self._flat(slot, lower)].astype(jnp.int32)
+        return jnp.where(slot >= 0, depth, 0).reshape(g.shape[:-1])
 
     def near_content(self, g: jax.Array) -> jax.Array:
         """bool [...]: whether content may lie within BRICK/2 voxels of g [..., 3]."""
@@ -111,13 +118,16 @@ def pack_layout(pack: Pack) -> PackLayout:
     slots = np.full(pack.occupied.shape, -1, np.int32)
     bricks = np.zeros([-(-n * size // BRICK) for n in pack.occupied.shape], np.uint8)
     support = np.zeros((max(len(blocks), 1), side, side, side), np.uint8)
+    mean = np.arange(8 * 255 + 1) / (8 * 255)
+    codes = 1 + np.minimum(-DEPTH_UNITS * np.log1p(-np.minimum(mean, MAX_ALPHA)), DEEPEST).astype(np.uint8)
+    codes[0] = 0
     for slot, block in enumerate(map(tuple, blocks)):
         slots[block] = slot
-        some = block_copy(pack, pack.atlas_rgba, block)[..., 3] > 0
+        alpha = block_copy(pack, pack.atlas_rgba, block)[..., 3].astype(np.uint16)
         for axis in range(3):
-            some = some | np.roll(some, -1, axis)  # the last cell along an axis is never a lower corner
-        support[slot] = some
-        _mark_bricks(bricks, some[: size + 1, : size + 1, : size + 1], np.array(block) * size)
+            alpha = alpha + np.roll(alpha, -1, axis)  # the last cell along an axis is never a lower corner
+        support[slot] = codes[alpha]
+        _mark_bricks(bricks, alpha[: size + 1, : size + 1, : size + 1], np.array(block) * size)
     width, height, depth = pack.grid_size
     return PackLayout(
         origin=jnp.asarray(pack.min_xyz, jnp.float32),
@@ -133,7 +143,7 @@ def pack_layout(pack: Pack) -> PackLayout:
 
 
 def _mark_bricks(bricks: np.ndarray, some: np.ndarray, start: np.ndarray) -> None:
-    """Sets the bricks within BRICK/2 + 1 voxels of the supported cells `some` [z, y, x] of a macroblock at `start`."""
+    """Sets the bricks within BRICK/2 + 1 voxels of the cells that are not 0 in `some` [z, y, x], of a macroblock at `start`."""
     reach = BRICK // 2 + 1
     where = np.argwhere(some) + start - 1  # a cell's samples lie within g = cell - 1/2 ... cell + 1/2 of the grid
     for shift in np.stack(np.meshgrid(*((-reach, 0, reach + 1),) * 3, indexing="ij"), -1).reshape(-1, 3):

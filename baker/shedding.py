@@ -31,10 +31,14 @@ from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.voxels.march import MarchSizes, march, to_grid, transmittance
+from training.voxels.sparse_grid import DEPTH_UNITS
 
 TAU_WEIGHT = 0.02
 RAYS_A_VOXEL, MOST_RAYS = 0.75, 4_000_000  # with a third as many, a lego at 512³ loses 0.8 dB
 HIDDEN, DEEP, DENSER = 0.3, 0.02, 20.0  # from reach HIDDEN down to DEEP, density grows to DENSER times itself
+HORIZON = int(
+    -np.log(1e-4) * DEPTH_UNITS
+)  # a march ends there; depths are estimates, so far behind the last T that counts
 CHUNK_RAYS, CHUNK_SAMPLES = 16_384, 524_288
 
 
@@ -157,7 +161,7 @@ def _raise_reach(
     count = ids.shape[0]
     rays = in_grid_frame(dataset.geometry_at(ids, away), grid_T_training)
     rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
-    samples = march(layout, to_grid(layout, rays), jnp.full(count, 0.5), sizes, 1.0)
+    samples = march(layout, to_grid(layout, rays), jnp.full(count, 0.5), sizes, 1.0, HORIZON)
     corners, shares = layout.corners(samples.g)
     alpha = jnp.einsum("nk,nk->n", shares, stored[corners].astype(jnp.float32)) * (1 / 255)
     alpha = jnp.where(samples.valid & (alpha > ALPHA_CONTRIBUTES), alpha, 0.0)

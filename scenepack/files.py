@@ -63,7 +63,11 @@ def _not_a_pack(path: Path, names: list[str]) -> UserError:
     if inner:
         return UserError(f"is not a pack, but holds {len(inner)}", where=path, remedy=f"open {path / inner[0]} instead")
     if not names:
-        return UserError("is empty", where=path, expected=f"a pack with {PARAMS_NAME}")
+        folders = sorted(p.name for p in path.glob("*/")) if path.is_dir() else []
+        found = f"only folders, such as {folders[0]}" if folders else None
+        return UserError(
+            "holds no files" if folders else "is empty", where=path, expected=f"a pack with {PARAMS_NAME}", found=found
+        )
     return UserError(
         f"is not a pack: it has no {PARAMS_NAME}",
         where=path,

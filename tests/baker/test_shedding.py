@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 
+from baker import shedding
 from baker.culling import cull
 from baker.grid import make_grid
 from baker.shedding import closing_gain, shed
@@ -76,3 +78,26 @@ def test_what_little_light_reaches_gets_denser_and_keeps_its_colour() -> None:
     assert np.all(np.round(made[:2]) == 51), "with a reach above HIDDEN nothing changes"
     assert 51 < made[2] < made[3] <= 255
     np.testing.assert_allclose(made[3] / 255, 1 - 0.8**20, rtol=0.02)
+
+
+def test_ending_rays_where_the_light_does_changes_nothing_but_the_work(dataset, monkeypatch) -> None:
+    pack, _ = hazy_ball(dataset)
+    taken = []
+    march = shedding.march
+
+    def counting(*arguments):
+        samples = march(*arguments)
+        jax.debug.callback(lambda valid: taken.append(int(valid.sum())), samples.valid)
+        return samples
+
+    monkeypatch.setattr(shedding, "march", counting)
+    found = []
+    for horizon in (shedding.HORIZON, None):
+        monkeypatch.setattr(shedding, "HORIZON", horizon)
+        jax.clear_caches()
+        taken.clear()
+        found.append((shedding._reach(pack, dataset, 0.02, 0, None), sum(taken)))
+    jax.clear_caches()
+    (ended, fewer), (whole, all_of_them) = found
+    assert np.array_equal(ended, whole)
+    assert 0 < fewer < 0.9 * all_of_them

@@ -33,6 +33,8 @@ def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
 
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, "is empty", "scene_params.json")
+    (tmp_path / "lego").mkdir()
+    refused(tmp_path, "holds no files", "only folders, such as lego")
 
 
 def test_a_folder_without_the_json_is_refused(tmp_path: Path) -> None:

@@ -84,7 +84,7 @@ BY_KIND: Mapping[Kind, KindSettings] = {
     # Coarse grids settle where things are before fine ones can hide mist in the gaps between photographs.
     "surroundings": KindSettings(
         stage_starts=(0.0, 0.1, 0.3),
-        prunings=(0.05, 0.2, 0.4, 0.6),
+        prunings=(0.05, 0.2, 0.32, 0.45, 0.6),
         least_views=6,
         density_variation=5e-5,
         colour_variation=2e-4,
@@ -93,14 +93,14 @@ BY_KIND: Mapping[Kind, KindSettings] = {
         keep_weight=0.005,  # a bare wall is mist for long, of many voxels that show little each
     ),
     "forward": KindSettings(
-        stage_starts=(0.0, 0.1, 0.3),
-        prunings=(0.2, 0.4, 0.6),
+        stage_starts=(0.0, 0.1, 0.45),  # what is not settled by then is millions of fine voxels, each paid for in each step
+        prunings=(0.2, 0.35, 0.47, 0.6),
         least_views=3,
         density_variation=3e-4,
         colour_variation=5e-4,
         distortion_weight=0.003,
         sparsity_factor=0.2,
-        keep_weight=0.005,
+        keep_weight=0.02,
     ),
 }
 
