@@ -93,7 +93,11 @@ BY_KIND: Mapping[Kind, KindSettings] = {
         keep_weight=0.005,  # a bare wall is mist for long, of many voxels that show little each
     ),
     "forward": KindSettings(
-        stage_starts=(0.0, 0.1, 0.45),  # what is not settled by then is millions of fine voxels, each paid for in each step
+        stage_starts=(
+            0.0,
+            0.1,
+            0.45,
+        ),  # what is not settled by then is millions of fine voxels, each paid for in each step
         prunings=(0.2, 0.35, 0.47, 0.6),
         least_views=3,
         density_variation=3e-4,
