@@ -209,3 +209,29 @@ def test_no_movement_breaks_the_camera(steps):
         rig.update(0.03)
         assert np.isfinite(rig.matrix).all()
         np.testing.assert_allclose(rig.matrix[:3, :3].T @ rig.matrix[:3, :3], np.eye(3), atol=1e-9)
+
+
+def seen_from(pack, distance: float):
+    """The pack with cameras in its metadata, `distance` half sides of the toy from its middle, looking there."""
+    half = 0.5 * pack.voxel_size * max(pack.grid_size)
+    cameras = []
+    for azimuth in (20.0, 50.0, 80.0):
+        view = ViewCamera.orbit(pack, azimuth, 5.0, distance * half, 60.0, (40, 60))
+        matrix = (pack.worldspace_T_opengl @ view.grid_T_camera).tolist()
+        numbers = {key: getattr(view, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
+        cameras.append({"name": str(azimuth), "split": "train", "world_T_camera": matrix, **numbers})
+    return pack.with_metadata(cameras=cameras)
+
+
+def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them():
+    pack = seen_from(toy_pack(), 0.6)
+    rig = CameraRig(pack)
+    expected = ViewCamera.orbit(pack, 50.0, 5.0, 0.6 * 0.5 * pack.voxel_size * max(pack.grid_size), 60.0, (40, 60))
+    np.testing.assert_allclose(rig.camera((40, 60)).grid_T_camera, expected.grid_T_camera, atol=1e-6)
+    assert rig.fov == pytest.approx(60.0)
+    rig.dolly(3, (0.1, 0.2))
+    rig.home()
+    rig.settle()
+    np.testing.assert_allclose(rig.matrix, expected.grid_T_camera, atol=1e-6)
+    outside = CameraRig(seen_from(toy_pack(), 6.0))
+    np.testing.assert_allclose(outside.matrix, CameraRig(toy_pack()).matrix)

@@ -80,7 +80,7 @@ class KindSettings:
 
 
 BY_KIND: Mapping[Kind, KindSettings] = {
-    "object": KindSettings(stage_starts=(0.0, 0.04, 0.2), prunings=(0.015, 0.1, 0.3, 0.6)),
+    "object": KindSettings(stage_starts=(0.0, 0.04, 0.2), prunings=(0.015, 0.1, 0.3, 0.6), distortion_weight=0.05),
     # Coarse grids settle where things are before fine ones can hide mist in the gaps between photographs.
     "surroundings": KindSettings(
         stage_starts=(0.0, 0.1, 0.3),
@@ -93,11 +93,8 @@ BY_KIND: Mapping[Kind, KindSettings] = {
         keep_weight=0.005,  # a bare wall is mist for long, of many voxels that show little each
     ),
     "forward": KindSettings(
-        stage_starts=(
-            0.0,
-            0.1,
-            0.45,
-        ),  # what is not settled by then is millions of fine voxels, each paid for in each step
+        # What is not settled when the last stage begins becomes millions of fine voxels, each paid for in each step.
+        stage_starts=(0.0, 0.1, 0.45),
         prunings=(0.2, 0.35, 0.47, 0.6),
         least_views=3,
         density_variation=3e-4,

@@ -13,6 +13,7 @@ from math import exp, log, radians, tan
 import numpy as np
 
 from scenepack.pack import Pack
+from viewer.app.first_view import view_from_within
 from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, shortest_turn, triple, view_camera
 from viewer.camera import ViewCamera, content_box, is_mirrored
 
@@ -38,13 +39,19 @@ class CameraRig:
         self.home_fov = self.fov = fov
         self.flying = False
         self.speed = 0.5 * self.radius  # grid units per second
-        self.home_pose = self._first_pose()
+        view = None if self.bounded else view_from_within(pack)
+        if view is not None:
+            self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * view.height / view.fy)))
+        self.home_pose = self._first_pose() if view is None else self._pose_of(view.grid_T_camera)
         self.goal = self.shown = self.home_pose
         self.held: ViewCamera | None = None
         self._anchor_eye = False  # what the damping keeps straight: the eye's way (flying) or the pivot's
         self._undo: list[_Place] = []
         self.gestures = 0  # how often remember() was called
         self._redo: list[_Place] = []
+
+    def _pose_of(self, grid_T_camera: np.ndarray) -> Pose:
+        return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
 
     def _first_pose(self) -> Pose:
         return Pose(triple(self.middle), *HOME_ANGLES, self._framing_distance())
@@ -98,8 +105,7 @@ class CameraRig:
     def take_over(self) -> None:
         """Leaves a held camera, from exactly there (but level): the next movement starts from what is seen."""
         if self.held is not None:
-            distance = self._distance_to_middle(self.held.grid_T_camera)
-            self.goal = self.shown = self._bounded(Pose.from_matrix(self.held.grid_T_camera, distance, self.table))
+            self.goal = self.shown = self._bounded(self._pose_of(self.held.grid_T_camera))
             self.held = None
 
     def orbit(self, dx: float, dy: float) -> None:
@@ -216,8 +222,7 @@ class CameraRig:
         self.held = None
         if fov is not None:
             self.fov = fov
-        distance = self._distance_to_middle(grid_T_camera)
-        self.goal = self.shown = self._bounded(Pose.from_matrix(grid_T_camera, distance, self.table))
+        self.goal = self.shown = self._bounded(self._pose_of(grid_T_camera))
 
     def hold(self, camera: ViewCamera | None, *, remember: bool = False) -> None:
         """Shows exactly `camera` until the next movement; None lets go of it."""
