@@ -1,8 +1,8 @@
 """Opens many packs from disk, one after the other, and prints what memory they left behind: a process of its own.
 
-    python -m tests.window.many_packs WARM_UP PACKS PACK [PACK ...]
+    python -m tests.window.many_packs WARM_UP PACKS ROUNDS PACK [PACK ...]
 
-Prints JSON: host and card, bytes held after the warm-up and after the packs, [before, after].
+Prints JSON: host and card, bytes held after the warm-up and after each round of PACKS, [before, after, after, ...].
 """
 
 from __future__ import annotations
@@ -45,18 +45,19 @@ def open_and_close(ui: OffscreenUi, packs: list[Path], times: int) -> None:
         ui.frame()
 
 
-def main(warm_up: str, times: str, *packs: str) -> None:
+def main(warm_up: str, times: str, rounds: str, *packs: str) -> None:
     """See the module."""
     ctx = moderngl.create_context(standalone=True, backend="egl")  # pyright: ignore[reportArgumentType]
     ui = OffscreenUi(ctx, App(), size=(480, 360))
     ui.app.governor.enabled = False
     paths = [Path(pack) for pack in packs]
     open_and_close(ui, paths, int(warm_up))
-    before = resident_bytes(), ui.canvas.gpu_bytes
-    open_and_close(ui, paths, int(times))
-    after = resident_bytes(), ui.canvas.gpu_bytes
+    held = [(resident_bytes(), ui.canvas.gpu_bytes)]
+    for _ in range(int(rounds)):
+        open_and_close(ui, paths, int(times))
+        held.append((resident_bytes(), ui.canvas.gpu_bytes))
     assert ctx.error == "GL_NO_ERROR"
-    print(json.dumps(dict(zip(("host", "card"), zip(before, after, strict=True), strict=True))))
+    print(json.dumps(dict(zip(("host", "card"), zip(*held, strict=True), strict=True))))
 
 
 if __name__ == "__main__":
