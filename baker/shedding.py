@@ -30,7 +30,8 @@ from scenepack.codecs.pieces import restore_padding
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.voxels.march import MarchSizes, march, to_grid, transmittance
+from training.method import Rays
+from training.voxels.march import MarchSizes, march, occupied_segments, to_grid, transmittance
 from training.voxels.sparse_grid import DEPTH_UNITS
 
 TAU_WEIGHT = 0.02
@@ -138,7 +139,14 @@ def _reach_of_copies(
     count = max(int(min(RAYS_A_VOXEL * np.count_nonzero(alpha), MOST_RAYS)), CHUNK_RAYS)
     ids = rng.integers(0, dataset.count, count, np.int32)
     away = rng.random((count, 2), np.float32) - np.float32(0.5)
-    done = 0
+    meets = np.zeros(-(-count // CHUNK_RAYS) * CHUNK_RAYS, bool)
+    for start in range(0, count, CHUNK_RAYS):  # most rays of a photograph may pass an object by
+        chosen = np.minimum(np.arange(start, start + CHUNK_RAYS), count - 1)
+        meets[start : start + CHUNK_RAYS] = _meets(
+            layout, dataset, jnp.asarray(ids[chosen]), jnp.asarray(away[chosen]), grid_T_training, sizes.segments
+        )
+    ids, away, done = ids[meets[:count]], away[meets[:count]], 0
+    count = len(ids)
     while done < count:
         chosen = np.minimum(np.arange(done, done + CHUNK_RAYS), count - 1)
         reach, complete = _raise_reach(
@@ -152,6 +160,21 @@ def _reach_of_copies(
     return reach
 
 
+@partial(jax.jit, static_argnames="segments")
+def _meets(
+    layout: PackLayout, dataset: RayDataset, ids: jax.Array, away: jax.Array, grid_T_training: jax.Array, segments: int
+) -> jax.Array:
+    """bool [N]: whether a ray may meet content."""
+    rays = to_grid(layout, _whole_rays(dataset, ids, away, grid_T_training))
+    return occupied_segments(layout, rays, jnp.full(ids.shape[0], 0.5), segments, 1.0).any(-1)
+
+
+def _whole_rays(dataset: RayDataset, ids: jax.Array, away: jax.Array, grid_T_training: jax.Array) -> Rays:
+    """Rays through places `away` [N, 2] pixels from the centres of pixels `ids`, in the grid frame, of any length."""
+    rays = in_grid_frame(dataset.geometry_at(ids, away), grid_T_training)
+    return rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
+
+
 @partial(jax.jit, static_argnames="sizes", donate_argnums=0)
 def _raise_reach(
     reach: jax.Array, stored: jax.Array, layout: PackLayout, dataset: RayDataset, ids: jax.Array, away: jax.Array,
@@ -159,8 +182,7 @@ def _raise_reach(
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """Raises the reach by what rays `ids`, moved by `away` [N, 2] pixels, see; also which rays were marched whole."""
     count = ids.shape[0]
-    rays = in_grid_frame(dataset.geometry_at(ids, away), grid_T_training)
-    rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
+    rays = _whole_rays(dataset, ids, away, grid_T_training)
     samples = march(layout, to_grid(layout, rays), jnp.full(count, 0.5), sizes, 1.0, HORIZON)
     corners, shares = layout.corners(samples.g)
     alpha = jnp.einsum("nk,nk->n", shares, stored[corners].astype(jnp.float32)) * (1 / 255)
