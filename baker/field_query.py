@@ -44,7 +44,7 @@ def field_query(run: Run) -> FieldQuery:
     return ask
 
 
-def _moved(state: Any, device: jax.Device) -> Any:
+def _moved(state: Any, device: Any) -> Any:
     return jax.tree.map(lambda v: jax.device_put(v, device) if isinstance(v, jax.Array) else v, state)
 
 
