@@ -304,7 +304,11 @@ class Canvas:
             self._wanted, self._changed_at, self._tiles = wanted, time.monotonic(), None
             self._draw_quick(camera, settings, governor)
             return True
-        if not self.pending or (self._tiles is None and wait and time.monotonic() - self._changed_at < REST_S):
+        if (
+            self._tiles == []
+            or not self.pending
+            or (self._tiles is None and wait and time.monotonic() - self._changed_at < REST_S)
+        ):
             return False
         self._draw_tile(camera, settings, governor)
         return True
