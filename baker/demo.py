@@ -28,7 +28,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
         steps: Training steps.
         resolution: Voxels along the longest side of the content.
     """
-    from baker.bake import BakeConfig, bake
+    from baker.baking.bake import BakeConfig, bake
     from baker.commands.bake import describe_pack
     from scenepack import check_target, save_pack
     from training.config import PRESETS

@@ -22,7 +22,7 @@ from scenepack.constants import (
 )
 from scenepack.pack import Pack, ViewMlp
 from training.scenes.rays import undistort
-from viewer.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 

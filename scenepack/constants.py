@@ -1,6 +1,6 @@
 """Numbers that Python and GLSL share.
 
-Python owns them; shaders receive them as #define (see viewer.shader_source).
+Python owns them; shaders receive them as #define (see viewer.rendering.shader_source).
 Source: CONTRACT sections 2 and 3; SNeRG paper sections 5.1-5.5 and appendices A and C.3.
 """
 

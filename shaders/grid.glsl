@@ -1,6 +1,6 @@
 // The sparse voxel grid: an indirection grid of macroblocks, and the atlas that holds the occupied ones.
 //
-// Source: SNeRG paper, section 5.1. The atlas is repacked when it is uploaded (viewer/gpu_scene.py).
+// Source: SNeRG paper, section 5.1. The atlas is repacked when it is uploaded (viewer/rendering/gpu_scene.py).
 // Inputs: indirection: per macroblock the atlas block (x, y, z) and, in a, 1 where it is empty; with an empty macroblock
 //   added on every side, so that a sample that rounding puts outside of the grid needs no test. atlas_texel: 1 / atlas size.
 // Options: SLOT_WIDTH: voxels in x from one atlas block to the next; twice the others' where features lie beside.

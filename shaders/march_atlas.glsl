@@ -1,6 +1,6 @@
 // The atlas itself, as a block of macroblocks in the order they lie in memory, with their padding and their edges drawn.
 //
-// Source: the published viewer's "3D texture atlas" view. The repacked atlas is a narrow beam (viewer/gpu_scene.py), so
+// Source: the published viewer's "3D texture atlas" view. The repacked atlas is a narrow beam (viewer/rendering/gpu_scene.py), so
 // its slots are stacked anew, x first, then y, then z, into a cube of atlas_side^3 cells that fills the grid's box.
 // Inputs: atlas_slots: macroblocks of the atlas along x, y, z; atlas_count: how many hold content; atlas_side.
 // Every sample is taken, one a voxel of the atlas.

@@ -2,7 +2,7 @@
 //
 // Source: CONTRACT section 2. Where the paper tests one byte of raw opacity before each fetch (appendix A), this reads
 // one byte that says how far the nearest content is, so that it both decides the fetch and gives the length of a jump,
-// and needs no indirection: see viewer/skip_grid.py, which also shows why no cell without content can hide any.
+// and needs no indirection: see viewer/rendering/skip_grid.py, which also shows why no cell without content can hide any.
 // Inputs: skip_grid: per cell of the whole grid the Chebyshev distance in cells to the nearest one with content (0: this
 //   one has). Cell i spans CELL * i - 0.5 to CELL * (i + 1) - 0.5. content_min, content_max: the box around all content.
 // Options: CELL: voxels a side. SAMPLES_A_TEST: consecutive samples to fetch once content is found, before asking again.

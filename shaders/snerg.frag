@@ -1,7 +1,7 @@
 // A sparse neural radiance grid, one ray a pixel.
 //
 // Source: Hedman et al., "Baking Neural Radiance Fields for Real-Time View Synthesis" (SNeRG), sections 5.1 and 5.2.
-// Options (defined by viewer/shader_source.py, as numbers unless said otherwise):
+// Options (defined by viewer/rendering/shader_source.py, as numbers unless said otherwise):
 //   MARCHER          MARCHER_EXACT, MARCHER_PAPER or MARCHER_BRUTE
 //   MODE             one of MODE_...; see display.glsl
 //   NDC              defined for forward-facing packs

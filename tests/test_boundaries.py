@@ -56,7 +56,14 @@ def test_no_jax_where_the_viewer_can_reach(room: str) -> None:
 
 @pytest.mark.parametrize(
     "module",
-    ["console", "scenepack", "training.scenes", "viewer.offscreen", "viewer.commands.bench", "viewer.commands.view"],
+    [
+        "console",
+        "scenepack",
+        "training.scenes",
+        "viewer.rendering.offscreen",
+        "viewer.commands.bench",
+        "viewer.commands.view",
+    ],
 )
 def test_importing_it_does_not_load_jax_even_indirectly(module: str) -> None:
     code = f"import {module}, sys; sys.exit(sum(name in sys.modules for name in {sorted(JAX)}))"
@@ -69,7 +76,7 @@ def test_one_file_imports_glfw_one_folder_imgui_and_only_the_renderers_room_mode
         for path in modules(room):
             for name in {name.split(".")[0] for name in imported_names(path)} & set(users):
                 users[name].add(str(path.relative_to(ROOT)))
-    assert users["glfw"] == {"viewer/window.py"}
+    assert users["glfw"] == {"viewer/window/window.py"}
     assert users["imgui_bundle"] and all(path.startswith("viewer/panels/") for path in users["imgui_bundle"])
     assert users["moderngl"] and all(path.startswith("viewer/") for path in users["moderngl"])
 

@@ -11,8 +11,8 @@ from console import UserError, progress, run_command
 from console.progress import duration
 
 if TYPE_CHECKING:
-    from baker.bake import BakeConfig
-    from baker.work_folder import Share
+    from baker.baking.bake import BakeConfig
+    from baker.baking.work_folder import Share
     from scenepack import Pack
     from training.run import Run
 
@@ -51,7 +51,7 @@ def snerg_bake(
             run and pack (docs/distributed.md; Slurm and MPI tell it themselves).
         process_id: Which of them this one is, from 0, which writes the pack.
     """
-    from baker.bake import BakeConfig  # JAX starts here, not for --help
+    from baker.baking.bake import BakeConfig  # JAX starts here, not for --help
     from scenepack import check_target
     from training.run import load_run
 
@@ -66,7 +66,7 @@ def snerg_bake(
 
 def share_of(processes: int | None, process_id: int | None) -> Share:
     """This process's share of the work, from the options or the launcher. UserError where they do not make a whole."""
-    from baker.work_folder import Share
+    from baker.baking.work_folder import Share
     from training.devices import launched
 
     told = launched() if processes is None and process_id is None else (processes, process_id)
@@ -81,8 +81,8 @@ def share_of(processes: int | None, process_id: int | None) -> Share:
 
 def help_with(run: Run, config: BakeConfig, out: Path, share: Share) -> None:
     """Helps the process that bakes `run` into the pack `out`, until its macroblocks are made."""
-    from baker.bake import help_bake, work_key
-    from baker.work_folder import WorkFolder, work_beside
+    from baker.baking.bake import help_bake, work_key
+    from baker.baking.work_folder import WorkFolder, work_beside
 
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     help_bake(run, config, work)
@@ -96,8 +96,8 @@ def bake_to(
 
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
     """
-    from baker.bake import Stages, bake, work_key
-    from baker.work_folder import AGAIN, WorkFolder, work_beside
+    from baker.baking.bake import Stages, bake, work_key
+    from baker.baking.work_folder import AGAIN, WorkFolder, work_beside
     from scenepack import save_pack
 
     stages = Stages()

@@ -37,7 +37,7 @@ def snerg_eval(
         json: Write the scores to this file, too; "-" prints them instead.
         images: Folder for pictures: ours, the photograph, and five times their difference.
     """
-    from baker.evaluation import evaluate, reading_of
+    from baker.reports.evaluation import evaluate, reading_of
     from training.scenes import load_scene
 
     if not subject.exists():

@@ -57,7 +57,7 @@ def snerg_make(
         seed: Seed of everything random.
         no_view: Do not open the viewer at the end; without a display it is not opened anyway.
     """
-    from baker.bake import BakeConfig
+    from baker.baking.bake import BakeConfig
     from baker.commands.bake import bake_to
     from scenepack import check_target
     from training.config import PRESETS

@@ -28,7 +28,7 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
         size: Width x height of each, in pixels.
         json: Also write the figures to this file; "-" prints them instead.
     """
-    from baker.pack_compare import compare_packs  # OpenGL starts here, not for info
+    from baker.reports.pack_compare import compare_packs  # OpenGL starts here, not for info
     from console.arguments import parse_size
 
     if not 1 <= views <= 1000:

@@ -5,7 +5,7 @@ import pytest
 
 from scenepack import load_pack, save_pack
 from scenepack.coarse import coarse_pack, factor_for, order_of_groups
-from tests.window.conftest import toy_pack
+from tests.viewer.conftest import toy_pack
 
 
 @pytest.mark.parametrize(("depth", "side"), [(32, 32), (64, 32), (36, 16), (8, 7)])

@@ -1,64 +1,125 @@
-"""One offscreen context for all of the renderer's tests, asserted clean around each, and real data where there is some."""
+"""A toy pack, the interface in a framebuffer, and a display of our own for the window's tests."""
 
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import moderngl
+import numpy as np
 import pytest
 
-from scenepack import Pack, load_pack
-from tests.viewer.shapes import shapes_pack
-from viewer.offscreen import OffscreenRenderer, create_context
+from scenepack import Pack, ViewMlp, save_pack
+from scenepack.blocks import atlas_from_dense
+from scenepack.pack import pack_of_cube
+from viewer.app.application import App
+from viewer.panels.offscreen_ui import OffscreenUi
+from viewer.rendering.offscreen import create_context
+
+SIDE, BLOCK = 44, 14
+BLENDER = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+SCREEN = (1400, 900)
+
+
+def missing(what: str) -> None:
+    """Skips for want of a program; fails in CI, where nothing may be skipped silently."""
+    if os.environ.get("CI"):
+        pytest.fail(f"{what} is not installed, and CI may not skip")
+    pytest.skip(f"{what} is not installed")
+
+
+def toy_pack(*, ndc: bool = False, view_mlp: bool = True, seed: int = 0) -> Pack:
+    """A red ball on a green plate with a blue post, in the box of -1 … 1; features and a random view MLP."""
+    rng = np.random.default_rng(seed)
+    z, y, x = np.mgrid[:SIDE, :SIDE, :SIDE] * (2 / SIDE) - 1 + 1 / SIDE
+    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
+    rgba[(np.abs(y + 0.75) < 0.1) & (x**2 + z**2 < 0.7)] = (60, 170, 90, 255)
+    rgba[(x**2 + (y + 0.25) ** 2 + z**2) < 0.16] = (210, 60, 50, 255)
+    rgba[(np.abs(x - 0.5) < 0.08) & (np.abs(z) < 0.08) & (np.abs(y + 0.2) < 0.6)] = (60, 90, 220, 255)
+    features = np.where(rgba[..., 3:] > 0, rng.integers(40, 200, (1, 1, 1, 4)), 0).astype(np.uint8)
+    atlas = atlas_from_dense(rgba, features if view_mlp else None, BLOCK)
+    mlp = None
+    if view_mlp:
+        shapes = ((34, 16), (16, 16), (16, 3))
+        weights = tuple(rng.normal(0, 0.3, shape).astype(np.float32) for shape in shapes)
+        biases = tuple(np.full(shape[1], b, np.float32) for shape, b in zip(shapes, (0, 0, -2), strict=True))
+        mlp = ViewMlp(weights, biases)
+    camera = {"ndc": True, "input_width": 400.0, "input_height": 300.0, "input_focal": 350.0} if ndc else {}
+    return pack_of_cube(SIDE, BLOCK, atlas, mlp, np.diag([1.0, 1.0, -1.0, 1.0]) if ndc else BLENDER, **camera)
 
 
 @pytest.fixture(scope="session")
+def pack() -> Pack:
+    return toy_pack()
+
+
+@pytest.fixture(scope="session")
+def ndc_pack() -> Pack:
+    return toy_pack(ndc=True)
+
+
+@pytest.fixture(scope="session")
+def pack_folder(tmp_path_factory: pytest.TempPathFactory, pack: Pack) -> Path:
+    folder = tmp_path_factory.mktemp("packs") / "toy"
+    save_pack(pack, folder)
+    return folder
+
+
+@pytest.fixture
+def app() -> App:
+    return App()
+
+
+@pytest.fixture
 def ctx() -> Iterator[moderngl.Context]:
-    """The context; its framebuffer 0 is never used."""
     context = create_context()
     yield context
     context.release()
 
 
-@pytest.fixture(autouse=True)
-def no_opengl_error_is_left(ctx: moderngl.Context) -> Iterator[None]:
-    """Every test of this room leaves OpenGL without a pending error."""
-    assert ctx.error == "GL_NO_ERROR"
-    yield
-    assert ctx.error == "GL_NO_ERROR"
-
-
 @pytest.fixture
-def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenRenderer]]:
-    """Makes OffscreenRenderers in the shared context, released behind the test."""
-    made: list[OffscreenRenderer] = []
+def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenUi]]:
+    """Makes the interface of an app in a framebuffer; options as OffscreenUi's."""
+    made: list[OffscreenUi] = []
 
-    def make(pack: Pack, marcher: str = "exact") -> OffscreenRenderer:
-        made.append(OffscreenRenderer(pack, marcher, ctx=ctx))
+    def make(app: App, **options) -> OffscreenUi:
+        made.append(OffscreenUi(ctx, app, **options))
         return made[-1]
 
     yield make
-    for renderer in made:
-        renderer.release()
+    for ui in made:
+        ui.release()
 
 
 @pytest.fixture(scope="session")
-def shapes() -> Pack:
-    return shapes_pack()
-
-
-@pytest.fixture(scope="session")
-def ndc_shapes() -> Pack:
-    return shapes_pack(ndc=True)
-
-
-@pytest.fixture(scope="session")
-def real_pack(request: pytest.FixtureRequest) -> Pack:
-    """A pack made elsewhere with the published code."""
-    folder = os.environ.get("SNERG_DATA")
-    path = Path(folder or "") / "packs" / "flowerbangle_480"
-    if not folder or not path.is_dir():
-        pytest.skip("SNERG_DATA does not name a folder with packs/flowerbangle_480")
-    return load_pack(path)
+def display() -> Iterator[str]:
+    """DISPLAY of an Xvfb of our own; skipped where it is not installed, failed in CI."""
+    program = shutil.which("Xvfb")
+    if program is None:
+        missing("Xvfb")
+    read, write = os.pipe()
+    command = [
+        str(program),
+        "-displayfd",
+        str(write),
+        "-screen",
+        "0",
+        f"{SCREEN[0]}x{SCREEN[1]}x24",
+        "-nolisten",
+        "tcp",
+        "-noreset",  # else it starts over, deaf for a moment, whenever the last window closes
+    ]
+    server = subprocess.Popen(command, pass_fds=(write,), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    os.close(write)
+    try:
+        with os.fdopen(read) as pipe:
+            number = pipe.readline().strip()
+        if not number:
+            pytest.fail("Xvfb does not start")
+        yield f":{number}"
+    finally:
+        server.terminate()
+        server.wait(10)

@@ -12,7 +12,7 @@ from typing import Literal
 
 from viewer.app.application import App
 from viewer.app.files import FileRequest, pack_in
-from viewer.settings import MODES
+from viewer.rendering.settings import MODES
 
 
 @dataclass(frozen=True)

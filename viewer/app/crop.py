@@ -13,7 +13,7 @@ import numpy as np
 from scenepack.pack import Pack
 from viewer.app.pose import triple
 from viewer.app.projection import along_axis
-from viewer.camera import ViewCamera, content_box
+from viewer.rendering.camera import ViewCamera, content_box
 
 if TYPE_CHECKING:
     from viewer.app.application import App

@@ -17,10 +17,10 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, refusal
+from viewer.app.films import FilmWriter, films_possible
 from viewer.app.resolution import tiles
-from viewer.camera import ViewCamera
-from viewer.films import FilmWriter, films_possible
-from viewer.settings import RenderSettings
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.settings import RenderSettings
 
 __all__ = ["Export", "films_possible"]
 

@@ -11,7 +11,7 @@ from viewer.app.export import Export
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path
 from viewer.app.pose import view_camera
 from viewer.app.rig import fitted
-from viewer.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera
 
 if TYPE_CHECKING:
     from viewer.app.application import App

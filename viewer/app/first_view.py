@@ -6,7 +6,7 @@ import numpy as np
 
 from scenepack.pack import Pack
 from viewer.app.photographs import shots_of
-from viewer.camera import ViewCamera, content_box
+from viewer.rendering.camera import ViewCamera, content_box
 
 CLOSE = 0.1  # of the content's diagonal: cameras that far outside of its box still count as within
 

@@ -14,7 +14,7 @@ import numpy as np
 from scenepack.pack import Pack
 from viewer.app.pose import Pose, shortest_turn
 from viewer.app.rig import CameraRig
-from viewer.ray_frame import ndc_input
+from viewer.rendering.ray_frame import ndc_input
 
 AHEAD = 180.0  # azimuth: the grid frame's z is mirrored, so the scene lies towards +z
 START_DISTANCE = 0.25

@@ -9,7 +9,7 @@ from pathlib import Path
 from console import UserError
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
-from viewer.skip_grid import skip_grid_of
+from viewer.rendering.skip_grid import skip_grid_of
 
 
 class Cancelled(Exception):

@@ -19,7 +19,7 @@ from scenepack.pack import Pack
 from training.scenes import load_scene
 from training.scenes.scene import Camera, Photograph
 from viewer.app.projection import frustum_points
-from viewer.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera
 
 LONGEST_SIDE = 1600  # pixels; larger photographs are shown smaller
 

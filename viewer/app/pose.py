@@ -13,7 +13,7 @@ from math import asin, atan2, cos, degrees, radians, sin, tan
 
 import numpy as np
 
-from viewer.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera
 
 # right, up and front of each choice of the up axis; front = right × up
 UP_AXES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {

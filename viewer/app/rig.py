@@ -15,7 +15,7 @@ import numpy as np
 from scenepack.pack import Pack
 from viewer.app.first_view import view_from_within
 from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, shortest_turn, triple, view_camera
-from viewer.camera import ViewCamera, content_box, is_mirrored
+from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 
 DEFAULT_FOV = 35.0  # degrees, vertical; the published viewer's
 TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height

@@ -15,7 +15,7 @@ from viewer.app.application import App
 from viewer.app.comparison import How
 from viewer.app.files import kind_of
 from viewer.app.filming import Size
-from viewer.settings import Mode
+from viewer.rendering.settings import Mode
 
 LOOKS: tuple[How, ...] = get_args(How)
 STILL_SUFFIX = ".png"

@@ -10,8 +10,8 @@ import numpy as np
 
 from scenepack.pack import Pack
 from viewer.app.rig import CameraRig
-from viewer.camera import ViewCamera
-from viewer.settings import RenderSettings
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.settings import RenderSettings
 
 FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
 BACKGROUNDS: dict[str, tuple[float, float, float]] = {

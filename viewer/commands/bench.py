@@ -12,9 +12,9 @@ from typing import Any, Literal
 from console import UserError, run_command
 from console.arguments import parse_size
 from scenepack import Pack, load_pack
-from viewer import bench_report
-from viewer.benchmark import PROTOCOLS, Contender, Measurement, measure
-from viewer.settings import RenderSettings
+from viewer.benchmark import report as bench_report
+from viewer.benchmark.frames import PROTOCOLS, Contender, Measurement, measure
+from viewer.rendering.settings import RenderSettings
 
 NO_SPARSITY = "exact, no sparsity loss"
 DESCRIPTION = "Measures frame times along a camera path, as the paper does; offscreen, without waiting for a display."

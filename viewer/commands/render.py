@@ -14,10 +14,10 @@ from console import UserError, progress, run_command
 from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
 from scenepack import Pack, load_pack
 from training.scenes import load_scene
-from viewer.camera import ViewCamera, content_box, is_mirrored, orbit_path
-from viewer.films import require_video, write_film
-from viewer.offscreen import OffscreenRenderer
-from viewer.settings import Marcher, Mode, RenderSettings
+from viewer.app.films import require_video, write_film
+from viewer.rendering.camera import ViewCamera, content_box, is_mirrored, orbit_path
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.settings import Marcher, Mode, RenderSettings
 
 DESCRIPTION = "Renders pictures of a pack without a display: one view, a turn around it, or the views of photographs."
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0

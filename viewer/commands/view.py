@@ -23,9 +23,9 @@ from viewer.app.files import kind_of
 from viewer.app.pose import pose_from_text
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
-from viewer.flyover import fly_over
-from viewer.settings import Mode, RenderSettings
-from viewer.window import NoDisplay, Window, display_problem
+from viewer.benchmark.flyover import fly_over
+from viewer.rendering.settings import Mode, RenderSettings
+from viewer.window.window import NoDisplay, Window, display_problem
 
 DEMO = "demo.zip"
 OUT = Path("out")

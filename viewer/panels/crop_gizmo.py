@@ -10,8 +10,8 @@ from imgui_bundle import imgui, imguizmo
 
 from viewer.app import crop
 from viewer.app.application import App
-from viewer.camera import ViewCamera
 from viewer.panels.widgets import px
+from viewer.rendering.camera import ViewCamera
 
 gizmo = imguizmo.im_guizmo
 SIZE = 0.17  # length of an arrow over the picture's height

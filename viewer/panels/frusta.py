@@ -13,9 +13,9 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app.application import App
 from viewer.app.projection import FRUSTUM_EDGES, project
 from viewer.app.thumbnails import Thumbnails
-from viewer.canvas import Canvas
 from viewer.panels import theme
 from viewer.panels.widgets import coloured, font, px
+from viewer.window.canvas import Canvas
 
 DEPTH, DEPTH_BOUNDED = 0.16, 0.06  # length of a frustum: of the scene's radius, and in NDC units
 FADES_FROM, FADES_TO = 0.22, 0.45  # of the viewport's shorter side: a frustum larger than this is in the way

@@ -10,7 +10,6 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.canvas import Canvas
 from viewer.panels import (
     page_camera,
     page_compare,
@@ -25,6 +24,7 @@ from viewer.panels import (
 from viewer.panels.docking import FIXED, Box, Docking
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, icon_button, px
+from viewer.window.canvas import Canvas
 
 TOP, RAIL, SIDE = 48.0, 50.0, 318.0
 SMALLEST_PAGE = 250.0

@@ -11,11 +11,11 @@ from console.progress import duration
 from viewer.app.application import App
 from viewer.app.make_plan import PRESETS, RESOLUTIONS, Plan
 from viewer.app.making import Job
-from viewer.canvas import Canvas
 from viewer.panels import layout, theme
 from viewer.panels.dialogs import pressed_here
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
+from viewer.window.canvas import Canvas
 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
 CARD_WIDTH, CARD_MARGIN = 372.0, 16.0

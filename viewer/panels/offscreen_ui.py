@@ -10,10 +10,10 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.canvas import Canvas
 from viewer.panels import theme
 from viewer.panels.ui import Ui
-from viewer.presenting import awaited, present, unfinished
+from viewer.window.canvas import Canvas
+from viewer.window.presenting import awaited, present, unfinished
 
 FRAME_S = 1.0 / 60.0
 

@@ -9,10 +9,10 @@ from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.pose import view_camera
 from viewer.app.projection import BOX_EDGES, FRUSTUM_EDGES, box_points, frustum_points, project
-from viewer.canvas import Canvas, Layer
 from viewer.panels import theme
 from viewer.panels.widgets import px
-from viewer.presenting import other_layers
+from viewer.window.canvas import Canvas, Layer
+from viewer.window.presenting import other_layers
 
 Box = tuple[float, float, float, float]
 AXIS_COLOURS = ("#f2777a", "#6fd08c", "#6cb2f5")

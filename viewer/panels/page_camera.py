@@ -8,9 +8,9 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.pose import UP_AXES
-from viewer.canvas import Canvas
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, figure, hint, label, px, segments, switch, tip
+from viewer.window.canvas import Canvas
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:

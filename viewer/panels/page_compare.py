@@ -7,10 +7,10 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
 from viewer.app.commands import ask_to_open
-from viewer.canvas import Canvas
 from viewer.panels.page_photographs import compare_controls
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, figure, hint, px
+from viewer.window.canvas import Canvas
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:

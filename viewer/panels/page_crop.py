@@ -7,9 +7,9 @@ from imgui_bundle import ImVec2, imgui
 from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.application import App
-from viewer.canvas import Canvas
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, hint, label, segments, switch
+from viewer.window.canvas import Canvas
 
 TITLES = {"faces": "Faces", "move": "Move", "scale": "Scale"}
 HINTS = {

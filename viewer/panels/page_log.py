@@ -5,10 +5,10 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.canvas import Canvas
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, px
+from viewer.window.canvas import Canvas
 
 COLOURS = {"info": theme.TEXT, "warning": theme.WARN, "error": theme.BAD}
 

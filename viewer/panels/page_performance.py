@@ -5,11 +5,11 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from viewer.app.application import App
-from viewer.canvas import Canvas
 from viewer.panels import theme, time_plots
 from viewer.panels.page_view import headline
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, figure, hint, label, px, switch, tip
+from viewer.window.canvas import Canvas
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:

@@ -9,10 +9,10 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import FileRequest
 from viewer.app.photographs import Photographs
-from viewer.canvas import Canvas
 from viewer.panels import frusta, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, coloured, figure, font, hint, label, px, segments, switch, tip
+from viewer.window.canvas import Canvas
 
 HOW = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
 ROW, THUMBNAIL = 46.0, 54.0

@@ -7,10 +7,10 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app.application import App
 from viewer.app.commands import modes_for
 from viewer.app.state import BACKGROUNDS
-from viewer.canvas import Canvas
 from viewer.panels import theme, time_plots
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch
+from viewer.window.canvas import Canvas
 
 MODE_TITLES = {
     "normal": "Picture",

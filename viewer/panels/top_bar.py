@@ -7,10 +7,10 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.canvas import Canvas
 from viewer.panels import layout, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, icon_button, px
+from viewer.window.canvas import Canvas
 
 
 def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:

@@ -9,11 +9,11 @@ from imgui_bundle import ImVec2, imgui, implot
 
 from viewer.app.application import App
 from viewer.app.state import Clipboard
-from viewer.canvas import Canvas
 from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, theme, top_bar, viewport
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.file_dialogs import FileDialogs
 from viewer.panels.theme import Fonts
+from viewer.window.canvas import Canvas
 
 GLSL_VERSION = "#version 330"
 DOUBLE_CLICK_S = 0.45  # imgui's own 0.3 s is less than desktops grant, and a slow picture takes some of it

@@ -9,11 +9,11 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.state import Viewport
-from viewer.canvas import Canvas
 from viewer.panels import frusta, layout, overlays, page_photographs, start_page, theme
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, px
+from viewer.window.canvas import Canvas
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
 

@@ -1,0 +1,227 @@
+"""From a trained run to a pack (SNeRG section 5.4): box, culling, supersampling, quantisation, shedding, fine-tuning.
+
+Works macroblock by macroblock, and keeps on disk what is done: no array of N³ × channels is ever made, and a bake that
+was killed goes on where it was (baker.baking.work_folder).
+"""
+
+from __future__ import annotations
+
+import time
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from baker.baking.culling import TAU_ALPHA, TAU_VIS, Culling, content_box, cull
+from baker.baking.field_query import field_query, occupied_query
+from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
+from baker.baking.supersample import fill_atlas, supersample
+from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
+from baker.tuning.fine_tune import EPOCHS, fine_tune
+from baker.tuning.joint_loop import JointConfig, joint_tune
+from baker.tuning.pruning import TAU_WEIGHT, shed
+from console import UserError, progress
+from console.progress import Progress
+from scenepack.codecs.pieces import restore_padding
+from scenepack.pack import Pack, ViewMlp
+from training.allocator import keep_freed_memory
+from training.run import Run, require_bakeable
+
+BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
+FORMAT = 1  # of a work folder: raised whenever the same key would give other pieces
+
+
+@dataclass(frozen=True)
+class BakeConfig:
+    """How to bake."""
+
+    resolution: int = 512
+    """Voxels along the longest side of the content's box."""
+    tau_alpha: float = TAU_ALPHA
+    """Macroblocks whose largest opacity is below this are dropped."""
+    tau_vis: float = TAU_VIS
+    """Macroblocks that no training camera sees with at least this transmittance are dropped."""
+    tau_weight: float = TAU_WEIGHT
+    """Voxels that no training photograph shows with at least this weight are emptied; 0 leaves all (the paper)."""
+    fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp"
+    """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together."""
+    fine_tune_epochs: int = EPOCHS
+    """Passes over the training pixels that refine the view MLP; 0 for none."""
+    seed: int = 0
+    """Seed of the Gaussian samples within voxels and of fine-tuning."""
+
+
+class Stages:
+    """Seconds spent in each stage of a bake, by name, in order."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        started = time.monotonic()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.monotonic() - started
+
+
+def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
+    """What the voxels of a bake depend on, for its work folder: the run as it is now, and the options before fine-tuning."""
+    crc = 0
+    for name, array in sorted(run.method.save(run.state).items()):
+        crc = zlib.crc32(np.ascontiguousarray(array).data, zlib.crc32(name.encode(), crc))
+    return {
+        "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
+        "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
+        "resolution": config.resolution, "tau_alpha": config.tau_alpha, "tau_vis": config.tau_vis,
+    }  # fmt: skip
+
+
+def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: Stages | None = None) -> Pack:
+    """Bakes the run's field. UserError where the field holds nothing that a training camera sees.
+
+    work: where a broken-off bake with the same work_key goes on, and where other processes help (its share); the caller
+    removes it when the pack is saved.
+    """
+    _require_bakeable(run, config)
+    stages = stages or Stages()
+    grid, culling = _culled(run, config, work, stages)
+    with stages("supersampling"):
+        atlas = fill_atlas(_content(run, config, work, grid, culling), culling.kept, BLOCK_SIZE)
+    head = run.method.view_mlp(run.state)
+    view_mlp = head and ViewMlp(
+        tuple(np.asarray(w, np.float32) for w in head.weights),  # type: ignore[arg-type]
+        tuple(np.asarray(b, np.float32) for b in head.biases),  # type: ignore[arg-type]
+    )
+    camera = run.scene.splits["train"][0].camera
+    pack = Pack(
+        voxel_size=grid.voxel_size, min_xyz=grid.min_xyz, grid_size=grid.size, block_size=BLOCK_SIZE,
+        atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=view_mlp,
+        worldspace_T_opengl=grid.worldspace_T_opengl, ndc=run.scene.ndc,
+        input_width=camera.width, input_height=camera.height, input_focal=float(camera.fx),
+    )  # fmt: skip
+    with stages("padding"):
+        restore_padding(pack, pack.atlas_rgba)
+        restore_padding(pack, atlas[2])
+    counts, removed = culling.counts(), None
+    if config.tau_weight > 0:
+        with stages("shedding"), progress("emptying faint voxels", 1.0) as bar:
+            pack, removed = shed(pack, run.dataset, config.tau_weight, config.seed, bar.update)
+        counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
+    tuned: dict[str, Any] = {}
+    if config.fine_tune != "none":
+        with stages("view MLP"), progress("fine-tuning the view MLP", 1.0) as bar:
+            pack, before, after = fine_tune(
+                pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update
+            )
+        if np.isfinite(after):
+            tuned = {
+                "epochs": config.fine_tune_epochs,
+                "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
+            }  # fmt: skip
+    if config.fine_tune == "all":
+        with stages("voxels and view MLP"), progress("fine-tuning voxels and view MLP", 1.0) as bar:
+            pack, figures = joint_tune(pack, run.dataset, JointConfig(seed=config.seed), bar.update)
+        tuned |= figures
+    provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
+        "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
+        **vars(run.options), "resolution": config.resolution, "macroblocks": counts,
+    }  # fmt: skip
+    if removed:
+        provenance["voxels"] = {"before": removed.voxels_before, "after": removed.voxels_after}
+    if tuned:
+        provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
+    return pack.with_metadata(provenance=provenance, cameras=cameras_of(run))
+
+
+def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
+    """Makes pieces of a bake that another process ends, until none is missing: density and content of macroblocks.
+
+    What comes after (shedding, fine-tuning) is not shared.
+    """
+    _require_bakeable(run, config)
+    with suppress(BakeEnded):
+        grid, culling = _culled(run, config, work, Stages())
+        next(_content(run, config, work, grid, culling), None)  # the first is there once none is missing
+
+
+def _require_bakeable(run: Run, config: BakeConfig) -> None:
+    require_bakeable(run)
+    if config.resolution < BLOCK_SIZE:
+        raise UserError("too coarse", where="--resolution", expected=f"at least {BLOCK_SIZE}", found=config.resolution)
+    keep_freed_memory()
+
+
+def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stages) -> tuple[BakeGrid, Culling]:
+    """The grid, and which of its macroblocks are kept."""
+    query = field_query(run)
+    frame = np.asarray(run.scene.worldspace_T_opengl, np.float64)
+
+    def find_box() -> Arrays:
+        found = content_box(
+            query, *box_in_grid_frame(run.dataset.aabb, frame), config.resolution, frame, config.tau_alpha
+        )
+        if found is None:
+            raise _nothing_there(run)
+        return {"low": found[0], "high": found[1]}
+
+    with stages("box"), progress("looking for content", 1.0):
+        box = once(work, "box", find_box)
+    grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame)
+    with progress("culling", 1.0) as bar:
+        culling = cull(
+            query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha, tau_vis=config.tau_vis,
+            on_blocks=lambda share: bar.update(0.75 * share, "opacity"),
+            on_rays=lambda share: bar.update(0.75 + 0.25 * share, "visibility"), work=work, stages=stages,
+        )  # fmt: skip
+    if not culling.kept.any():
+        raise _nothing_there(run)
+    return grid, culling
+
+
+def _content(
+    run: Run, config: BakeConfig, work: WorkFolder | None, grid: BakeGrid, culling: Culling
+) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """The kept macroblocks' voxels, as baker.baking.supersample.supersample gives them, with a progress line."""
+    count = int(culling.kept.sum())
+    with progress("supersampling", count) as bar:
+        yield from supersample(
+            field_query(run), grid, culling,
+            tau_alpha=config.tau_alpha, seed=config.seed, on_blocks=_Rate(bar, count), work=work,
+        )  # fmt: skip
+
+
+class _Rate:
+    """Tells a bar how many macroblocks are done, and how many samples a second were taken since it was made."""
+
+    def __init__(self, bar: Progress, count: int) -> None:
+        self.bar, self.count, self.samples, self.started = bar, count, 0, time.monotonic()
+
+    def __call__(self, blocks: int, samples: int) -> None:
+        self.samples += samples
+        rate = self.samples / max(time.monotonic() - self.started, 1e-3) / 1e6
+        self.bar.update(blocks, f"macroblock {blocks} of {self.count}, {rate:.1f} M samples/s")
+
+
+def cameras_of(run: Run) -> list[dict]:
+    """The scene's cameras for the pack: pose (training frame), intrinsics in pixels, split and photograph name."""
+    return [
+        {
+            "name": photograph.name, "split": split,
+            "world_T_camera": np.asarray(photograph.camera.world_T_camera, float).tolist(),
+            **{key: getattr(photograph.camera, key) for key in ("width", "height", "fx", "fy", "cx", "cy")},
+            "distortion": list(photograph.camera.distortion),
+        }
+        for split, photographs in run.scene.splits.items()
+        for photograph in photographs
+    ]  # fmt: skip
+
+
+def _nothing_there(run: Run) -> UserError:
+    return UserError(
+        "the trained field holds nothing that its cameras see",
+        where=run.path,
+        remedy="train for more steps, then bake again",
+    )

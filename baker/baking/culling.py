@@ -1,0 +1,251 @@
+"""Which macroblocks are worth storing (SNeRG section 5.4): those with opacity, and seen by some training camera.
+
+Notation: tau_alpha, tau_vis the thresholds; v the voxel size in the field's frame; a cell is grid.cell³ voxels, the unit
+of the visibility test (2, as in the release, which tests on a grid of half the resolution; more in very fine grids).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from baker.baking.field_query import FieldQuery, Occupied
+from baker.baking.grid import BakeGrid, to_training
+from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
+from training.dataset import RayDataset
+from training.method import Rays
+from training.voxels.march import MarchSizes, march, to_grid, transmittance
+from training.voxels.sparse_grid import BRICK, DEPTH_UNITS, GridLayout, build_layout, cell_means, with_depths
+from training.voxels.stages import dilate
+
+TAU_ALPHA = 0.005
+TAU_VIS = 0.01
+BOX_PROBE = 256  # most cells a side when looking for the box around the content
+BOX_MARGIN = 1.0  # probe cells added on every side of it
+BOX_TAIL, BOX_GROWTH = 0.0005, 1.1  # share of the opacity cut off at either end of an axis; what the rest is grown by
+VISIBILITY_RAYS = 1_000_000  # training rays marched; with 100 views of 200 × 200 every fourth
+CHUNK_RAYS, CHUNK_SAMPLES = 4096, 131_072
+HORIZON = 1e-3  # rays end where cells behind get less light than this, well below any tau_vis: dense scenes stay cheap
+DILATION = 2  # cells: what lies this near to a visible cell counts as visible
+
+Tick = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Culling:
+    """kept bool [blocks z, y, x]; cells bool [z, y, x]: cells of kept blocks that hold opacity or touch one that does.
+
+    opaque: number of macroblocks with opacity; hidden: how many of these no camera sees.
+    """
+
+    kept: np.ndarray
+    cells: np.ndarray
+    opaque: int
+    hidden: int
+
+    def counts(self) -> dict[str, int]:
+        """How many macroblocks the grid has, each threshold removed, and are left."""
+        total = int(self.kept.size)
+        return {"grid": total, "below_tau_alpha": total - self.opaque, "below_tau_vis": self.hidden,
+                "kept": self.opaque - self.hidden}  # fmt: skip
+
+
+def content_box(
+    query: FieldQuery,
+    low: np.ndarray,
+    high: np.ndarray,
+    resolution: int,
+    worldspace_T_opengl: np.ndarray,
+    tau_alpha: float = TAU_ALPHA,
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """The part of the box (low, high), grid frame, that holds the content; None where nothing is opaque.
+
+    The field is probed on a grid of at most BOX_PROBE cells a side, at one random place per cell, with opacities as a
+    voxel of the final resolution would have. As in the release, thin tails of the opacity along each axis are cut off (a
+    few floating specks must not halve the resolution of all the rest), and the box is then grown by a tenth.
+    """
+    probes = min(resolution, BOX_PROBE)
+    cell = (high - low).max() / probes
+    counts = np.maximum(np.ceil((high - low) / cell - 1e-6).astype(int), 1)
+    length = (high - low).max() / resolution
+    rng = np.random.default_rng(0)
+    mass = [np.zeros(n) for n in counts]
+    y, x = np.meshgrid(np.arange(counts[1]), np.arange(counts[0]), indexing="ij")
+    for z in range(counts[2]):
+        cells = np.stack([x, y, np.full_like(x, z)], -1).reshape(-1, 3)
+        points = low + (cells + rng.random(cells.shape)) * cell
+        alpha = 1 - np.exp(-np.asarray(query(to_training(worldspace_T_opengl, points)).density) * length)
+        alpha[alpha < tau_alpha] = 0
+        for axis in range(3):
+            mass[axis] += np.bincount(cells[:, axis], alpha, minlength=counts[axis])
+    if not mass[0].any():
+        return None
+    found = np.array([_without_tails(m) for m in mass])
+    first, last = found[:, 0], found[:, 1] + 1
+    grow = BOX_MARGIN + 0.5 * (BOX_GROWTH - 1) * (last - first)
+    occupied = np.array([np.flatnonzero(m)[[0, -1]] for m in mass])
+    first = np.maximum(first - grow, occupied[:, 0] - BOX_MARGIN)
+    last = np.minimum(last + grow, occupied[:, 1] + 1 + BOX_MARGIN)
+    return np.maximum(low + first * cell, low), np.minimum(low + last * cell, high)
+
+
+def _without_tails(mass: np.ndarray) -> tuple[int, int]:
+    """First and last cell of an axis between tails of BOX_TAIL of the mass each."""
+    share = np.cumsum(mass) / mass.sum()
+    return int(np.searchsorted(share, BOX_TAIL)), int(np.searchsorted(share, 1 - BOX_TAIL))
+
+
+def cull(
+    query: FieldQuery,
+    grid: BakeGrid,
+    dataset: RayDataset,
+    *,
+    occupied: Occupied | None = None,
+    tau_alpha: float = TAU_ALPHA,
+    tau_vis: float = TAU_VIS,
+    on_blocks: Tick | None = None,
+    on_rays: Tick | None = None,
+    work: WorkFolder | None = None,
+    stages: Callable[[str], AbstractContextManager] = nullcontext,
+) -> Culling:
+    """Both tests of section 5.4. occupied: spares asking the field where it is surely empty (baker.baking.field_query).
+
+    on_blocks, on_rays are told the share done of either. work: where a broken-off bake goes on. stages: times the two.
+    """
+    with stages("opacity"):
+        opaque, density = _opacity(query, occupied, grid, tau_alpha, on_blocks, work)
+    cells = density > 0
+    with stages("visibility"):
+        bits = once(work, "visibility", lambda: _seen(density, grid, dataset, tau_vis, on_rays))["bits"]
+    seen = np.unpackbits(bits, count=cells.size).reshape(cells.shape).astype(bool)
+    for _ in range(DILATION):
+        seen = dilate(seen)
+    per_block = grid.block_size // grid.cell
+    kept = opaque & _any_in_blocks(seen & cells, per_block)
+    inside = np.repeat(np.repeat(np.repeat(kept, per_block, 0), per_block, 1), per_block, 2)
+    return Culling(kept, dilate(cells) & inside, int(opaque.sum()), int((opaque & ~kept).sum()))
+
+
+def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
+    z, y, x = (n // per_block for n in cells.shape)
+    return np.any(cells.reshape(z, per_block, y, per_block, x, per_block), axis=(1, 3, 5))
+
+
+def _opacity(
+    query: FieldQuery, occupied: Occupied | None, grid: BakeGrid, tau_alpha: float, tick: Tick | None,
+    work: WorkFolder | None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """bool [blocks] with some voxel's alpha >= tau_alpha, and the cells' mean density [cells], 0 where below it.
+
+    The field is asked at every voxel centre, one layer of macroblocks after another; only the coarser cells are kept.
+    """
+    bx, by, bz = grid.blocks
+    size, per_block = grid.block_size, grid.block_size // grid.cell
+    holds = np.ones((bz, by, bx), bool)
+    if occupied is not None:
+        corners = np.argwhere(holds)[:, ::-1] * size
+        ends = grid.training_points(corners), grid.training_points(corners + size)
+        holds = np.asarray(occupied(np.minimum(*ends), np.maximum(*ends))).reshape(bz, by, bx)
+    opaque = np.zeros((bz, by, bx), bool)
+    density = np.zeros((bz * per_block, by * per_block, bx * per_block), np.float32)
+    total, done = max(int(holds.sum()), 1), 0
+
+    def on_some(count: int) -> None:
+        nonlocal done
+        done += count
+        if tick:
+            tick(min(done / total, 1.0))
+
+    layers = {k: (f"opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, tau_alpha, on_some))
+              for k in range(bz) if holds[k].any()}  # fmt: skip
+    share_out(work, list(layers.values()))
+    for k, piece in layers.items():
+        before = done
+        layer = once(work, *piece)
+        on_some(before + int(holds[k].sum()) - done)
+        opaque[k], density[k * per_block : (k + 1) * per_block] = layer["opaque"], layer["density"]
+    return opaque, density
+
+
+def _opacity_of_layer(
+    query: FieldQuery, holds: np.ndarray, k: int, grid: BakeGrid, tau_alpha: float, tick: Callable[[int], None]
+) -> Arrays:
+    """opaque bool [blocks y, x] and density float32 [cells z, y, x] of the layer k of macroblocks; holds [blocks y, x]."""
+    size, per_block = grid.block_size, grid.block_size // grid.cell
+    by, bx = holds.shape
+    opaque, density = np.zeros((by, bx), bool), np.zeros((per_block, by * per_block, bx * per_block), np.float32)
+    z, y, x = np.meshgrid(*(np.arange(size, dtype=np.float32) + np.float32(0.5),) * 3, indexing="ij")
+    centres = np.stack([x, y, z], -1).reshape(-1, 3)
+    group = max(131_072 * 4 // size**3, 1)
+    blocks = np.argwhere(holds)
+    for start in range(0, len(blocks), group):
+        part = blocks[start : start + group]
+        points = np.concatenate([centres + np.array([i * size, j * size, k * size], np.float32) for j, i in part])
+        sigma = np.asarray(query(grid.training_points(points)).density).reshape(len(part), *(per_block, grid.cell) * 3)
+        for (j, i), values in zip(part, sigma, strict=True):
+            alpha = 1 - np.exp(-values.max(axis=(1, 3, 5)) * grid.voxel_size)
+            opaque[j, i] = alpha.max() >= tau_alpha
+            at = tuple(slice(b * per_block, (b + 1) * per_block) for b in (j, i))
+            density[(slice(None), *at)] = np.where(alpha >= tau_alpha, values.mean(axis=(1, 3, 5)), 0)
+        tick(len(part))
+    return {"opaque": opaque, "density": density}
+
+
+def _seen(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tau_vis: float, tick: Tick | None) -> Arrays:
+    """Which cells a training ray reaches with transmittance tau_vis, as packed bits."""
+    return {"bits": np.packbits(_visibility(density, grid, dataset, tick) >= tau_vis)}
+
+
+def _visibility(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick | None) -> np.ndarray:
+    """float32 [cells]: the largest transmittance with which any of many training rays reaches the cell; 0 in empty cells."""
+    present = density > 0
+    if not present.any():
+        return np.zeros(density.shape, np.float32)
+    layout = build_layout(present, grid.min_xyz, grid.voxel_size * grid.cell)
+    rows = jnp.asarray(np.concatenate([[0.0], density[present]]).astype(np.float32))
+    layout = with_depths(layout, cell_means(layout, rows) * (grid.voxel_size * grid.cell))
+    segments = int(np.ceil(np.linalg.norm(density.shape) / BRICK)) + 1
+    sizes = MarchSizes(segments, CHUNK_SAMPLES // BRICK * 2, CHUNK_SAMPLES, segments * BRICK)
+    ids = np.random.default_rng(0).permutation(dataset.count)[:VISIBILITY_RAYS].astype(np.int32)
+    best, done = jnp.zeros(len(rows)), 0
+    grid_T_training = jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32)
+    while done < len(ids):
+        part = jnp.asarray(np.resize(ids[done : done + CHUNK_RAYS], CHUNK_RAYS))
+        best, complete = _reach(best, rows, layout, dataset, part, grid_T_training, sizes)
+        ready = np.asarray(complete)
+        done += CHUNK_RAYS if ready.all() else max(int(ready.argmin()), 1)
+        if tick:
+            tick(min(done, len(ids)) / len(ids))
+    visible = np.zeros(density.shape, np.float32)
+    visible[present] = np.asarray(best)[1:]
+    return visible
+
+
+@partial(jax.jit, static_argnames="sizes")
+def _reach(
+    best: jax.Array, rows: jax.Array, layout: GridLayout, dataset: RayDataset, ids: jax.Array,
+    grid_T_training: jax.Array, sizes: MarchSizes,
+) -> tuple[jax.Array, jax.Array]:  # fmt: skip
+    """Raises best [V + 1] to the transmittance of rays `ids` at the voxels they meet."""
+    rays = in_grid_frame(dataset.rays_at(ids)[0], grid_T_training)
+    grid_rays = to_grid(layout, rays)
+    horizon = int(-np.log(HORIZON) * DEPTH_UNITS)
+    samples = march(layout, grid_rays, jnp.full(ids.shape[0], 0.5), sizes, 1.0, horizon)
+    cell = jnp.clip(jnp.floor(samples.g).astype(jnp.int32) + 1, 0, layout.dims + 1)
+    row = layout.lookup[(cell[:, 2] * (layout.dims[1] + 2) + cell[:, 1]) * (layout.dims[0] + 2) + cell[:, 0]]
+    before, _ = transmittance(samples, rows[row] * grid_rays.length[samples.ray], ids.shape[0], sizes.per_ray)
+    return best.at[row].max(jnp.where(samples.valid, before, 0.0)), samples.complete
+
+
+def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
+    """Rays moved from the training frame to the pack's grid frame; viewdirs stay, the view MLP wants them as they are."""
+    rotation = grid_T_training[:3, :3]
+    return rays._replace(
+        origins=rays.origins @ rotation.T + grid_T_training[:3, 3], directions=rays.directions @ rotation.T
+    )

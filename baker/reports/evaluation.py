@@ -1,0 +1,141 @@
+"""How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (CONTRACT section 4, snerg-eval).
+
+Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
+pictures (section 6, real 360° scenes), since otherwise what lies outside of the box would decide: `by_alpha`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from PIL import Image
+
+from console import UserError, progress
+from scenepack import load_pack
+from scenepack.pack import Pack
+from training import metrics
+from training.run import Run, is_run, load_run, read_description
+from training.scenes import Camera, Photograph, Scene
+
+# a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
+Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
+
+
+@dataclass(frozen=True)
+class ViewScore:
+    """Scores of one view; lpips is None where its weights are not installed."""
+
+    name: str
+    psnr: float
+    ssim: float
+    lpips: float | None
+
+
+def evaluate(
+    subject: Path | Run, scene: Scene, split: str, images: Path | None = None, by_alpha: bool = False
+) -> dict[str, Any]:
+    """The JSON of snerg-eval for a run (its folder, or loaded) or a pack. images: folder for pictures beside their photographs.
+
+    by_alpha: both are shown over the background wherever the subject is transparent.
+
+    UserError where the subject is neither, or the split has no photographs.
+    """
+    photographs = scene.splits.get(split, ())
+    if not photographs:
+        raise UserError("no photographs in this split", where="--split", expected=", ".join(scene.splits), found=split)
+    scores = []
+    with shown_by(subject) as show, progress("evaluating", len(photographs)) as bar:
+        for photograph in photographs:
+            truth = over_background(photograph.load(), scene.background)
+            picture = show(photograph.camera, "normal")
+            if by_alpha:
+                opacity = show(photograph.camera, "alpha")[..., None]
+                picture, truth = (
+                    over_background(np.concatenate([shown, opacity], -1), scene.background)
+                    for shown in (picture, truth)
+                )
+            scores.append(score(photograph, picture, truth))
+            if images is not None:
+                save_comparison(images / f"{Path(photograph.name).stem}.png", picture, truth)
+            bar.advance(note=f"PSNR {np.mean([s.psnr for s in scores]):.2f} dB")
+    return {
+        **{key: _mean([getattr(s, key) for s in scores]) for key in ("psnr", "ssim", "lpips")},
+        "views": [vars(s) for s in scores],
+        "width": photographs[0].camera.width,
+        "height": photographs[0].camera.height,
+    }
+
+
+def reading_of(subject: Path) -> dict[str, bool | None]:
+    """How the subject's photographs were read: `spherify` and `masks` of training.scenes.SceneOptions, where it tells."""
+    if is_run(subject):
+        stored: Any = vars(read_description(subject).options)
+    else:
+        stored = load_pack(subject).metadata.get("provenance")
+    stored = stored if isinstance(stored, dict) else {}
+    spherify = stored.get("spherify")
+    return {"spherify": spherify if isinstance(spherify, bool) else None, "masks": stored.get("masks") is True}
+
+
+def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray) -> ViewScore:
+    """Scores of a picture [H, W, 3] against its photograph, both in [0, 1]."""
+    return ViewScore(
+        photograph.name, metrics.psnr(picture, truth), metrics.ssim(picture, truth), metrics.lpips(picture, truth)
+    )
+
+
+@contextmanager
+def shown_by(subject: Path | Run) -> Iterator[Shown]:
+    """What draws the subject: the field itself for a run, the OpenGL renderer for a pack."""
+    if isinstance(subject, Run) or is_run(subject):
+        yield _field_pictures(subject if isinstance(subject, Run) else load_run(subject))
+        return
+    from viewer.rendering.offscreen import OffscreenRenderer
+
+    pack = load_pack(subject)
+    with OffscreenRenderer(pack) as renderer:
+        yield _pack_pictures(pack, renderer)
+
+
+def _field_pictures(run: Run) -> Shown:
+    def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
+        output = run.method.render(run.state, run.dataset.view_rays(camera))
+        shown = np.asarray(output.rgb if mode == "normal" else output.alpha)
+        return np.clip(shown, 0, 1).reshape(camera.height, camera.width, *shown.shape[1:])
+
+    return show
+
+
+def _pack_pictures(pack: Pack, renderer: Any) -> Shown:
+    from viewer.rendering.camera import ViewCamera
+    from viewer.rendering.settings import RenderSettings
+
+    def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
+        view = ViewCamera.from_scene_camera(pack, camera)
+        shown = renderer.render(view, RenderSettings(mode=mode)).astype(np.float32) / 255
+        return shown if mode == "normal" else shown[..., 0]
+
+    return show
+
+
+def over_background(rgba: np.ndarray, background: tuple[float, float, float]) -> np.ndarray:
+    """float32 [H, W, 3] of a photograph [H, W, 4] with colours not premultiplied."""
+    alpha = rgba[..., 3:]
+    return rgba[..., :3] * alpha + np.asarray(background, np.float32) * (1 - alpha)
+
+
+def save_comparison(path: Path, picture: np.ndarray, truth: np.ndarray) -> None:
+    """Picture, photograph and their difference times five, side by side."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    row = np.concatenate([picture, truth, np.clip(5 * np.abs(picture - truth), 0, 1)], axis=1)
+    Image.fromarray(np.round(255 * row).astype(np.uint8)).save(path)
+
+
+def _mean(values: list[float | None]) -> float | None:
+    known = [v for v in values if v is not None]
+    return float(np.mean(known)) if len(known) == len(values) else None

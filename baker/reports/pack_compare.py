@@ -1,0 +1,72 @@
+"""Two packs side by side: each drawn by the OpenGL renderer from the same cameras, picture by picture.
+
+Needs neither JAX nor photographs. Cameras go once around the first pack's content (along a circle in the camera plane
+for forward-facing packs), in the OpenGL grid frame that both packs are taken to share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from console import UserError, progress
+from scenepack import Pack, load_pack
+from training import metrics
+from viewer.rendering.camera import ViewCamera, orbit_path
+from viewer.rendering.offscreen import OffscreenRenderer
+
+
+def compare_packs(first: Path, second: Path, views: int, size: tuple[int, int]) -> dict[str, Any]:
+    """PSNR (dB, at most 120) and SSIM of the second pack's pictures against the first's, and bytes on disk.
+
+    {"a", "b": {"path", "bytes", "codec"}, "width", "height", "psnr", "ssim", "worst" (of 255), "views": [{"name",
+    "psnr", "ssim", "worst"}]}; ssim is None for pictures too small for it. UserError where a pack cannot be opened, or
+    only one of them is forward-facing.
+    """
+    packs = load_pack(first), load_pack(second)
+    if packs[0].ndc != packs[1].ndc:
+        raise UserError("only one of the packs is forward-facing (NDC)", where=first if packs[0].ndc else second)
+    cameras = orbit_path(packs[0], views, size=size)
+    with progress("comparing", 2 * views) as bar:
+        pictures = [_pictures(pack, cameras, bar.advance) for pack in packs]
+    rows = []
+    for i, (a, b) in enumerate(zip(*pictures, strict=True)):
+        rows.append({"name": f"view {i}", **difference(a, b)})
+    return {
+        "a": _described(first, packs[0]),
+        "b": _described(second, packs[1]),
+        "width": size[0],
+        "height": size[1],
+        "psnr": float(np.mean([row["psnr"] for row in rows])),
+        "ssim": None if rows[0]["ssim"] is None else float(np.mean([row["ssim"] for row in rows])),
+        "worst": max(row["worst"] for row in rows),
+        "views": rows,
+    }
+
+
+def difference(a: np.ndarray, b: np.ndarray) -> dict[str, Any]:
+    """psnr, ssim (None for pictures too small for it) and worst, the largest difference, of uint8 [H, W, 3]."""
+    x, y = a.astype(np.float32) / 255, b.astype(np.float32) / 255
+    ssim = metrics.ssim(x, y) if min(a.shape[:2]) >= metrics.WINDOW else None
+    return {"psnr": metrics.psnr(x, y), "ssim": ssim, "worst": int(np.abs(a.astype(int) - b).max())}
+
+
+def stored_bytes(path: Path) -> int:
+    """What a pack takes on disk."""
+    return path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.iterdir() if f.is_file())
+
+
+def _pictures(pack: Pack, cameras: Sequence[ViewCamera], advance: Any) -> list[np.ndarray]:
+    pictures = []
+    with OffscreenRenderer(pack) as renderer:
+        for camera in cameras:
+            pictures.append(renderer.render(camera))
+            advance()
+    return pictures
+
+
+def _described(path: Path, pack: Pack) -> dict[str, Any]:
+    return {"path": str(path), "bytes": stored_bytes(path), "codec": str(pack.params.get("format", "png"))}

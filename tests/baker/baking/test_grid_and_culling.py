@@ -1,0 +1,148 @@
+"""Where voxels lie, and which macroblocks are dropped."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baker.baking.culling import content_box, cull
+from baker.baking.grid import box_in_grid_frame, make_grid
+from baker.baking.supersample import fill_atlas, supersample
+from baker.baking.work_folder import WorkFolder
+from console import UserError
+from scenepack import Pack, check_pack
+from scenepack.blocks import dense_from_pack
+from scenepack.codecs.pieces import restore_padding
+from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, nothing
+from tests.scenepack.random_packs import BLENDER_FRAME
+
+LOW, HIGH = np.full(3, -1.5), np.full(3, 1.5)
+
+
+def test_the_box_in_the_grid_frame_holds_the_same_points() -> None:
+    aabb = np.array([[-1.0, -2.0, -3.0], [0.5, 1.0, 4.0]])
+    low, high = box_in_grid_frame(aabb, BLENDER_FRAME)
+    grid_T_world = np.linalg.inv(BLENDER_FRAME)[:3, :3]
+    points = np.random.default_rng(0).uniform(aabb[0], aabb[1], (100, 3)) @ grid_T_world.T
+    assert np.all(points >= low - 1e-9) and np.all(points <= high + 1e-9)
+    np.testing.assert_allclose(np.sort(high - low), np.sort(aabb[1] - aabb[0]))
+
+
+def test_the_grid_covers_its_box_with_whole_blocks_and_stays_centred() -> None:
+    grid = make_grid(np.array([0.0, 0, 0]), np.array([2.0, 1.0, 0.1]), 100, 30, BLENDER_FRAME)
+    assert grid.voxel_size == pytest.approx(0.02)
+    assert grid.blocks == (4, 2, 1)
+    far = grid.min_xyz + np.array(grid.size) * grid.voxel_size
+    assert np.all(grid.min_xyz <= 0) and np.all(far >= [2.0, 1.0, 0.1])
+    np.testing.assert_allclose(grid.min_xyz + far, [2.0, 1.0, 0.1], atol=1e-9)
+
+
+def test_more_than_254_blocks_an_axis_are_refused_in_one_line() -> None:
+    with pytest.raises(UserError, match=r"--resolution.*at most 7620"):
+        make_grid(LOW, HIGH, 7700, 30, BLENDER_FRAME)
+
+
+def test_the_content_box_fits_the_ball_within_a_probe_cell() -> None:
+    box = content_box(ball, LOW, HIGH, 120, BLENDER_FRAME)
+    assert box is not None
+    cell = 3.0 / 120
+    assert np.all(np.abs(box[0] + RADIUS) < 2.5 * cell) and np.all(np.abs(box[1] - RADIUS) < 2.5 * cell)
+    assert content_box(nothing, LOW, HIGH, 64, BLENDER_FRAME) is None
+
+
+def test_a_floating_speck_does_not_stretch_the_box() -> None:
+    def with_speck(points: np.ndarray):
+        field = ball(points)
+        speck = np.linalg.norm(points - np.array([1.4, 1.4, 1.4]), axis=-1) < 0.03
+        return field._replace(density=field.density + 400.0 * speck)
+
+    box = content_box(with_speck, LOW, HIGH, 120, BLENDER_FRAME)
+    assert box is not None and np.all(box[1] < 1.2 * RADIUS) and np.all(box[0] > -1.2 * RADIUS)
+    assert np.all(box[1] >= RADIUS - 0.03) and np.all(box[0] <= -RADIUS + 0.03)
+
+
+def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_middle(dataset) -> None:
+    grid = make_grid(LOW * 0.7, HIGH * 0.7, 360, 30, BLENDER_FRAME)  # 12 blocks a side; the ball's radius is 4.6 blocks
+    culling = cull(ball, grid, dataset)
+    centres = (
+        np.stack(np.meshgrid(*(np.arange(12),) * 3, indexing="ij"), -1) + 0.5
+    ) * 30 * grid.voxel_size + grid.min_xyz[0]
+    distance, diagonal = np.linalg.norm(centres, axis=-1), 30 * grid.voxel_size * np.sqrt(3) / 2
+    assert not culling.kept[distance > RADIUS + diagonal].any(), "air is dropped"
+    middle = distance < RADIUS - 2.2 * diagonal
+    assert middle.sum() >= 8 and not culling.kept[middle].any(), "the hidden middle is dropped"
+    assert culling.hidden >= middle.sum() and culling.opaque - culling.hidden == culling.kept.sum()
+    facing = np.abs(distance - RADIUS) < 0.2 * diagonal
+    seen = facing & (centres[..., 0] > 0)  # grid z up in z, y, x order: what the cameras above look at
+    assert culling.kept[facing & seen].mean() > 0.6
+
+
+def baked(culling, grid, work=None) -> Pack:
+    """What supersample gives, as a pack of its own."""
+    atlas = fill_atlas(supersample(ball, grid, culling, work=work), culling.kept, grid.block_size)
+    pack = Pack(grid.voxel_size, grid.min_xyz, grid.size, grid.block_size, *atlas, None, BLENDER_FRAME)
+    for part in atlas[1:]:
+        restore_padding(pack, part)
+    return pack
+
+
+def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) -> None:
+    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
+    rgba, features = dense_from_pack(baked(cull(ball, grid, dataset), grid))
+    assert features is not None
+    alpha = rgba[..., 3].astype(float) / 255
+    full = 1 - np.exp(-DENSITY * grid.voxel_size)
+    solid = alpha > 0.999 * full - 0.5 / 255
+    assert solid.any()
+    np.testing.assert_allclose(rgba[solid][:, :3], np.round(255 * COLOUR * full) * np.ones((solid.sum(), 1)), atol=1)
+    np.testing.assert_allclose(features[solid], np.round(255 * FEATURES * full) * np.ones((solid.sum(), 1)), atol=1)
+    edge = (alpha > 0.02) & ~solid
+    assert edge.any(), "the border of the ball is averaged, not a staircase"
+    np.testing.assert_allclose(rgba[edge][:, :3] / 255, alpha[edge][:, None] * COLOUR, atol=1.01 / 255)
+    centres = np.argwhere(solid) + 0.5 - 30
+    assert np.linalg.norm(centres * grid.voxel_size, axis=1).max() < RADIUS, "voxels lie where the ball is"
+
+
+def test_the_atlas_holds_each_macroblock_and_copies_of_its_neighbours(dataset) -> None:
+    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
+    pack = baked(cull(ball, grid, dataset), grid)
+    assert all(finding.severity in ("ok", "note") for finding in check_pack(pack))
+
+
+def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, tmp_path, monkeypatch) -> None:
+    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
+    monkeypatch.setattr("baker.baking.supersample.BLOCKS_AT_ONCE", 5)
+    whole = baked(cull(ball, grid, dataset), grid)
+    asked = 0
+
+    def mortal(points: np.ndarray):
+        nonlocal asked
+        asked += len(points)
+        if asked > limit:
+            raise KeyboardInterrupt
+        return ball(points)
+
+    limit, times, last = 0, 0, None
+    while last is None:
+        times += 1
+        assert times < 60, "each try must get further"
+        asked, limit = 0, 2_500_000 + 10 * times  # points before the next kill
+        work = WorkFolder(tmp_path / "work", {"bake": 1})
+        try:
+            culling = cull(mortal, grid, dataset, work=work)
+            blocks = supersample(mortal, grid, culling, work=work)
+            last = fill_atlas(blocks, culling.kept, 30)
+        except KeyboardInterrupt:
+            pass
+        work.close()
+    assert times >= 3
+    assert np.array_equal(last[0], whole.atlas_indices)
+    for part, expected in zip(last[1:], (whole.atlas_rgba, whole.atlas_features), strict=True):
+        restore_padding(whole, part)
+        assert np.array_equal(part, expected)
+
+
+def test_the_cells_of_culling_get_coarser_so_that_memory_stays_bounded() -> None:
+    for resolution, cell in ((60, 2), (1000, 2), (1100, 3), (2500, 5), (7620, 15)):
+        grid = make_grid(LOW, HIGH, resolution, 30, BLENDER_FRAME)
+        assert grid.cell == cell and max(grid.size) // cell <= 512

@@ -1,0 +1,127 @@
+"""A bake shared by several processes through its work folder: the same voxels, whoever made which piece."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baker.baking.culling import cull
+from baker.baking.grid import make_grid
+from baker.baking.supersample import fill_atlas, supersample
+from baker.baking.work_folder import BakeEnded, Share, WorkFolder
+from baker.commands.bake import main as snerg_bake
+from baker.commands.bake import share_of
+from console import UserError
+from tests.baker.analytic import ball
+from tests.scenepack.random_packs import BLENDER_FRAME
+from training.commands.train import main as snerg_train
+from training.scenes.procedural import write_procedural_scene
+
+ROOT = Path(__file__).parents[3]
+KEY = {"bake": 1}
+
+
+@pytest.mark.parametrize(("process", "processes"), [(0, 1), (0, 3), (2, 3), (4, 5)])
+def test_every_process_would_make_every_piece_but_its_own_share_first(process: int, processes: int) -> None:
+    order = Share(process, processes).order(11)
+    assert sorted(order) == list(range(11))
+    own = [piece for piece in range(11) if piece % processes == process]
+    assert order[: len(own)] == own
+
+
+def voxels(dataset, work: WorkFolder | None) -> list[np.ndarray]:
+    """indices, rgba and features of the ball, baked through a work folder."""
+    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
+    culling = cull(ball, grid, dataset, work=work)
+    return list(fill_atlas(supersample(ball, grid, culling, work=work), culling.kept, 30))
+
+
+@pytest.fixture
+def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("baker.baking.supersample.BLOCKS_AT_ONCE", 2)
+
+
+def test_two_processes_make_the_same_voxels_as_one(dataset, tmp_path: Path, small_pieces) -> None:
+    alone = voxels(dataset, None)
+    works = [WorkFolder(tmp_path / "work", KEY, Share(process, 2)) for process in (0, 1)]
+    results: dict[int, list[np.ndarray]] = {}
+
+    def run(process: int) -> None:
+        results[process] = voxels(dataset, works[process])
+
+    helper = threading.Thread(target=run, args=(1,))
+    helper.start()
+    run(0)
+    helper.join()
+    for found in results.values():
+        assert all(np.array_equal(a, b) for a, b in zip(found, alone, strict=True))
+    assert works[0].made > 2 and works[1].made > 2, "both worked"
+    works[0].remove()
+
+
+def test_a_helper_that_dies_costs_no_more_than_its_share(dataset, tmp_path: Path, small_pieces) -> None:
+    first = WorkFolder(tmp_path / "work", KEY, Share(0, 2))
+    WorkFolder(tmp_path / "work", KEY, Share(1, 2))  # and never makes a piece
+    assert all(np.array_equal(a, b) for a, b in zip(voxels(dataset, first), voxels(dataset, None), strict=True))
+    first.remove()
+
+
+def test_a_helper_that_comes_late_finds_that_the_bake_has_ended(dataset, tmp_path: Path) -> None:
+    first = WorkFolder(tmp_path / "work", KEY, Share(0, 2))
+    late = WorkFolder(tmp_path / "work", KEY, Share(1, 2))
+    first.remove()
+    with pytest.raises(BakeEnded):
+        voxels(dataset, late)
+    assert not (tmp_path / "work").exists()
+
+
+def test_a_helper_of_another_bake_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = WorkFolder(tmp_path / "work", KEY, Share(0, 2))
+    monkeypatch.setattr("baker.baking.work_folder.PATIENCE", 0.3)
+    with pytest.raises(UserError, match="has not begun"):
+        WorkFolder(tmp_path / "work", {"bake": 2}, Share(1, 2))
+    assert first.file("key.json").parent.is_dir()
+    first.remove()
+
+
+def test_shares_come_from_options_or_the_launcher(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("SLURM_STEP_NUM_TASKS", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE"):
+        monkeypatch.delenv(name, raising=False)
+    assert share_of(None, None) == Share(0, 1)
+    assert share_of(4, 3) == Share(3, 4)
+    monkeypatch.setenv("SLURM_STEP_NUM_TASKS", "8")
+    monkeypatch.setenv("SLURM_PROCID", "5")
+    assert share_of(None, None) == Share(5, 8) and share_of(1, 0) == Share(0, 1)
+    for processes, process in ((4, None), (None, 1), (4, 4), (0, 0), (2, -1)):
+        with pytest.raises(UserError, match="do not make a whole"):
+            share_of(processes, process)
+
+
+def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> None:
+    scene = write_procedural_scene(tmp_path / "scene", size=32, views=8, subpixels=1)
+    run, one, two = (tmp_path / name for name in ("run", "one", "two"))
+    assert snerg_train([str(scene), "--out", str(run), "--preset", "tiny", "--steps", "60"]) == 0
+    options = ["--resolution", "60", "--fine-tune", "none", "--tau-weight", "0"]
+    assert snerg_bake([str(run), "--out", str(one), *options]) == 0
+    environment = os.environ | {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    line = [sys.executable, "-m", "baker.commands.bake", str(run), "--out", str(two), *options, "--processes", "2"]
+    children = [
+        subprocess.Popen([*line, "--process-id", i], cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
+        for i in "01"
+    ]
+    try:
+        said = [child.communicate(timeout=300)[0] for child in children]
+    finally:
+        for child in children:
+            child.kill()
+    assert [child.returncode for child in children] == [0, 0], said
+    assert "pieces of it made here" in said[1]
+    expected, found = ({path.name: path.read_bytes() for path in pack.iterdir()} for pack in (one, two))
+    assert found == expected
+    assert not list(tmp_path.glob(".*.bake"))

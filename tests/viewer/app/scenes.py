@@ -1,0 +1,49 @@
+"""A pack that knows its photographs: a tiny Blender scene on disk, its pictures rendered from the toy itself."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from scenepack import Pack
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.offscreen import OffscreenRenderer
+
+SIDE = 64
+ANGLE = 0.7  # radians, horizontal
+
+
+def photographed(pack: Pack, folder: Path, per_split: int = 3) -> Pack:
+    """Renders photographs of `pack` into a Blender scene at `folder`; the pack with its cameras in the metadata."""
+    cameras = []
+    with OffscreenRenderer(pack) as renderer:
+        for split in ("train", "test"):
+            frames = []
+            (folder / split).mkdir(parents=True)
+            for i in range(per_split):
+                azimuth = 360 * i / per_split + (30 if split == "test" else 0)
+                view = ViewCamera.orbit(pack, azimuth, 25, size=(SIDE, SIDE))
+                focal = 0.5 * SIDE / np.tan(0.5 * ANGLE)
+                view = replace(view, fx=focal, fy=focal)
+                picture = np.dstack([renderer.render(view), np.full((SIDE, SIDE), 255, np.uint8)])
+                Image.fromarray(picture).save(folder / split / f"r_{i}.png")
+                matrix = (pack.worldspace_T_opengl @ view.grid_T_camera).tolist()
+                frames.append({"file_path": f"./{split}/r_{i}", "transform_matrix": matrix})
+            document = {"camera_angle_x": ANGLE, "frames": frames}
+            (folder / f"transforms_{split}.json").write_text(json.dumps(document))
+    from training.scenes import load_scene
+
+    scene = load_scene(folder)
+    for split, photographs in scene.splits.items():
+        for photograph in photographs:
+            c = photograph.camera
+            cameras.append(
+                {"name": photograph.name, "split": split, "world_T_camera": np.asarray(c.world_T_camera).tolist()}
+                | {key: getattr(c, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
+                | {"distortion": list(c.distortion)}
+            )
+    return pack.with_metadata(cameras=cameras, provenance={"scene": str(folder)})

@@ -1,0 +1,175 @@
+"""The app without a window: opening, commands, messages."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from console import UserError
+from tests.viewer.conftest import toy_pack
+from viewer.app import loading as loading_module
+from viewer.app.application import App
+from viewer.app.commands import COMMANDS, modes_for, run
+from viewer.rendering.settings import MODES
+
+
+class FakeStage:
+    """Remembers what it was told to show. refuse: a reason to refuse packs."""
+
+    gpu_bytes = 0
+
+    def __init__(self, refuse: str = "") -> None:
+        self.shown, self.refuse = [], refuse
+
+    def show(self, pack):
+        if self.refuse:
+            raise UserError(self.refuse)
+        self.shown.append(pack)
+
+    def refine(self, pack):
+        self.shown[-1] = pack
+
+    def show_other(self, pack):
+        self.other = pack
+
+    def distance_at(self, camera, settings, x, y):
+        return 2.0
+
+    def snapshot(self, camera, settings):
+        return np.full((camera.height, camera.width, 3), 40, np.uint8)
+
+
+@pytest.fixture
+def open_app(pack, pack_folder) -> App:
+    app = App(stage=FakeStage())
+    app.show(pack, pack_folder)
+    return app
+
+
+def finish_loading(app: App) -> None:
+    assert app.loading is not None
+    app.loading.wait(20)
+    app.tick(0.01)
+
+
+def test_opening_reads_in_a_thread_and_shows_the_pack(pack_folder):
+    app = App(stage=FakeStage())
+    app.open(pack_folder)
+    assert app.scene is None and app.loading is not None
+    finish_loading(app)
+    assert app.loading is None and app.scene.name == "toy" and len(app.stage.shown) == 1
+
+
+def test_the_old_scene_stays_until_the_new_one_is_good(open_app, tmp_path):
+    old = open_app.scene
+    open_app.open(tmp_path / "nothing")
+    finish_loading(open_app)
+    assert open_app.scene is old
+    assert "nothing" in open_app.messages.dialogs[0].title
+
+
+def test_a_card_too_small_is_a_dialog_and_the_old_scene_stays(open_app, pack_folder):
+    old = open_app.scene
+    open_app.stage.refuse = "the graphics driver has no room for the rgba texture"
+    open_app.open(pack_folder)
+    finish_loading(open_app)
+    assert open_app.scene is old
+    assert "no room" in open_app.messages.dialogs[0].text
+
+
+def test_a_bug_while_loading_is_a_dialog_too(open_app, pack_folder, monkeypatch):
+    monkeypatch.setattr(loading_module, "load_pack", lambda *a, **k: 1 / 0)
+    open_app.open(pack_folder)
+    finish_loading(open_app)
+    assert open_app.messages.dialogs
+
+
+def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
+    go_on = threading.Event()
+
+    def slow(path, *, on_progress, on_preview):
+        go_on.wait(20)
+        on_progress(1, 2)
+        return toy_pack()
+
+    monkeypatch.setattr(loading_module, "load_pack", slow)
+    old = open_app.scene
+    open_app.open(pack_folder)
+    loading = open_app.loading
+    open_app.cancel_loading()
+    go_on.set()
+    loading.wait(20)
+    open_app.tick(0.01)
+    assert loading.pack is None and loading.error is None and open_app.scene is old and not open_app.messages.dialogs
+
+
+def test_a_preview_tells_its_images_and_not_its_voxels(open_app):
+    from viewer.panels.top_bar import state_of
+
+    assert state_of(open_app) == "44 × 44 × 44 voxels"
+    open_app.scene.whole = False
+    assert state_of(open_app) == "loading"
+    open_app.opening.loading = type("Loading", (), {"images": (3, 16)})()
+    assert state_of(open_app) == "loading 3 of 16 images"
+
+
+def test_dropping_a_pack_opens_it(open_app, pack_folder):
+    open_app.drop([pack_folder])
+    finish_loading(open_app)
+    assert len(open_app.stage.shown) == 2
+
+
+def test_every_command_runs_with_and_without_a_scene(open_app):
+    for app in (open_app, App(stage=FakeStage())):
+        for name, command in COMMANDS.items():
+            possible = app.scene is not None or not command.needs_scene
+            app.clipboard.set("1,2,3,0,0,0")
+            assert run(app, name) == possible
+            app.file_request = None
+        assert not app.messages.dialogs
+
+
+def test_a_command_that_fails_is_a_dialog(open_app, monkeypatch):
+    monkeypatch.setattr(open_app.scene.rig, "home", lambda: 1 / 0)
+    assert run(open_app, "home")
+    assert "first view" in open_app.messages.dialogs[0].title
+
+
+def test_no_key_belongs_to_two_commands():
+    keys = [key for command in COMMANDS.values() for key in command.keys]
+    assert len(keys) == len(set(keys))
+
+
+def test_modes_go_round_and_leave_out_what_the_pack_has_not(open_app):
+    seen = set()
+    for _ in MODES:
+        seen.add(open_app.settings.mode)
+        run(open_app, "next-mode")
+    assert seen == set(MODES) and open_app.settings.mode == "normal"
+    open_app.set(mode="features")
+    open_app.show(toy_pack(view_mlp=False), open_app.scene.path)
+    assert open_app.settings.mode == "normal" and "features" not in modes_for(open_app)
+
+
+def test_a_double_click_makes_the_surface_the_pivot(open_app):
+    open_app.viewport.width, open_app.viewport.height = 400, 300
+    camera = open_app.camera()
+    assert open_app.pivot_at(200, 150)
+    point = camera.position - 2.0 * camera.grid_T_camera[:3, 2]
+    np.testing.assert_allclose(open_app.scene.rig.goal.pivot, point, atol=1e-6)
+
+
+def test_nothing_is_drawn_once_nothing_changes(open_app):
+    for _ in range(10):
+        open_app.tick(0.02)
+        open_app.drew()
+    assert not open_app.wants_frame
+    open_app.set(mode="depth")
+    assert open_app.wants_frame
+
+
+def test_a_toast_goes_away(open_app):
+    open_app.messages.say("saved")
+    assert open_app.messages.toast_left > 0
+    open_app.messages.toast_until = 0.0
+    assert open_app.messages.toast_left == 0

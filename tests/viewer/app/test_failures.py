@@ -1,0 +1,292 @@
+"""What goes wrong outside of the program is a dialog in plain words; nothing is lost, and the viewer goes on."""
+
+import errno
+import shutil
+import subprocess
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenepack import save_pack
+from tests.viewer.app.test_application import FakeStage, finish_loading
+from tests.viewer.rendering.shapes import shapes_pack
+from viewer.app import export as export_module
+from viewer.app import loading as loading_module
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.app.films import FilmWriter
+from viewer.rendering import gpu_scene
+from viewer.rendering.gpu_scene import Limits
+
+
+@pytest.fixture(scope="session")
+def shapes_folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("shapes") / "shapes"
+    save_pack(shapes_pack(70), folder)
+    return folder
+
+
+@pytest.fixture
+def ui(offscreen, app, shapes_folder, tmp_path):
+    """The interface with a pack that was opened from a folder of its own."""
+    folder = shutil.copytree(shapes_folder, tmp_path / "open")
+    app.governor.enabled = False
+    ui = offscreen(app, size=(900, 560))
+    app.open(folder)
+    app.loading.wait(30)
+    ui.settle()
+    assert app.scene is not None
+    return ui
+
+
+def still_alive(ui) -> None:
+    """The scene that was open is drawn, from another side too, and OpenGL has nothing to say."""
+    app = ui.app
+    app.messages.dialogs.clear()
+    before = ui.picture()
+    app.scene.rig.orbit(0.3, 0.1)
+    app.scene.rig.settle()
+    ui.settle()
+    assert np.abs(ui.picture().astype(int) - before).mean() > 1
+    assert ui.ctx.error == "GL_NO_ERROR" and not app.messages.dialogs
+
+
+def wait_for_dialog(ui) -> str:
+    """Title and text of the dialog that something led to."""
+    app = ui.app
+    if app.loading is not None:
+        app.loading.wait(30)
+    for _ in range(400):
+        ui.frame()
+        if app.messages.dialogs:
+            break
+    assert len(app.messages.dialogs) == 1
+    dialog = app.messages.dialogs[0]
+    for word in ("Errno", "Traceback", "Error", "<"):
+        assert word not in dialog.text, dialog
+    return f"{dialog.title}: {dialog.text}"
+
+
+# A pack that goes away while it is open
+
+
+@pytest.mark.parametrize("gone", ["rgba_001.png", "scene_params.json", "atlas_indices.png", "all"])
+def test_a_pack_deleted_while_open_stays_open_and_is_told_when_it_is_asked_for_again(ui, gone):
+    app, folder = ui.app, ui.app.scene.path
+    shutil.rmtree(folder) if gone == "all" else (folder / gone).unlink()
+    still_alive(ui)
+    scene = app.scene
+    app.open(folder)
+    assert "open cannot be opened" in wait_for_dialog(ui) and app.scene is scene
+    app.messages.dialogs.clear()
+    app.open(folder, other=True)
+    assert str(folder) in wait_for_dialog(ui) and app.comparison.against == ""
+    still_alive(ui)
+    assert (folder in app.preferences.recent_packs()) == (gone != "all")
+
+
+def test_a_pack_that_is_cut_off_while_it_is_seen_leads_back_to_the_start_page(
+    offscreen, app, shapes_folder, tmp_path, monkeypatch
+):
+    folder = shutil.copytree(shapes_folder, tmp_path / "cut")
+    last = sorted(folder.glob("rgba_*.png"))[-1]
+    last.write_bytes(last.read_bytes()[:200])  # its header is whole
+    seen, go_on, load = threading.Event(), threading.Event(), loading_module.load_pack
+
+    def load_slowly(path, *, on_progress, on_preview):
+        def preview(pack):
+            on_preview(pack)
+            seen.set()
+            go_on.wait(30)
+
+        return load(path, on_progress=on_progress, on_preview=preview)
+
+    monkeypatch.setattr(loading_module, "load_pack", load_slowly)
+    ui = offscreen(app, size=(900, 560))
+    app.open(folder)
+    assert seen.wait(30)
+    for _ in range(10):
+        ui.frame()
+    assert app.scene is not None and not app.scene.whole and ui.canvas.renderer is not None
+    go_on.set()
+    assert last.name in wait_for_dialog(ui)
+    assert app.scene is None and ui.canvas.renderer is None and app.preferences.recent == []
+    app.messages.dialogs.clear()
+    monkeypatch.undo()
+    app.open(shapes_folder)
+    app.loading.wait(30)
+    ui.settle()
+    still_alive(ui)
+
+
+# A full disk
+
+
+@pytest.fixture
+def small_disk(tmp_path, monkeypatch):
+    """A folder on a disk of 64 KB: a real one where it can be mounted, else one whose writes fail as on such a disk."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
+    try:
+        mounted = subprocess.run(command, capture_output=True, timeout=10).returncode == 0
+    except OSError:
+        mounted = False
+    if mounted:
+        yield folder
+        subprocess.run(["umount", "--lazy", str(folder)], check=True, timeout=10)
+        return
+
+    def full(self, picture) -> None:
+        (self.aside / "part" if self.aside.is_dir() else self.aside).write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device", str(self.aside))
+
+    for sink in (export_module._Still, export_module._Sequence, FilmWriter):
+        monkeypatch.setattr(sink, "add", full)
+    yield folder
+
+
+@pytest.mark.parametrize("target", ["still.png", "film.mp4", "frames"])
+def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_written(ui, small_disk, target):
+    app = ui.app
+    (small_disk / "mine.txt").write_text("keep me")
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 256, (256, 320, 3), np.uint8)
+    app.stage.snapshot = lambda camera, settings: noise[: camera.height, : camera.width]  # such as compresses badly
+    app.filming.size, app.filming.fps = (320, 256), 10.0
+    if target == "still.png":
+        app.filming.still(app, small_disk / target)
+    else:
+        run(app, "turntable")
+        app.filming.film(app, small_disk / target)
+    told = wait_for_dialog(ui)
+    assert "The export stopped" in told and "the disk is full" in told and str(small_disk) in told
+    assert app.filming.export is None
+    assert [path.name for path in small_disk.iterdir()] == ["mine.txt"]
+    del app.stage.snapshot
+    still_alive(ui)
+
+
+def test_a_disk_that_is_full_at_the_very_end_of_a_film_leaves_nothing(ui, tmp_path, monkeypatch):
+    def full(self) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(self.aside))
+
+    monkeypatch.setattr(FilmWriter, "finish", full)
+    app = ui.app
+    run(app, "turntable")
+    app.filming.size, app.filming.fps = (32, 32), 2.0
+    app.filming.film(app, tmp_path / "film.mp4")
+    assert "the disk is full" in wait_for_dialog(ui)
+    assert not list(tmp_path.glob("*film*")) and not list(tmp_path.glob(".*"))
+    still_alive(ui)
+
+
+def test_an_old_picture_stays_when_the_new_one_does_not_fit(ui, small_disk):
+    app = ui.app
+    Image.new("RGB", (8, 8), (1, 2, 3)).save(small_disk / "still.png")
+    noise = np.random.default_rng(0).integers(0, 256, (256, 320, 3), np.uint8)
+    app.stage.snapshot = lambda camera, settings: noise[: camera.height, : camera.width]
+    app.filming.size = (320, 256)
+    app.filming.still(app, small_disk / "still.png")
+    assert "the disk is full" in wait_for_dialog(ui)
+    assert np.asarray(Image.open(small_disk / "still.png"))[0, 0].tolist() == [1, 2, 3]
+
+
+# A card too small
+
+
+def test_a_card_with_too_little_room_shows_half_and_says_so_with_both_sizes(ui, shapes_folder, monkeypatch):
+    app = ui.app
+    scene = app.scene
+    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, ctx: Limits(2048, 1_000_000)))
+    app.open(shapes_folder)
+    told = wait_for_dialog(ui)
+    assert "70x70x70 voxels" in told and "35x35x35 voxels" in told and "half" in told and "MiB" in told
+    assert app.scene is not scene and max(ui.canvas.renderer.pack.grid_size) == 35
+    assert not app.messages.dialogs[0].failed
+    still_alive(ui)
+
+
+def test_a_card_with_no_room_at_all_keeps_the_old_scene(ui, shapes_folder, monkeypatch):
+    app, scene = ui.app, ui.app.scene
+    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, ctx: Limits(2048, 1000)))
+    app.open(shapes_folder)
+    assert "MiB" in wait_for_dialog(ui) and app.scene is scene
+    still_alive(ui)
+    app.open(shapes_folder, other=True)
+    assert "MiB" in wait_for_dialog(ui) and app.comparison.against == ""
+    still_alive(ui)
+
+
+def test_a_driver_that_gives_up_while_a_pack_arrives_is_told_and_the_old_scene_stays(ui, shapes_folder, monkeypatch):
+    app, scene = ui.app, ui.app.scene
+    calls = []
+
+    def refuse(uploader, what, size):
+        calls.append(what)
+        raise gpu_scene.NoRoomError(f"the graphics driver has no room for {what}", found="GL_OUT_OF_MEMORY")
+
+    monkeypatch.setattr(gpu_scene._Uploader, "check", refuse)
+    app.open(shapes_folder)
+    assert "no room" in wait_for_dialog(ui) and calls and app.scene is scene
+    monkeypatch.undo()
+    still_alive(ui)
+
+
+# Dropping what is no pack
+
+
+def _broken_zip(folder: Path) -> Path:
+    (folder / "bad.zip").write_bytes(b"PK\x03\x04 and then nothing")
+    return folder / "bad.zip"
+
+
+def _text(folder: Path) -> Path:
+    (folder / "notes.txt").write_text("hello")
+    return folder / "notes.txt"
+
+
+def _empty(folder: Path) -> Path:
+    (folder / "empty").mkdir()
+    return folder / "empty"
+
+
+def _picture(folder: Path) -> Path:
+    Image.new("RGB", (4, 4)).save(folder / "cat.png")
+    return folder / "cat.png"
+
+
+def _broken_run(folder: Path) -> Path:
+    (folder / "half" / "run").mkdir(parents=True)
+    (folder / "half" / "run" / "config.json").write_text("{")
+    return folder / "half"
+
+
+@pytest.mark.parametrize("make", [_broken_zip, _text, _empty, _picture, _broken_run, lambda folder: folder / "gone"])
+def test_dropping_what_is_no_pack_is_a_dialog_and_the_scene_stays(ui, tmp_path, make):
+    app, scene = ui.app, ui.app.scene
+    path = make(tmp_path)
+    app.drop([path])
+    told = wait_for_dialog(ui)
+    assert path.name in told and app.scene is scene and app.making.plan is None
+    still_alive(ui)
+
+
+def test_dropping_it_on_the_start_page_is_a_dialog_too(tmp_path):
+    app = App(stage=FakeStage())
+    app.drop([_text(tmp_path)])
+    finish_loading(app)
+    assert "notes.txt" in app.messages.dialogs[0].title and app.scene is None
+
+
+def test_a_bug_is_told_as_one_with_its_traceback_in_the_log(tmp_path):
+    app = App()
+    try:
+        _ = 1 // len([])
+    except ZeroDivisionError as error:
+        app.messages.fail("It failed", error)
+    assert app.messages.dialogs[0].text.startswith("That is a bug in snerg")
+    assert any("test_failures.py" in line.text for line in app.messages.lines)

@@ -1,0 +1,221 @@
+"""Photographs, comparisons, the crop box, what is remembered, and dropping things on the window."""
+
+import json
+
+import numpy as np
+import pytest
+
+from console import UserError
+from tests.viewer.app.scenes import SIDE, photographed
+from tests.viewer.app.test_application import FakeStage
+from tests.viewer.conftest import toy_pack
+from viewer.app import crop, preferences
+from viewer.app.application import App
+from viewer.app.files import kind_of
+from viewer.app.photographs import Photographs, psnr, shots_of
+from viewer.app.projection import along_axis, project
+from viewer.app.state import name_of
+from viewer.rendering.camera import ViewCamera
+
+
+@pytest.fixture(scope="module")
+def scene_pack(tmp_path_factory, pack):
+    return photographed(pack, tmp_path_factory.mktemp("scene") / "toy_scene")
+
+
+@pytest.fixture
+def ui(offscreen, app, scene_pack, pack_folder):
+    ui = offscreen(app)
+    app.show(scene_pack, pack_folder)
+    return ui
+
+
+def test_standing_in_a_photograph_shows_what_it_shows(ui, app):
+    app.comparison.stand_in(app, 1)
+    ui.settle()
+    assert app.comparison.psnr_db > 45 and app.comparison.psnr_size == (SIDE, SIDE)
+    app.comparison.how = "difference"
+    app.touch()
+    ui.settle()
+    box = app.viewport
+    picture = ui.picture()[round(box.y) + 40 : round(box.y + box.height), : round(box.width)]
+    assert picture.mean() < 25  # the same, but for the photograph's coarser pixels
+    assert ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_the_wipe_shows_the_photograph_on_the_right_of_its_edge(ui, app):
+    app.comparison.stand_in(app, 0)
+    app.comparison.pixels = np.full((SIDE, SIDE, 3), (250, 0, 250), np.uint8)
+    app.touch()
+    ui.settle()
+    middle = round(app.viewport.y + 0.7 * app.viewport.height)
+    row = ui.picture()[middle, : round(app.viewport.width)].astype(int)
+    magenta = np.abs(row - (250, 0, 250)).sum(axis=1) < 10
+    edge = round(0.5 * app.viewport.width)
+    assert not magenta[: edge - 10].any() and magenta[edge + 10 : edge + 150].all()
+
+
+def test_dragging_the_edge_moves_it_and_leaves_the_camera(ui, app):
+    app.comparison.stand_in(app, 0)
+    ui.settle()
+    x, y = 0.5 * app.viewport.width, 300.0
+    ui.drag([(x, y), (x + 60, y), (x + 120, y)])
+    assert app.comparison.split == pytest.approx((x + 120) / app.viewport.width, abs=0.01)
+    assert app.comparison.against == "photograph"
+
+
+def test_moving_away_ends_the_comparison(ui, app):
+    app.comparison.stand_in(app, 0)
+    ui.settle()
+    ui.drag([(100.0, 300.0), (160.0, 320.0)])
+    assert app.comparison.against == ""
+
+
+def test_a_click_on_a_frustum_stands_in_it(ui, app):
+    app.interface.page = "photographs"
+    app.comparison.frusta = True
+    app.scene.rig.dolly(-12)
+    app.scene.rig.settle()
+    ui.settle()
+    camera = app.camera()
+    shots = app.comparison.photographs.shots
+    places, before = project(camera, np.stack([shot.view.position for shot in shots]))
+    inside = [i for i in range(len(shots)) if before[i] and (places[i] > 20).all() and places[i][0] < 780]
+    assert inside
+    x, y = places[inside[0]] + (0, app.viewport.y)
+    ui.click(float(x), float(y))
+    assert app.comparison.against == "photograph" and app.scene.rig.held is not None
+
+
+def test_a_photograph_that_is_not_there_is_told_and_the_camera_stays(app, scene_pack, pack_folder, tmp_path):
+    app.stage = FakeStage()
+    app.show(scene_pack.with_metadata(provenance={"scene": str(tmp_path / "gone")}), pack_folder)
+    with pytest.raises(UserError):
+        app.comparison.stand_in(app, 0)
+    assert app.scene.rig.held is not None and app.comparison.against == ""
+
+
+def test_cameras_that_make_no_sense_are_left_out(pack):
+    good = {"name": "a", "split": "train", "world_T_camera": np.eye(4).tolist(), "width": 4, "height": 4}
+    good |= {"fx": 5, "fy": 5, "cx": 2, "cy": 2, "distortion": [0, 0, 0, 0]}
+    entries = [good, {}, "text", None, {**good, "fx": "wide"}, {**good, "world_T_camera": [[0] * 4] * 4}]
+    assert len(shots_of(pack.with_metadata(cameras=entries))) == 1
+    assert shots_of(pack.with_metadata(cameras="none")) == [] and len(Photographs(pack)) == 0
+
+
+def test_psnr_is_the_fields():
+    a = np.zeros((4, 4, 3), np.uint8)
+    assert psnr(a, a) == float("inf")
+    assert psnr(a, a + 255) == pytest.approx(0.0)
+    assert psnr(a, np.full_like(a, 51)) == pytest.approx(-20 * np.log10(0.2))
+
+
+def test_two_packs_are_compared_under_one_camera(ui, app, pack_folder):
+    ui.settle()
+    alone = ui.picture()
+    app.comparison.with_pack(app, toy_pack(view_mlp=False), pack_folder)
+    app.comparison.how = "difference"
+    ui.settle()
+    assert np.abs(ui.picture().astype(int) - alone)[200:500, 200:600].mean() > 20
+    app.comparison.with_pack(app, app.scene.pack, pack_folder)
+    ui.settle()
+    box = app.viewport
+    assert ui.picture()[round(box.y) + 4 : round(box.y + box.height) - 4, 4 : round(box.width) - 4].max() <= 24
+    app.comparison.drop_other(app)
+    ui.settle()
+    assert ui.canvas.other is None and ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_a_crop_box_cuts_and_its_handles_can_be_dragged(ui, app):
+    pack = app.scene.pack
+    app.interface.page = "crop"
+    app.set(crop=crop.whole(pack))
+    ui.settle()
+    centre = crop.face_centre(app.settings.crop, 3)  # the top
+    place, _ = project(app.camera(), centre[None])
+    x, y = place[0] + (0, app.viewport.y)
+    rig = app.scene.rig.goal
+    ui.drag([(x, y), (x, y + 20), (x, y + 40)])
+    assert app.settings.crop[1][1] < crop.whole(pack)[1][1] - 0.05 and app.scene.rig.goal == rig
+    moved, _ = project(app.camera(), crop.face_centre(app.settings.crop, 3)[None])
+    assert moved[0][1] == pytest.approx(place[0][1] + 40, abs=6)
+
+
+def test_a_face_never_passes_its_opposite(pack):
+    box = crop.whole(pack)
+    for face in range(6):
+        for value in (-1e9, 1e9):
+            changed = crop.with_face(pack, box, face, value)
+            assert all(low < high for low, high in zip(*changed, strict=True))
+
+
+def test_dragging_along_an_axis_follows_the_mouse():
+    camera = ViewCamera.look_at((3, 2, 4), (0, 0, 0), size=(400, 300))
+    for axis in range(3):
+        at = np.array([0.2, 0.1, -0.1])
+        pixel, _ = project(camera, at[None])
+        direction = np.zeros(3)
+        direction[axis] = 0.01
+        there, _ = project(camera, (at + direction)[None])
+        assert along_axis(camera, at, axis, tuple(there[0] - pixel[0])) == pytest.approx(0.01, rel=0.05)
+
+
+def test_what_is_remembered_comes_back(tmp_path, pack_folder):
+    file = tmp_path / "sub" / "viewer.json"
+    app = App()
+    app.preferences.opened(pack_folder)
+    app.set(background=(0.0, 0.0, 0.0))
+    app.governor.target_fps = 48.0
+    app.interface.page = "film"
+    assert preferences.save(app.remembered(), file) is None
+    other = App()
+    other.use(preferences.load(file))
+    assert other.settings.background == (0.0, 0.0, 0.0) and other.governor.target_fps == 48.0
+    assert other.interface.page == "film" and other.preferences.recent_packs() == [pack_folder.resolve()]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{", '{"window": "big", "target_fps": "fast", "recent": 3}', '{"window": [1]}']
+)
+def test_broken_preferences_are_defaults(tmp_path, text):
+    file = tmp_path / "viewer.json"
+    file.write_text(text)
+    assert preferences.load(file) == preferences.Preferences()
+
+
+def test_preferences_that_cannot_be_written_are_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "not saved" in preferences.save(preferences.Preferences(), tmp_path / "file" / "viewer.json")
+
+
+def test_things_dropped_are_told_apart(tmp_path, pack_folder):
+    scene = tmp_path / "scene"
+    scene.mkdir()
+    (scene / "transforms_train.json").write_text("{}")
+    assert kind_of(pack_folder) == "pack" and kind_of(scene) == "scene"
+    assert kind_of(pack_folder.parent) == "pack"  # the folder around it, as snerg-make leaves it
+    assert kind_of(tmp_path / "nothing") == "unknown"
+    app = App(stage=FakeStage())
+    app.drop([scene])
+    assert app.making.plan is not None and app.making.plan.subject == "scene" and app.loading is None
+    note = tmp_path / "notes.txt"
+    note.write_text("hello")
+    app.drop([note])
+    app.loading.wait(20)
+    app.tick(0.01)
+    assert app.messages.dialogs and app.scene is None
+
+
+def test_a_pose_is_copied_and_pasted(app, pack, pack_folder):
+    app.show(pack, pack_folder)
+    app.copy_pose()
+    before = app.scene.rig.matrix.copy()
+    assert set(json.loads(app.clipboard.get())) == {"eye", "target", "up", "fov"}
+    app.scene.rig.orbit(0.4, 0.1)
+    app.scene.rig.settle()
+    app.paste_pose()
+    np.testing.assert_allclose(app.scene.rig.matrix, before, atol=1e-4)
+
+
+def test_packs_are_named_after_what_they_show(tmp_path):
+    assert name_of(tmp_path / "lego" / "pack") == "lego" and name_of(tmp_path / "chair.zip") == "chair"

@@ -1,0 +1,366 @@
+"""Making a scene from the window: what is asked, what the child process does, and that it never outlives us."""
+
+import functools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from imgui_bundle import imgui
+from PIL import Image
+
+from console.driven import Report, read_report
+from tests.training.reconstructions import around, ball, write_colmap
+from tests.viewer.app.test_application import FakeStage
+from training.config import BakeablePreset
+from training.scenes.procedural import write_procedural_scene
+from viewer.app import child as child_module
+from viewer.app import make_plan
+from viewer.app.application import App
+from viewer.app.child import Child
+from viewer.app.commands import run
+from viewer.app.make_plan import Plan
+from viewer.app.making import Making
+
+FAKE = Path(__file__).with_name("fake_make.py")
+ROOT = FAKE.parents[3]
+
+
+@pytest.fixture(scope="session")
+def scene(tmp_path_factory) -> Path:
+    return write_procedural_scene(tmp_path_factory.mktemp("photographs") / "still", size=24, views=3, subpixels=1)
+
+
+@pytest.fixture
+def making(monkeypatch, tmp_path, pack_folder):
+    """An app whose plan runs the stand-in: making("wait") begins it."""
+    shutil.copytree(pack_folder, tmp_path / "source")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    app = App(stage=FakeStage())
+
+    def begin(how: str) -> App:
+        command = [sys.executable, str(FAKE), how, str(tmp_path)]
+        monkeypatch.setattr(Plan, "command", lambda plan: command)
+        app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
+        app.making.start(app)
+        return app
+
+    yield begin
+    app.making.end()
+
+
+def live(app: App, until, seconds: float = 30.0) -> None:
+    """Lets time pass for the app until something is so."""
+    end = time.monotonic() + seconds
+    while not until():
+        assert time.monotonic() < end, "it takes too long"
+        app.tick(0.02)
+        time.sleep(0.02)
+
+
+def working(app: App):
+    return lambda: app.making.job is None or app.making.job.report is not None
+
+
+def gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
+    app = App(stage=FakeStage())
+    app.drop([scene])
+    plan = app.making.plan
+    assert plan.subject == "scene" and plan.out == scene.parent / "still-snerg"
+    plan.survey.wait(20)
+    assert plan.survey.text.startswith("5 photographs of 24 × 24") and "Blender" in plan.survey.text
+    assert plan.problem() is None
+    plan.downscale, plan.preset = 2, "fast"
+    assert plan.survey.size("fast", 2) == (12, 12)
+    app.making.copy_command(app)
+    assert app.clipboard.get() == f"snerg-make {scene} --out {plan.out} --preset fast --downscale 2"
+    assert "--no-view" in plan.command()
+    run(app, "escape")
+    assert app.making.plan is None and not app.messages.dialogs
+
+
+@pytest.mark.parametrize("folder", ["sparse/0", "sparse"])
+def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
+    app = App(stage=FakeStage())
+    app.drop([write_colmap(tmp_path / "shrine", around(), ball(), folder=folder)])
+    survey = app.making.plan.survey
+    survey.wait(20)
+    assert (
+        survey.text == "10 photographs of 48 × 36, seen from all around  (COLMAP)" and app.making.plan.problem() is None
+    )
+
+
+def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monkeypatch):
+    from baker.commands import bake, make
+
+    made = Plan("scene", scene, tmp_path, "fast", downscale=2, spherify=True, masks=True, steps=5, resolution=96)
+    for plan, module, name in ((made, make, "snerg_make"), (Plan("run", scene, tmp_path / "p"), bake, "snerg_bake")):
+        assert plan.command()[:3] == [sys.executable, "-m", module.__name__]
+        called = {}
+        real = getattr(module, name)
+        stand_in = functools.wraps(real)(lambda *words, **options: called.update(options))  # noqa: B023
+        monkeypatch.setattr(module, name, stand_in)
+        assert module.main(plan.command()[3:]) == 0
+        assert called["out"] == plan.out
+        if plan.subject == "scene":
+            assert called["no_view"] and called["masks"] and called["spherify"] and called["preset"] == "fast"
+            assert (called["downscale"], called["steps"], called["resolution"]) == (2, 5, 96)
+    monkeypatch.undo()
+    assert set(make_plan.PRESETS) <= set(get_args(BakeablePreset))
+
+
+def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):
+    (tmp_path / "transforms_train.json").write_text('{"frames": []}')
+    app = App(stage=FakeStage())
+    app.drop([tmp_path])
+    app.making.plan.survey.wait(20)
+    assert str(tmp_path) in app.making.plan.problem()
+    app.making.start(app)
+    assert app.making.job is None and app.making.plan is not None
+
+
+def test_the_viewer_alone_says_what_is_missing(scene, monkeypatch, tmp_path):
+    monkeypatch.setattr(make_plan.importlib.util, "find_spec", lambda name: None)
+    assert "pip install 'snerg[train]'" in Plan("scene", scene, tmp_path).problem()
+
+
+def test_pictures_without_poses_are_told_what_they_need(tmp_path):
+    Image.new("RGB", (4, 4)).save(tmp_path / "IMG_1.JPG", format="JPEG")
+    app = App(stage=FakeStage())
+    app.drop([tmp_path])
+    assert "COLMAP" in app.messages.dialogs[0].text and app.loading is None
+
+
+def unfinished(folder: Path, scene: Path) -> Path:
+    """What snerg-make leaves when it is stopped."""
+    (folder / "run" / "checkpoints").mkdir(parents=True)
+    (folder / "run" / "config.json").write_text(json.dumps({"scene": str(scene), "config": {"steps": 6000}}))
+    (folder / "run" / "checkpoints" / "step_00001000.safetensors").touch()
+    return folder
+
+
+def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
+    folder = unfinished(tmp_path / "lego-snerg", scene)
+    app = App(stage=FakeStage())
+    app.drop([folder])
+    plan = app.making.plan
+    assert (plan.subject, plan.source, plan.out) == ("scene", scene, folder)
+    assert "at step 1,000 of 6,000" in plan.attempt_text() and plan.problem() is None
+    app.drop([folder / "run"])
+    assert app.making.plan.subject == "run" and app.making.plan.out == folder / "pack"
+    (folder / "run" / "checkpoints" / "step_00006000.safetensors").touch()
+    assert "it is baked" in Plan.of("run", folder).attempt_text()
+    other = Plan("scene", tmp_path / "elsewhere", folder)
+    assert "another scene" in other.problem()
+
+
+@pytest.mark.parametrize("text", ["{}", '{"scene": 3, "config": 4}', '{"scene": "", "config": {}}', "[1]", "{"])
+def test_an_attempt_whose_description_is_broken_is_told_or_baked(tmp_path, text):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "config.json").write_text(text)
+    app = App(stage=FakeStage())
+    app.drop([tmp_path])
+    told = bool(app.messages.dialogs) and "config.json" in app.messages.dialogs[0].text
+    assert told != (app.making.plan is not None and app.making.plan.source == tmp_path / "run")
+
+
+def test_a_scene_is_made_and_opens_by_itself(making, tmp_path):
+    app = making("make")
+    live(app, working(app))
+    live(app, lambda: app.making.job is None and app.loading is None)
+    assert app.scene is not None and app.scene.path == tmp_path / "pack" and not app.messages.dialogs
+
+
+def test_progress_is_shown_while_the_child_works(making, tmp_path):
+    app = making("wait")
+    live(app, lambda: app.making.job.report is not None and app.making.job.report.done == 40)
+    job = app.making.job
+    assert job.stage == 1 and job.figures == [21.5] and job.report.share == 0.4
+    (job.plan.run / "validation").mkdir(parents=True)
+    Image.new("RGB", (1024, 512), (200, 10, 10)).save(job.plan.run / "validation" / "latest.png")
+    live(app, lambda: job.picture is not None)
+    assert job.picture.shape == (256, 512, 3)
+    app.drop([tmp_path / "photographs"])  # gone: opened as a pack, which it is not
+    app.making.offer(app, "scene", tmp_path)
+    assert "One scene at a time" in [dialog.title for dialog in app.messages.dialogs]
+
+
+def test_stopping_lets_the_child_save_and_a_later_attempt_goes_on(making, tmp_path):
+    app = making("wait")
+    live(app, lambda: (tmp_path / "pid").exists())
+    pid = int((tmp_path / "pid").read_text())
+    app.making.stop(app)
+    assert app.making.job.stopping
+    live(app, lambda: app.making.job is None)
+    assert (tmp_path / "saved").exists() and gone(pid) and not app.messages.dialogs
+    assert "make it again" in app.messages.toast
+    assert "saved at step 40" in (tmp_path / "make.log").read_text()
+
+
+def test_a_child_that_does_not_hear_is_ended_all_the_same(making, tmp_path, monkeypatch):
+    app = making("deaf")
+    live(app, lambda: (tmp_path / "deaf").exists())
+    pid = int((tmp_path / "pid").read_text())
+    app.making.stop(app)
+    app.making.stop(app)  # in a hurry
+    live(app, lambda: app.making.job is None)
+    assert gone(pid) and not app.messages.dialogs
+
+
+def test_a_failure_is_a_dialog_with_its_line_and_its_log_and_can_be_tried_again(making, tmp_path):
+    app = making("fail")
+    live(app, lambda: app.making.job is None)
+    dialog = app.messages.dialogs[0]
+    assert "could not be made" in dialog.title
+    assert dialog.text.startswith(f"{tmp_path}: the folder is empty; choose another")
+    assert str(tmp_path / "make.log") in dialog.text and "Traceback" not in dialog.text
+    app.messages.dialogs.clear()
+    assert run(app, "make-again") and app.making.plan.source == tmp_path / "photographs"
+
+
+def test_a_child_that_the_system_kills_is_told_as_such(making):
+    app = making("die")
+    live(app, lambda: app.making.job is None)
+    assert "SIGKILL" in app.messages.dialogs[0].text and "memory" in app.messages.dialogs[0].text
+
+
+def test_a_bug_of_the_child_is_told_as_one(making):
+    app = making("bug")
+    live(app, lambda: app.making.job is None)
+    assert app.messages.dialogs[0].text.startswith(
+        "That is a bug in snerg, not a mistake of yours (KeyError: 'depths')"
+    )
+
+
+def test_a_folder_that_cannot_be_written_is_told_and_asked_about_again(offscreen, app, tmp_path):
+    (tmp_path / "file").touch()
+    ui = offscreen(app, size=(700, 500))
+    app.making.plan = Plan("run", tmp_path / "run", tmp_path / "file" / "pack")
+    ui.settle()
+    ui.key(imgui.Key.enter)
+    assert app.making.job is None and app.making.plan is not None
+    assert str(tmp_path / "file") in app.messages.dialogs[0].text
+
+
+def test_quitting_asks_first_and_leaves_no_child(making, tmp_path):
+    app = making("wait")
+    live(app, lambda: (tmp_path / "pid").exists())
+    pid = int((tmp_path / "pid").read_text())
+    run(app, "quit")
+    run(app, "quit")
+    assert not app.quitting and len(app.messages.dialogs) == 1
+    answers = dict(app.messages.dialogs.pop().buttons)
+    run(app, answers["Stop and quit"])
+    live(app, lambda: app.quitting)
+    assert (tmp_path / "saved").exists() and gone(pid)
+    assert run(App(), "quit")
+
+
+def test_a_window_that_closes_at_once_leaves_no_child(making, tmp_path):
+    app = making("wait")
+    live(app, lambda: (tmp_path / "pid").exists())
+    app.making.end()
+    assert gone(int((tmp_path / "pid").read_text())) and (tmp_path / "saved").exists()
+
+
+def test_a_viewer_that_is_killed_leaves_no_child(tmp_path):
+    code = (
+        "import sys, time; from pathlib import Path; from viewer.app.child import Child\n"
+        f"Child([sys.executable, {str(FAKE)!r}, 'wait', {str(tmp_path)!r}], Path({str(tmp_path / 'log')!r}))\n"
+        "time.sleep(60)"
+    )
+    viewer = subprocess.Popen([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)})
+    end = time.monotonic() + 30
+    while not (tmp_path / "pid").exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    viewer.send_signal(signal.SIGKILL)
+    viewer.wait()
+    while not (tmp_path / "saved").exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    assert (tmp_path / "saved").exists()
+
+
+def test_a_child_can_be_watched_from_its_file_alone(tmp_path):
+    assert read_report(tmp_path / "none") is None
+    (tmp_path / "broken").write_text('{"title": 3')
+    assert read_report(tmp_path / "broken") is None
+    report = Report("training", 25, 100, "", 10.0)
+    assert report.share == 0.25 and report.seconds_left == pytest.approx(30.0)
+
+
+def test_a_program_that_is_not_there_is_told(tmp_path):
+    from console import UserError
+
+    with pytest.raises(UserError, match="cannot be started"):
+        Child([str(tmp_path / "none")], tmp_path / "log")
+
+
+def test_the_question_and_the_card_are_drawn_and_answered(offscreen, making, scene, monkeypatch):
+    command = Plan.command
+    app = making("wait")
+    live(app, working(app))
+    app.making.job.picture = np.full((64, 128, 3), (200, 40, 40), np.uint8)
+    app.making.job.figures = [18.0, 20.0, 21.5]
+    ui = offscreen(app)
+    ui.settle()
+    card = ui.picture()[400:, 20:380].astype(int)
+    assert (np.abs(card - (200, 40, 40)).sum(axis=2) < 12).mean() > 0.2
+    assert ui.ctx.error == "GL_NO_ERROR"
+    ui.click(330, 560)  # nothing there
+    app.making.end()
+    monkeypatch.setattr(Plan, "command", command)
+    app.drop([scene])
+    app.making.plan.survey.wait(20)
+    ui.settle()
+    ui.key(imgui.Key.space)  # keys wait for the answer
+    assert app.making.plan is not None
+    ui.key(imgui.Key.escape)
+    assert app.making.plan is None and ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_nothing_is_looked_at_while_nothing_is_made():
+    assert not Making().busy
+
+
+@pytest.mark.slow
+def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_between(scene, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setattr(child_module, "POLITENESS", 0)  # other tests would go first
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "compiled"))
+    monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    app = App(stage=FakeStage())
+
+    def begin(steps: int) -> None:
+        app.drop([scene])
+        plan = app.making.plan
+        plan.choose(tmp_path / "made")
+        plan.preset, plan.steps, plan.resolution = "tiny", steps, 32
+        app.making.start(app)
+
+    begin(100_000)
+    try:
+        live(app, lambda: app.making.job is None or app.making.job.stage == 1, 300)
+        app.making.stop(app)  # while its first step is being compiled
+        live(app, lambda: app.making.job is None, 300)
+        assert not app.messages.dialogs and "was stopped" in app.messages.toast
+        assert list((tmp_path / "made" / "run" / "checkpoints").glob("*.safetensors"))
+        begin(1)  # as many as are done
+        live(app, lambda: app.making.job is None and app.loading is None, 300)
+    finally:
+        app.making.end()
+    assert not app.messages.dialogs and app.scene.path == tmp_path / "made" / "pack"

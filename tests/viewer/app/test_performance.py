@@ -1,0 +1,129 @@
+"""What the performance page tells: both clocks, what rays cost, and texture memory by use."""
+
+import numpy as np
+import pytest
+
+from tests.viewer.app.test_application import FakeStage
+from tests.viewer.conftest import toy_pack
+from viewer.app.application import App
+from viewer.app.ray_costs import LONGEST_SIDE, RayCosts
+from viewer.app.timing import FrameTimes
+from viewer.panels.time_plots import _top
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.gpu_clock import GpuClock, is_software
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.settings import RenderSettings
+
+
+class QueryContext:
+    """A context of a card whose queries say that everything takes 5 ms."""
+
+    def __init__(self):
+        self.info = {"GL_RENDERER": "NVIDIA H100"}
+
+    def query(self, time):
+        assert time
+        return self
+
+    elapsed = 5_000_000
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def finish(self):
+        pass
+
+
+def test_timer_queries_are_used_on_cards_and_not_in_software(ctx):
+    clock = GpuClock(QueryContext())
+    assert clock.trusted and not clock.reason
+    gpu, wall = clock.time(lambda: None)
+    assert gpu == 5.0 and wall < 5.0
+    here = GpuClock(ctx)
+    if is_software(ctx.info["GL_RENDERER"]):
+        assert not here.trusted and "software" in here.reason
+        assert here.time(lambda: None)[0] is None
+
+
+def test_costs_are_counted_over_the_rays_that_hit():
+    counts = np.zeros((2, 4, 3), np.float32)
+    counts[..., :2] = (9, 5)  # rays that fetched and jumped, and hit nothing
+    counts[0, 0] = (10, 2, 1.0)
+    counts[0, 1] = (30, 4, 0.5)
+    costs = RayCosts.of(counts)
+    assert (costs.samples_mean, costs.samples_max, costs.jumps_mean, costs.jumps_max) == (20.0, 30, 3.0, 4)
+    assert costs.hit == 0.25 and costs.size == (4, 2)
+    assert RayCosts.of(np.zeros((2, 2, 3), np.float32)).samples_max == 0
+
+
+def test_exact_marching_fetches_far_fewer_samples_than_brute_for_the_same_opacity(pack):
+    camera = ViewCamera.orbit(pack, 35, 28, size=(48, 40))
+    with OffscreenRenderer(pack) as renderer:
+        exact = renderer.render_float(camera, RenderSettings(counts=True))
+        brute = renderer.render_float(camera, RenderSettings(marcher="brute", counts=True))
+    np.testing.assert_allclose(exact[..., 2], brute[..., 2], atol=1e-3)  # the same opacity
+    hit = exact[..., 2] > 0.5
+    assert hit.any() and exact[..., 0][hit].min() >= 1
+    assert exact[..., 0].sum() < 0.5 * brute[..., 0].sum()  # what skipping is for
+    assert exact[..., 1].max() > 0 and brute[..., 1].max() == 0
+
+
+class CountingStage(FakeStage):
+    asked = 0
+
+    def ray_counts(self, camera, settings):
+        self.asked += 1
+        assert settings.counts and max(camera.width, camera.height) == LONGEST_SIDE
+        return np.ones((camera.height, camera.width, 3), np.float32)
+
+
+@pytest.fixture
+def counting(pack, pack_folder) -> App:
+    app = App(stage=CountingStage())
+    app.show(pack, pack_folder)
+    app.viewport.width, app.viewport.height = 640, 480
+    return app
+
+
+def test_rays_are_counted_once_a_view_and_not_at_all_when_off(counting):
+    costs, stage = counting.costs, counting.stage
+    costs.measure(counting)
+    assert stage.asked == 0 and costs.costs is None
+    costs.switch(True)
+    for _ in range(3):
+        costs.measure(counting)
+    assert stage.asked == 1 and costs.costs.samples_mean == 1.0 and costs.costs.size == (192, 144)
+    counting.scene.rig.orbit(0.2, 0.0)
+    counting.scene.rig.settle()
+    costs.measure(counting)
+    assert stage.asked == 2
+    costs.switch(False)
+    costs.measure(counting)
+    assert stage.asked == 2 and costs.costs is None
+
+
+def test_the_page_counts_while_the_camera_rests(offscreen, app, pack, pack_folder):
+    ui = offscreen(app)
+    app.show(pack, pack_folder)
+    app.interface.page = "performance"
+    app.costs.switch(True)
+    ui.settle()
+    assert app.costs.costs.samples_mean > 1 and 0 < app.costs.costs.hit < 1
+    assert len(app.times.gpu_ms) == len(app.times.frame_ms) > 0
+    assert set(ui.canvas.gpu_bytes_by_use) == {"Pack", "Pictures"}
+    app.comparison.with_pack(app, toy_pack(seed=1), pack_folder)
+    ui.settle()
+    assert ui.canvas.gpu_bytes_by_use["Other pack"] > 0 and ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_the_plots_scale_is_round_and_holds_target_and_frames():
+    times = FrameTimes()
+    assert _top(times, 33.3) == 80
+    for _ in range(50):
+        times.add(3.0, 140.0)
+    assert _top(times, 33.3) == 200
+    times.add(1.0, 10.0, 0.5)
+    assert np.isnan(times.gpu_ms[0]) and times.gpu_ms[-1] == 0.5

@@ -1,0 +1,191 @@
+"""snerg-render and snerg-bench as a person or a script runs them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenepack import Pack, save_pack
+from viewer.benchmark import scaling
+from viewer.commands import bench, render
+from viewer.rendering import offscreen
+
+SMALL = ["--size", "48x36"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, shapes: Pack) -> str:
+    path = tmp_path_factory.mktemp("packs") / "shapes"
+    save_pack(shapes, path)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def ndc_folder(tmp_path_factory: pytest.TempPathFactory, ndc_shapes: Pack) -> str:
+    path = tmp_path_factory.mktemp("packs") / "ndc"
+    save_pack(ndc_shapes, path)
+    return str(path)
+
+
+@pytest.fixture(autouse=True)
+def our_context_again(ctx):
+    """The commands make contexts of their own; the room's is current again behind each test."""
+    yield
+    ctx.__enter__()
+
+
+def picture(path: Path) -> np.ndarray:
+    return np.asarray(Image.open(path))
+
+
+def test_one_picture_from_a_pose_with_negative_numbers(folder: str, tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "one.png"
+    pose = ["--eye", "-2,1,-2", "--target", "0,-0.2,0", "--up", "0,1,0", "--fov", "45"]
+    assert render.main([folder, "--out", str(out), *pose, *SMALL]) == 0
+    assert picture(out).shape == (36, 48, 3) and picture(out).std() > 5
+    assert not [path for path in out.parent.iterdir() if path != out]
+
+
+def test_an_orbit_as_a_folder_and_as_a_film(folder: str, tmp_path: Path) -> None:
+    assert render.main([folder, "--out", str(tmp_path / "turn"), "--orbit", "3", *SMALL]) == 0
+    assert sorted(path.name for path in (tmp_path / "turn").iterdir()) == ["0000.png", "0001.png", "0002.png"]
+    pytest.importorskip("av")
+    assert render.main([folder, "--out", str(tmp_path / "turn.mp4"), "--orbit", "3", "--size", "49x37"]) == 0
+    assert (tmp_path / "turn.mp4").stat().st_size > 500
+
+
+def test_forward_facing_packs_render_without_a_pose(ndc_folder: str, tmp_path: Path) -> None:
+    assert render.main([ndc_folder, "--out", str(tmp_path / "a.png"), "--fov", "50", *SMALL]) == 0
+    assert picture(tmp_path / "a.png").std() > 5
+
+
+@pytest.mark.parametrize("marcher", ["exact", "paper"])
+@pytest.mark.parametrize("mode", ["normal", "depth"])
+def test_modes_and_marchers_reach_the_renderer(folder: str, tmp_path: Path, mode: str, marcher: str) -> None:
+    out = tmp_path / "a.png"
+    assert render.main([folder, "--out", str(out), "--mode", mode, "--marcher", marcher, *SMALL]) == 0
+    assert (picture(out)[0, 0].max() == 0) == (mode == "depth")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--out", "a.jpg"],
+        ["--out", "a.png", "--orbit", "2"],
+        ["--out", "a.png", "--orbit", "0"],
+        ["--out", "a.png", "--eye", "1,2"],
+        ["--out", "a.png", "--eye", "1,2,nan"],
+        ["--out", "a.png", "--eye", "1,2,3", "--target", "1,2,3"],
+        ["--out", "a.png", "--target", "1,2,3"],
+        ["--out", "a.png", "--eye", "1,2,3", "--orbit", "3"],
+        ["--out", "a.png", "--size", "0x5"],
+        ["--out", "a.png", "--size", "big"],
+        ["--out", "a.png", "--fov", "200"],
+        ["--out", "a.png", "--background", "2,0,0"],
+        ["--out", "a.png", "--crop", "1,2,3"],
+        ["--out", "a.png", "--scene", "nowhere"],
+        ["--out", "a.png", "--mode", "wrong"],
+    ],
+)
+def test_bad_arguments_are_status_2_and_one_line(
+    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert render.main([folder, *words]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_film_without_pyav_is_told_with_its_remedy(
+    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "av", None)
+    assert render.main([folder, "--out", str(tmp_path / "a.mp4"), "--orbit", "2"]) == 2
+    assert "pip install" in capsys.readouterr().err
+
+
+def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path) -> None:
+    out = tmp_path / "bench.json"
+    words = ["--frames", "4", "--compare", "paper", "--ablations", "--json", str(out), *SMALL]
+    assert bench.main([folder, *words]) == 0
+    result = json.loads(out.read_text())
+    promised = {"renderer", "width", "height", "frames", "ms_mean", "ms_std", "ms_p50", "ms_p95", "fps", "gpu_bytes"}
+    assert promised | {"watts", "compare"} <= set(result)
+    assert (result["width"], result["height"], result["frames"]) == (48, 36, 4)
+    compare = result["compare"]
+    assert compare["ratio"] == pytest.approx(compare["paper"]["ms_p50"] / result["ms_p50"])
+    assert 15 < compare["psnr"] < 60 and result["gpu_bytes"] > 0
+    assert len(result["ablations"]) == 3
+
+
+def test_the_benchmarks_table_is_written_as_markdown_and_its_times_as_a_plot(folder: str, tmp_path: Path) -> None:
+    words = ["--frames", "4", "--compare", "paper", "--ablations", "--dense-pack", folder, *SMALL]
+    out, plot, figures = tmp_path / "new" / "bench.md", tmp_path / "new" / "bench.png", tmp_path / "bench.json"
+    assert bench.main([folder, *words, "--markdown", str(out), "--plot", str(plot), "--json", str(figures)]) == 0
+    table = [line for line in out.read_text().splitlines() if line.startswith("|")]
+    assert "p99" in table[0] and len({line.count("|") for line in table}) == 1
+    assert [line.split("|")[1].strip() for line in table[2:]] == [
+        "exact",
+        "paper",
+        "exact, no view MLP",
+        "exact, view MLP at every sample",
+        "no skipping: every sample",
+        "exact, no sparsity loss",
+    ]
+    assert "exact, no sparsity loss" in json.loads(figures.read_text())["ablations"]
+    assert picture(plot).shape[:2] == (360, 720)
+    assert sorted(path.name for path in out.parent.iterdir()) == ["bench.md", "bench.png"]
+
+
+def test_the_scaling_script_plots_all_three(tmp_path: Path) -> None:
+    words = ["--out", str(tmp_path), "--frames", "1", "--resolutions", "40,64", "--sizes", "16,32"]
+    assert scaling.main(words) == 0
+    result = json.loads((tmp_path / "scaling.json").read_text())
+    assert [point["voxels"] for point in result["resolution"]] == [40, 64] and len(result["size"]) == 2
+    assert all(point["exact"] > 0 and point["paper"] > 0 for points in result.values() for point in points)
+    assert {path.name for path in tmp_path.glob("*.png")} == {
+        f"scaling-{what}.png" for what in ("resolution", "size", "opacity")
+    }
+    assert scaling.main(["--out", str(tmp_path), "--resolutions", "5"]) == 2
+
+
+@pytest.mark.parametrize("message", ["libEGL.so not loaded", "Requested OpenGL version 330, got version 210"])
+@pytest.mark.parametrize("command", [render, bench])
+def test_without_opengl_a_command_says_so_in_one_line(
+    folder: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    message: str,
+    command,
+) -> None:
+    def fail(**_: object) -> None:
+        raise Exception(message)
+
+    monkeypatch.setattr(offscreen.moderngl, "create_context", fail)
+    words = ["--out", str(tmp_path / "a.png")] if command is render else ["--frames", "1"]
+    assert command.main([folder, *words, *SMALL]) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
+    assert len(said) == 1 and "OpenGL 3.3" in said[0] and message in said[0]
+
+
+def test_a_context_that_is_lost_is_one_line(
+    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(offscreen, "lost", lambda ctx: True)
+    assert render.main([folder, "--out", str(tmp_path / "a.png"), *SMALL]) == 2
+    assert "was lost" in capsys.readouterr().err
+
+
+def test_the_protocol_follows_the_pack_and_a_wrong_one_is_refused(ndc_folder: str, folder: str, tmp_path: Path) -> None:
+    out = tmp_path / "bench.json"
+    assert bench.main([ndc_folder, "--frames", "2", "--json", str(out), *SMALL]) == 0
+    assert json.loads(out.read_text())["protocol"] == "forward-facing"
+    assert bench.main([ndc_folder, "--protocol", "synthetic"]) == 2
+    assert bench.main([folder, "--protocol", "forward-facing"]) == 2
+    assert bench.main([folder, "--frames", "0"]) == 2

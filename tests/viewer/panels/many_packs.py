@@ -1,0 +1,64 @@
+"""Opens many packs from disk, one after the other, and prints what memory they left behind: a process of its own.
+
+    python -m tests.viewer.panels.many_packs WARM_UP PACKS ROUNDS PACK [PACK ...]
+
+Prints JSON: host and card, bytes held after the warm-up and after each round of PACKS, [before, after, after, ...].
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import sys
+from pathlib import Path
+
+import moderngl
+
+from viewer.app.application import App
+from viewer.panels.offscreen_ui import OffscreenUi
+
+
+def resident_bytes() -> int:
+    """What this process holds; of textures, too, where a software rasteriser draws."""
+    gc.collect()
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096
+
+
+def open_and_look(ui: OffscreenUi, path: Path, *, other: bool = False) -> None:
+    """Opens a pack from disk as a user does, and draws it."""
+    ui.app.open(path, other=other)
+    ui.app.loading.wait(30)
+    for _ in range(4):
+        ui.frame()
+    assert ui.app.scene is not None and not ui.app.messages.dialogs
+
+
+def open_and_close(ui: OffscreenUi, packs: list[Path], times: int) -> None:
+    """Opens `times` packs in turn, now and then a second one beside, and closes each."""
+    for i in range(times):
+        open_and_look(ui, packs[i % len(packs)])
+        if i % 10 == 4:
+            open_and_look(ui, packs[(i + 1) % len(packs)], other=True)
+        ui.app.close()
+        ui.frame()
+        ui.frame()
+
+
+def main(warm_up: str, times: str, rounds: str, *packs: str) -> None:
+    """See the module."""
+    ctx = moderngl.create_context(standalone=True, backend="egl")  # pyright: ignore[reportArgumentType]
+    ui = OffscreenUi(ctx, App(), size=(480, 360))
+    ui.app.governor.enabled = False
+    paths = [Path(pack) for pack in packs]
+    open_and_close(ui, paths, int(warm_up))
+    held = [(resident_bytes(), ui.canvas.gpu_bytes)]
+    for _ in range(int(rounds)):
+        open_and_close(ui, paths, int(times))
+        held.append((resident_bytes(), ui.canvas.gpu_bytes))
+    assert ctx.error == "GL_NO_ERROR"
+    print(json.dumps(dict(zip(("host", "card"), zip(*held, strict=True), strict=True))))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

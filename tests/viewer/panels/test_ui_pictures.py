@@ -1,0 +1,215 @@
+"""Pictures of every page, dialog and overlay, drawn offscreen and compared with those in tests/golden/ui.
+
+After a wanted change: pytest tests/viewer/panels/test_ui_pictures.py --regenerate-golden, and look at each picture that git shows
+as changed. What differs from run to run (times, paths, frame rates) is set by hand before a picture is taken.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import flip_evaluator
+import numpy as np
+import pytest
+from PIL import Image
+
+from console.driven import Report
+from tests.viewer.app.scenes import photographed
+from tests.viewer.conftest import toy_pack
+from tests.viewer.rendering.pictures import AMPLIFIED, FAILURES, GOLDEN, skip
+from training.scenes.procedural import write_procedural_scene
+from viewer.app import crop
+from viewer.app.commands import run
+from viewer.app.log import LogLine
+from viewer.app.make_plan import Plan, Survey
+from viewer.app.making import Job
+from viewer.app.timing import FrameTimes
+from viewer.panels.layout import PAGES
+from viewer.panels.offscreen_ui import OffscreenUi
+
+FOLDER = GOLDEN / "ui"
+SIZE = (900, 640)
+FLIP_TOLERANCE = 0.01  # mean over the picture: a moved label gives 0.02 and more, another driver's rounding 0.003
+FADING_FRAMES = 15  # what lies behind a dialog dims within a sixth of a second
+Picture = Callable[[OffscreenUi, str], None]
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory, pack):
+    return photographed(pack, tmp_path_factory.mktemp("scene") / "toy_scene", 4)
+
+
+@pytest.fixture
+def ui(known, offscreen, app):
+    ui = offscreen(app, size=SIZE)
+    app.governor.rest_scale = 0.5  # the scene's own pictures are compared elsewhere
+    app.show(known, Path("scenes/toy"), "toy")
+    return ui
+
+
+@pytest.fixture
+def compare(request) -> Picture:
+    """Takes the picture of an interface, all of it or one page, and compares it with the golden one."""
+
+    def take(ui: OffscreenUi, name: str, columns: slice = slice(None)) -> None:
+        renderer = ui.ctx.info["GL_RENDERER"]
+        if "llvmpipe" not in renderer:
+            skip(request.config, f"golden pictures are compared on llvmpipe only, this is {renderer}")
+        ui.settle()
+        for _ in range(FADING_FRAMES):
+            ui.frame()
+        _freeze(ui)
+        for _ in range(2):
+            ui.frame()
+        picture = ui.picture()[:, columns]
+        path = FOLDER / f"{name}.png"
+        if request.config.getoption("--regenerate-golden"):
+            path.parent.mkdir(exist_ok=True)
+            Image.fromarray(picture).save(path, optimize=True)
+            return
+        assert path.is_file(), f"{path} is missing; look at the picture, then run pytest --regenerate-golden"
+        expected = np.asarray(Image.open(path).convert("RGB"))
+        assert picture.shape == expected.shape
+        _, mean, _ = flip_evaluator.evaluate(expected / np.float32(255), picture / np.float32(255), "LDR")
+        if mean > FLIP_TOLERANCE:
+            FAILURES.mkdir(exist_ok=True)
+            difference = np.clip(AMPLIFIED * np.abs(picture.astype(int) - expected), 0, 255).astype(np.uint8)
+            for what, pixels in (("actual", picture), ("expected", expected), ("difference", difference)):
+                Image.fromarray(pixels).save(FAILURES / f"ui-{name}-{what}.png")
+            pytest.fail(f"{name}: FLIP {mean:.4f}, allowed {FLIP_TOLERANCE}; see {FAILURES}/ui-{name}-*.png")
+
+    return take
+
+
+def _freeze(ui: OffscreenUi) -> None:
+    """Sets what differs from run to run."""
+    app = ui.app
+    app.times = FrameTimes()
+    for i in range(120):
+        app.times.add(9.0 + 3 * np.sin(i / 5), 17.0 + 6 * np.sin(i / 9) + 20 * (i % 40 == 7), None)
+    ui.canvas.picture_ms = 41.5
+    ui.canvas.ctx.info["GL_RENDERER"] = "llvmpipe"
+    app.messages.lines.clear()
+    noon = time.mktime((2026, 1, 1, 12, 0, 0, 0, 1, -1))
+    app.messages.lines.append(LogLine("info", "toy is open, from scenes/toy", noon))
+    app.messages.lines.append(LogLine("warning", "the view MLP is all zero; the pack is shown as diffuse", noon + 2))
+    photographs, thumbnails = app.comparison.photographs, app.comparison.thumbnails
+    if photographs is not None:
+        photographs.folder = Path("scenes/toy")
+        if thumbnails is not None:
+            thumbnails.folder = photographs.folder
+
+
+SIDE = slice(SIZE[0] - 372, None)
+
+
+@pytest.mark.parametrize("page", [page.id for page in PAGES])
+def test_each_page_looks_as_before(ui, app, compare, page):
+    app.interface.page = page
+    if page == "crop":
+        app.crop.tool = "scale"
+        app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
+    elif page == "photographs":
+        app.comparison.frusta = True
+    elif page == "compare":
+        app.comparison.with_pack(app, toy_pack(view_mlp=False), Path("toy-diffuse"))
+    elif page == "film":
+        run(app, "turntable")
+    elif page == "performance":
+        app.costs.switch(True)
+    compare(ui, f"page-{page}", SIDE)
+
+
+def test_the_start_page_looks_as_before(offscreen, app, compare, tmp_path, monkeypatch):
+    monkeypatch.setattr(type(app.preferences), "recent_packs", lambda _: [Path("/scenes/lego"), Path("/scenes/fern")])
+    app.demo = Path("demo.zip")
+    compare(offscreen(app, size=SIZE), "start")
+
+
+def test_the_window_with_a_photograph_looks_as_before(ui, app, compare):
+    app.interface.page = "photographs"
+    app.comparison.stand_in(app, 1)
+    compare(ui, "photograph")
+
+
+def test_frusta_look_as_before(ui, app, compare):
+    app.interface.page, app.comparison.frusta = "", True
+    app.scene.rig.dolly(-9)
+    app.scene.rig.settle()
+    compare(ui, "frusta")
+
+
+def test_the_crop_gizmo_looks_as_before(ui, app, compare):
+    app.interface.page = "crop"
+    app.crop.tool = "move"
+    app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
+    compare(ui, "crop-gizmo")
+
+
+def test_the_help_overlay_looks_as_before(ui, app, compare):
+    app.interface.help_shown = True
+    compare(ui, "help")
+
+
+def test_a_failure_looks_as_before(ui, app, compare):
+    app.messages.fail("lego cannot be opened", "scene_params.json: is not JSON (expected an object, found 'x')")
+    compare(ui, "dialog")
+
+
+def test_asking_for_a_path_looks_as_before(ui, app, compare):
+    run(app, "open")
+    compare(ui, "path")
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory) -> Path:
+    return write_procedural_scene(tmp_path_factory.mktemp("photographs") / "still", size=64, views=4, subpixels=1)
+
+
+def plan_of(scene: Path) -> Plan:
+    """How the scene would be made, with folders that are the same everywhere."""
+    plan = Plan("scene", scene, Path("/scenes/still-snerg"), survey=Survey(scene))
+    plan.survey.wait(30)
+    return plan
+
+
+@pytest.mark.parametrize("which", ["scene", "again", "run", "refused"])
+def test_the_questions_how_to_make_a_scene_look_as_before(ui, app, compare, photographs, which):
+    plan = plan_of(photographs)
+    if which == "again":
+        plan.attempt = {"scene": str(photographs), "steps": 6000}
+    elif which == "run":
+        plan = Plan("run", Path("/scenes/still-snerg/run"), Path("/scenes/still-snerg/pack"))
+    elif which == "refused":
+        plan.attempt = {"scene": "/scenes/lego", "steps": 6000}
+    app.making.plan = plan
+    compare(ui, f"make-{which}")
+
+
+def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
+    child = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
+    job = app.making.job = Job(plan_of(photographs), child)
+    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0)
+    job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
+    with Image.open(photographs / "test" / "r_0.png") as opened:
+        shown = np.asarray(opened.convert("RGB").resize((256, 256)))
+    job.picture = np.concatenate([shown, shown // 2 + 64], axis=1)
+    compare(ui, "make-job")
+
+
+def test_no_picture_is_left_over():
+    names = {f"page-{page.id}" for page in PAGES}
+    names |= {"start", "photograph", "frusta", "crop-gizmo", "help", "dialog", "path"}
+    names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
+    assert {path.stem for path in FOLDER.glob("*.png")} == names
+
+
+def test_a_moved_label_is_noticed():
+    shown = np.asarray(Image.open(FOLDER / "page-camera.png").convert("RGB"))
+    moved = shown.copy()
+    moved[90:300, 20:] = shown[86:296, 20:]
+    _, mean, _ = flip_evaluator.evaluate(shown / np.float32(255), moved / np.float32(255), "LDR")
+    assert mean > FLIP_TOLERANCE

@@ -1,0 +1,64 @@
+"""One offscreen context for all of the renderer's tests, asserted clean around each, and real data where there is some."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import moderngl
+import pytest
+
+from scenepack import Pack, load_pack
+from tests.viewer.rendering.shapes import shapes_pack
+from viewer.rendering.offscreen import OffscreenRenderer, create_context
+
+
+@pytest.fixture(scope="session")
+def ctx() -> Iterator[moderngl.Context]:
+    """The context; its framebuffer 0 is never used."""
+    context = create_context()
+    yield context
+    context.release()
+
+
+@pytest.fixture(autouse=True)
+def no_opengl_error_is_left(ctx: moderngl.Context) -> Iterator[None]:
+    """Every test of this room leaves OpenGL without a pending error."""
+    assert ctx.error == "GL_NO_ERROR"
+    yield
+    assert ctx.error == "GL_NO_ERROR"
+
+
+@pytest.fixture
+def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenRenderer]]:
+    """Makes OffscreenRenderers in the shared context, released behind the test."""
+    made: list[OffscreenRenderer] = []
+
+    def make(pack: Pack, marcher: str = "exact") -> OffscreenRenderer:
+        made.append(OffscreenRenderer(pack, marcher, ctx=ctx))
+        return made[-1]
+
+    yield make
+    for renderer in made:
+        renderer.release()
+
+
+@pytest.fixture(scope="session")
+def shapes() -> Pack:
+    return shapes_pack()
+
+
+@pytest.fixture(scope="session")
+def ndc_shapes() -> Pack:
+    return shapes_pack(ndc=True)
+
+
+@pytest.fixture(scope="session")
+def real_pack(request: pytest.FixtureRequest) -> Pack:
+    """A pack made elsewhere with the published code."""
+    folder = os.environ.get("SNERG_DATA")
+    path = Path(folder or "") / "packs" / "flowerbangle_480"
+    if not folder or not path.is_dir():
+        pytest.skip("SNERG_DATA does not name a folder with packs/flowerbangle_480")
+    return load_pack(path)

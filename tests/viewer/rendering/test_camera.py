@@ -1,0 +1,85 @@
+"""Cameras: axes, pixels, mirrored packs, and paths that keep the content in the picture."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baker.reference_marcher import pixel_directions
+from scenepack.pack import Pack
+from training.scenes.scene import Camera
+from viewer.rendering.camera import ViewCamera, content_box, forward_facing_path, is_mirrored, orbit_path
+
+
+def pixels_of(camera: ViewCamera, points: np.ndarray) -> np.ndarray:
+    """Where points [n, 3] of the grid frame are in the picture, x right, y down."""
+    seen = np.linalg.inv(camera.grid_T_camera) @ np.concatenate([points, np.ones((len(points), 1))], axis=1).T
+    x, y, z = seen[:3]
+    assert np.all(z < 0), "behind the camera"
+    return np.stack([camera.cx + camera.fx * x / -z, camera.cy - camera.fy * y / -z], axis=1)
+
+
+def test_look_at_puts_the_target_in_the_middle_and_up_upwards() -> None:
+    camera = ViewCamera.look_at((1, 2, 5), (0, 0.5, 0), fov_degrees=50, size=(80, 60))
+    middle, above = pixels_of(camera, np.array([[0, 0.5, 0], [0, 0.7, 0]]))
+    assert np.allclose(middle, (40, 30)) and above[1] < 30 and np.isclose(above[0], 40)
+    assert np.isclose(np.linalg.det(camera.grid_T_camera[:3, :3]), 1)
+
+
+def test_the_field_of_view_is_vertical() -> None:
+    camera = ViewCamera.look_at((0, 0, 1), (0, 0, 0), fov_degrees=90, size=(200, 100))
+    assert np.isclose(pixels_of(camera, np.array([[0, 1, 0]]))[0, 1], 0)
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 1), (0, -1, 0)])
+def test_looking_straight_along_up_still_gives_a_camera(up: tuple[float, float, float]) -> None:
+    camera = ViewCamera.look_at((0, 3, 0), (0, 0, 0), up)
+    rotation = camera.grid_T_camera[:3, :3]
+    assert np.allclose(rotation.T @ rotation, np.eye(3))
+
+
+def test_a_camera_that_stands_on_its_target_is_refused() -> None:
+    with pytest.raises(ValueError, match="same point"):
+        ViewCamera.look_at((1, 1, 1), (1, 1, 1))
+
+
+def test_a_photographs_camera_in_the_grid_frame_sees_what_it_saw_in_the_scene(shapes: Pack) -> None:
+    world_T_camera = ViewCamera.look_at((0.3, -2, 1), (0, 0, 0), (0, 0, 1)).grid_T_camera
+    photograph = Camera(world_T_camera, 64, 48, 70, 71, 30, 25, (0.1, 0.0, 0.0, 0.02))
+    camera = ViewCamera.from_scene_camera(shapes, photograph)
+    assert np.allclose(shapes.worldspace_T_opengl @ camera.grid_T_camera, world_T_camera)
+    assert (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy) == (64, 48, 70, 71, 30, 25)
+    assert camera.distortion == photograph.distortion
+
+
+def test_in_a_mirrored_pack_look_at_still_has_right_to_the_right_in_the_scene(ndc_shapes: Pack, shapes: Pack) -> None:
+    assert is_mirrored(ndc_shapes) and not is_mirrored(shapes)
+    camera = ViewCamera.look_at((0, 0, 0), (0, 0, 4), mirrored=True)
+    world_T_camera = ndc_shapes.worldspace_T_opengl @ camera.grid_T_camera
+    assert np.allclose(world_T_camera, np.eye(4), atol=1e-12)  # the photographs' own way of looking
+
+
+def test_every_view_of_an_orbit_holds_all_of_the_content(shapes: Pack) -> None:
+    low, high = content_box(shapes)
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    for size in ((80, 60), (60, 80)):
+        for camera in orbit_path(shapes, 7, 39, size):
+            pixels = pixels_of(camera, corners)
+            assert np.all(pixels >= 0) and np.all(pixels <= size)
+
+
+def test_a_forward_facing_path_stays_in_one_plane_and_looks_ahead(ndc_shapes: Pack) -> None:
+    cameras = forward_facing_path(ndc_shapes, 6)
+    assert orbit_path(ndc_shapes, 6)[2].grid_T_camera == pytest.approx(cameras[2].grid_T_camera)
+    assert all(abs(camera.position[2]) < 1e-12 for camera in cameras)
+    for camera in cameras:
+        world_R_camera = (ndc_shapes.worldspace_T_opengl @ camera.grid_T_camera)[:3, :3]
+        assert np.linalg.det(world_R_camera) > 0 and world_R_camera[2, 2] > 0.9
+
+
+def test_resizing_keeps_the_directions_of_the_corners() -> None:
+    camera = ViewCamera.look_at((0, 0, 3), (0, 0, 0), size=(80, 60))
+    small = pixel_directions(camera.resized(40, 30)).reshape(30, 40, 3)
+    large = pixel_directions(camera).reshape(60, 80, 3)
+    between = large[0, 0] + large[0, 1] + large[1, 0] + large[1, 1]
+    assert np.allclose(small[0, 0], between / np.linalg.norm(between), atol=1e-4)

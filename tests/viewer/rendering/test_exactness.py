@@ -1,0 +1,196 @@
+"""Every marcher but `paper` gives the picture that taking every sample gives (CONTRACT section 2).
+
+The judge is baker.reference_marcher, which shares no code with the shaders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from baker.reference_marcher import render_reference
+from scenepack.pack import Pack
+from tests.scenepack.random_packs import packs, random_pack
+from tests.viewer.rendering.pictures import assert_same_picture
+from viewer.rendering.camera import ViewCamera, is_mirrored
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.settings import RenderSettings
+
+Make = Callable[..., OffscreenRenderer]
+SIZE = (40, 30)
+FEW = settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
+
+
+def assert_exact(renderer: OffscreenRenderer, camera: ViewCamera, wanted: RenderSettings | None = None) -> None:
+    """brute and exact in OpenGL, each against the reference."""
+    wanted = wanted or RenderSettings()
+    near = max(camera.near, wanted.near)
+    reference = render_reference(
+        renderer.pack, replace(camera, near=near), background=wanted.background, crop=wanted.crop
+    )
+    for marcher in ("brute", "exact"):
+        picture = renderer.render_float(camera, replace(wanted, marcher=marcher))
+        assert_same_picture(picture, reference.rgb, marcher)
+
+
+def random_camera(rng: np.random.Generator, pack: Pack) -> ViewCamera:
+    """Outside, close by or within the grid; now and then along an axis, or grazing a face."""
+    high = np.asarray(pack.grid_size) * pack.voxel_size
+    kind = rng.choice(["outside", "inside", "axis", "grazing"])
+    target = pack.min_xyz + high * rng.uniform(0.2, 0.8, 3)
+    if kind == "inside":
+        eye = pack.min_xyz + high * rng.uniform(0.05, 0.95, 3)
+    elif kind == "outside":
+        eye = target + rng.normal(size=3) * rng.choice([1.0, 4.0])
+    else:
+        axis = rng.integers(3)
+        step = np.zeros(3)
+        step[axis] = rng.choice([-3.0, 3.0])
+        if kind == "grazing":  # along a face of the grid, a hundredth of a voxel inside of it
+            side = (axis + 1) % 3
+            target[side] = pack.min_xyz[side] + rng.choice(
+                [0.01 * pack.voxel_size, high[side] - 0.01 * pack.voxel_size]
+            )
+        eye = target + step
+    # An odd number of pixels has its middle one look exactly along the axis.
+    size = (SIZE[0] + 1, SIZE[1] + 1) if kind in ("axis", "grazing") else SIZE
+    up = (0.0, 1.0, 0.0) if abs(eye[1] - target[1]) < 2.9 else (0.0, 0.0, 1.0)
+    return ViewCamera.look_at(eye, target, up, float(rng.choice([8.0, 45.0, 95.0])), size, mirrored=is_mirrored(pack))
+
+
+def forward_facing_camera(rng: np.random.Generator) -> ViewCamera:
+    """Somewhere around where photographs of an NDC scene are taken, also past the warp's near plane."""
+    eye = np.array([*rng.uniform(-0.5, 0.5, 2), rng.choice([-0.3, 0.0, 0.5, 1.5])])
+    ahead = eye + np.array([*rng.uniform(-1.0, 1.0, 2), 4.0])
+    return ViewCamera.look_at(eye, ahead, fov_degrees=55, size=SIZE, mirrored=True)
+
+
+@pytest.fixture(scope="module")
+def make(request: pytest.FixtureRequest) -> Make:
+    """Like `offscreen`, usable from hypothesis: the example before is released when the next is made."""
+    ctx = request.getfixturevalue("ctx")
+    made: list[OffscreenRenderer] = []
+
+    def release() -> None:
+        while made:
+            made.pop().release()
+
+    def make_one(pack: Pack) -> OffscreenRenderer:
+        release()
+        made.append(OffscreenRenderer(pack, ctx=ctx))
+        return made[0]
+
+    request.addfinalizer(release)
+    return make_one
+
+
+@FEW
+@given(pack=packs(), seed=st.integers(0, 2**32 - 1))
+def test_exact_is_every_sample_on_random_packs_from_anywhere(make: Make, pack: Pack, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    renderer = make(pack)
+    for _ in range(3):
+        assert_exact(renderer, random_camera(rng, pack))
+
+
+@FEW
+@given(pack=packs(ndc=True), seed=st.integers(0, 2**32 - 1))
+def test_exact_is_every_sample_on_forward_facing_packs(make: Make, pack: Pack, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    renderer = make(pack)
+    for _ in range(3):
+        assert_exact(renderer, forward_facing_camera(rng))
+
+
+@settings(FEW, max_examples=8)
+@given(pack=packs(ndc=None), seed=st.integers(0, 2**32 - 1))
+def test_crop_box_near_plane_and_background_keep_it_exact(make: Make, pack: Pack, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    high = np.asarray(pack.grid_size) * pack.voxel_size
+    corners = pack.min_xyz + high * np.sort(rng.uniform(0, 1, (2, 3)), axis=0)
+    crop = (tuple(corners[0].tolist()), tuple(corners[1].tolist()))
+    wanted = RenderSettings(crop=crop, near=float(rng.uniform(0, 1.5)), background=(0.2, 0.0, 0.7))
+    camera = forward_facing_camera(rng) if pack.ndc else random_camera(rng, pack)
+    assert_exact(make(pack), camera, wanted)
+
+
+@pytest.mark.parametrize("block_size", [5, 14, 15, 30])
+def test_block_sizes_that_cells_do_not_divide_lose_nothing(offscreen: Make, block_size: int) -> None:
+    rng = np.random.default_rng(block_size)
+    pack = random_pack(rng, block_size=block_size, grid_blocks=(3, 2, 3), style="borders", occupancy=0.05)
+    renderer = offscreen(pack)
+    for _ in range(3):
+        assert_exact(renderer, random_camera(rng, pack))
+
+
+@pytest.mark.parametrize("ndc", [False, True])
+def test_diffuse_features_and_alpha_modes_show_what_the_reference_accumulates(
+    request: pytest.FixtureRequest, offscreen: Make, ndc: bool
+) -> None:
+    pack: Pack = request.getfixturevalue("ndc_shapes" if ndc else "shapes")
+    camera = forward_facing_camera(np.random.default_rng(3)) if ndc else ViewCamera.orbit(pack, 40, size=SIZE)
+    reference = render_reference(pack, camera)
+    renderer = offscreen(pack)
+    expected = {
+        "diffuse": reference.diffuse,
+        "features": reference.features[..., :3],
+        "alpha": np.repeat(reference.alpha[..., None], 3, axis=2),
+    }
+    for mode, picture in expected.items():
+        for marcher in ("brute", "exact"):
+            shown = renderer.render_float(camera, RenderSettings(mode=mode, marcher=marcher))
+            assert_same_picture(shown, picture, f"{mode} by {marcher}")
+
+
+@pytest.mark.parametrize("ndc", [False, True])
+def test_a_lens_that_distorts_bends_the_same_rays(request: pytest.FixtureRequest, offscreen: Make, ndc: bool) -> None:
+    pack: Pack = request.getfixturevalue("ndc_shapes" if ndc else "shapes")
+    camera = forward_facing_camera(np.random.default_rng(3)) if ndc else ViewCamera.orbit(pack, 40, 20, 2.0, 60, SIZE)
+    assert_exact(offscreen(pack), replace(camera, distortion=(0.09, -0.03, 0.004, -0.006)))
+
+
+def test_samples_mode_counts_wherever_something_contributes(offscreen: Make, shapes: Pack) -> None:
+    camera = ViewCamera.orbit(shapes, 40, size=SIZE)
+    contributing = render_reference(shapes, camera).samples > 0
+    counted = offscreen(shapes).render_float(camera, RenderSettings(mode="samples", cost_scale=1e6))[..., 2] > 0
+    assert contributing.any() and np.all(counted[contributing])
+
+
+def test_an_empty_pack_is_background(offscreen: Make) -> None:
+    pack = random_pack(np.random.default_rng(0), style="isolated")
+    empty = replace(
+        pack, atlas_indices=np.full_like(pack.atlas_indices, 255), atlas_rgba=np.zeros((4, 16, 16, 4), np.uint8)
+    )
+    empty = replace(empty, atlas_features=None, view_mlp=None)
+    camera = ViewCamera.look_at((0, 0, 3), (0, 0, 0), size=SIZE)
+    for marcher in ("exact", "brute", "paper"):
+        picture = offscreen(empty, marcher).render(camera, RenderSettings(marcher=marcher, background=(1, 0, 0)))
+        assert np.array_equal(np.unique(picture.reshape(-1, 3), axis=0), [[255, 0, 0]])
+
+
+def test_exact_is_every_sample_on_a_pack_made_elsewhere(offscreen: Make, real_pack: Pack) -> None:
+    renderer = offscreen(real_pack)
+    for azimuth, elevation, distance in ((10, 20, None), (200, 60, 0.9), (95, 2, 0.35)):
+        camera = ViewCamera.orbit(real_pack, azimuth, elevation, distance, size=(160, 120))
+        brute = renderer.render_float(camera, RenderSettings(marcher="brute"))
+        exact = renderer.render_float(camera)
+        assert_same_picture(exact, brute, f"azimuth {azimuth}")
+        assert exact.min() < 0.9
+
+
+def test_a_pack_made_elsewhere_matches_the_reference(offscreen: Make, real_pack: Pack) -> None:
+    camera = ViewCamera.orbit(real_pack, 30, 35, 0.9, size=(48, 36))
+    assert_exact(offscreen(real_pack), camera)
+
+
+def test_the_paper_marcher_comes_close_but_not_all_the_way(offscreen: Make, shapes: Pack) -> None:
+    camera = ViewCamera.orbit(shapes, 40, size=(96, 96))
+    paper = offscreen(shapes, "paper").render_float(camera, RenderSettings(marcher="paper"))
+    exact = offscreen(shapes).render_float(camera)
+    psnr = -10 * np.log10(np.mean((paper - exact) ** 2))
+    assert 15 < psnr < 60

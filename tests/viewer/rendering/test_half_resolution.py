@@ -1,0 +1,162 @@
+"""Packs that are too large for the card: half the resolution, the same place, a warning with both sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import pytest
+
+from console import Notice, UserError
+from scenepack import Pack, save_pack
+from scenepack.blocks import atlas_from_dense, dense_from_pack
+from scenepack.check import check_pack
+from tests.viewer.rendering.shapes import shapes_pack
+from viewer.commands import render
+from viewer.rendering import gpu_scene
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.gpu_scene import Limits, NoRoomError
+from viewer.rendering.half_resolution import half_resolution
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.renderer import Renderer
+from viewer.window.canvas import Canvas
+
+PLENTY = 2048
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    return float(-10 * np.log10(np.mean((a.astype(np.float64) - b) ** 2)))
+
+
+@pytest.mark.parametrize("side", [70, 71, 57])
+def test_each_voxel_is_the_mean_of_eight_seen_through_twice_the_depth(side: int) -> None:
+    pack = shapes_pack(side)
+    half = half_resolution(pack)
+    assert half.grid_size == (-(-side // 2),) * 3 and half.voxel_size == 2 * pack.voxel_size
+    for whole, halved in zip(dense_from_pack(pack), dense_from_pack(half), strict=True):
+        assert whole is not None and halved is not None
+        alpha = np.pad(dense_from_pack(pack)[0][..., 3:], [(0, side % 2)] * 3 + [(0, 0)])
+        n = (side + 1) // 2
+
+        def means(volume: np.ndarray, n: int = n) -> np.ndarray:
+            return volume.reshape(n, 2, n, 2, n, 2, -1).mean(axis=(1, 3, 5))
+
+        expected = means(np.pad(whole, [(0, side % 2)] * 3 + [(0, 0)])) * (2 - means(alpha) / 255)
+        assert np.abs(halved - np.minimum(expected, 255)).max() <= 0.51
+
+
+def test_the_padding_is_made_anew_and_content_lies_where_it_lay(shapes: Pack) -> None:
+    half = half_resolution(shapes)
+    assert not [finding for finding in check_pack(half) if finding.severity == "error"]
+    rgba, features = dense_from_pack(half)
+    _, again, again_features = atlas_from_dense(rgba, features, half.block_size, half.occupied)
+    assert np.array_equal(again, half.atlas_rgba) and np.array_equal(again_features, half.atlas_features)
+
+
+def test_the_picture_stays_much_the_same(offscreen: Callable[..., OffscreenRenderer]) -> None:
+    pack = shapes_pack(140, 30)
+    camera = ViewCamera.orbit(pack, 35, 28, size=(120, 90))
+    whole = offscreen(pack).render_float(camera)
+    half = half_resolution(pack)
+    halved = offscreen(half).render_float(camera)
+    thin = replace(half, atlas_rgba=half.atlas_rgba // 2, atlas_features=half.atlas_features // 2)
+    assert psnr(whole, halved) > 20
+    assert psnr(whole, halved) > psnr(whole, offscreen(thin).render_float(camera)) + 1
+
+
+@pytest.mark.parametrize("limits", [Limits(PLENTY, 400_000), Limits(48)])
+@pytest.mark.parametrize("marcher", ["exact", "paper"])
+def test_a_pack_too_large_for_the_card_is_shown_at_half_resolution_with_both_sizes_told(
+    ctx: moderngl.Context, shapes: Pack, limits: Limits, marcher: str
+) -> None:
+    with (
+        pytest.warns(Notice, match=r"half resolution, 35x35x35 voxels.*70x70x70 voxels") as caught,
+        OffscreenRenderer(shapes, marcher, ctx, limits) as renderer,
+    ):
+        assert renderer.pack.grid_size == (35, 35, 35)
+        assert renderer.render(ViewCamera.orbit(shapes, 35, size=(32, 24))).std() > 5
+    assert len(caught) == 1 and "\n" not in str(caught[0].message)
+
+
+def test_what_a_driver_refuses_while_textures_are_made_counts_as_too_large(
+    ctx: moderngl.Context, shapes: Pack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    allocate = gpu_scene._allocate
+    refused = []
+
+    def refuse_the_first_size(uploader, pack: Pack, layout: str, features_beside: bool):
+        if len(refused) < 2:  # in one atlas, then in two
+            uploader.volume("first", (8, 8, 8), 4)  # must be given back
+            refused.append(uploader.made[0])
+            raise NoRoomError("no room", found="GL_OUT_OF_MEMORY")
+        return allocate(uploader, pack, layout, features_beside)
+
+    monkeypatch.setattr(gpu_scene, "_allocate", refuse_the_first_size)
+    with pytest.warns(Notice, match="GL_OUT_OF_MEMORY"):
+        Renderer(ctx, shapes).release()
+    assert all(isinstance(texture.mglo, moderngl.InvalidObject) for texture in refused)
+
+
+def test_where_not_even_a_small_pack_fits_it_is_one_line(ctx: moderngl.Context, shapes: Pack) -> None:
+    with pytest.raises(UserError, match="too large") as caught:
+        Renderer(ctx, shapes, limits=Limits(PLENTY, 1000))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_command_warns_and_goes_on(
+    shapes: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], ctx
+) -> None:
+    save_pack(shapes, tmp_path / "pack")
+    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, _: Limits(PLENTY, 400_000)))
+    words = [str(tmp_path / "pack"), "--out", str(tmp_path / "a.png"), "--size", "32x24"]
+    try:
+        assert render.main(words) == 0
+    finally:
+        ctx.__enter__()
+    assert "half resolution" in capsys.readouterr().err
+
+
+def test_a_pack_can_be_drawn_while_it_arrives(ctx: moderngl.Context, shapes: Pack) -> None:
+    camera = ViewCamera.orbit(shapes, 35, 28, size=(64, 48))
+    framebuffer = ctx.simple_framebuffer((64, 48))
+
+    def picture(renderer: Renderer) -> np.ndarray:
+        renderer.render(framebuffer, camera)
+        return np.frombuffer(framebuffer.read(), np.uint8).astype(int)
+
+    renderer = Renderer(ctx, shapes, at_once=False)
+    assert renderer.arriving
+    shares = [int((picture(renderer) != 255).sum())]
+    while not renderer.arrive(1e-9):
+        shares.append(int((picture(renderer) != 255).sum()))
+    whole = picture(renderer)
+    assert shares[0] == 0 and len(shares) > 2
+    assert not renderer.arriving
+    complete = Renderer(ctx, shapes)
+    assert np.array_equal(picture(complete), whole)
+    for thing in (renderer, complete):
+        thing.release()
+    ctx.extra = ctx.extra or ctx.simple_framebuffer((1, 1))
+    ctx.extra.use()
+    framebuffer.release()
+
+
+def test_a_canvas_goes_on_drawing_until_all_has_arrived(
+    ctx: moderngl.Context, shapes: Pack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from viewer.app.resolution import Governor
+    from viewer.rendering.settings import RenderSettings
+    from viewer.window import canvas as canvas_module
+
+    monkeypatch.setattr(canvas_module, "ARRIVING_S", 1e-9)
+    canvas = Canvas(ctx)
+    canvas.show(shapes)
+    camera, frames = ViewCamera.orbit(shapes, 35, size=(48, 36)), 0
+    while canvas.pending and frames < 200:
+        canvas.draw(camera, RenderSettings(), Governor(), wait=False)
+        frames += 1
+    assert canvas.renderer is not None and not canvas.renderer.arriving and 2 < frames < 200
+    canvas.close()

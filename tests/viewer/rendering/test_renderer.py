@@ -1,0 +1,147 @@
+"""Drawing: independent of what others left in OpenGL, of the viewport's place, and of what was drawn before."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+import pytest
+
+from console import UserError
+from scenepack.pack import Pack
+from tests.viewer.rendering.pictures import assert_same_picture
+from viewer.rendering import offscreen as offscreen_module
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.offscreen import OffscreenRenderer, create_context
+from viewer.rendering.settings import MODES, RenderSettings
+
+Make = Callable[..., OffscreenRenderer]
+
+
+@pytest.fixture
+def camera(shapes: Pack) -> ViewCamera:
+    return ViewCamera.orbit(shapes, 35, size=(64, 48))
+
+
+@pytest.mark.parametrize("marcher", ["exact", "brute", "paper"])
+def test_state_that_imgui_leaves_behind_changes_nothing(
+    ctx: moderngl.Context, offscreen: Make, shapes: Pack, camera: ViewCamera, marcher: str
+) -> None:
+    renderer = offscreen(shapes, marcher)
+    wanted = RenderSettings(marcher=marcher)
+    expected = renderer.render(camera, wanted)
+    framebuffer = renderer.framebuffer(64, 48)
+    framebuffer.scissor = (3, 4, 5, 6)
+    framebuffer.viewport = (1, 2, 3, 4)
+    framebuffer.color_mask = (True, False, False, True)
+    ctx.enable_only(moderngl.BLEND | moderngl.CULL_FACE | moderngl.DEPTH_TEST)
+    ctx.blend_func = moderngl.ONE, moderngl.ONE
+    ctx.front_face, ctx.cull_face = "cw", "front_and_back"
+    ctx.wireframe = True
+    sampler = ctx.sampler(filter=(moderngl.NEAREST, moderngl.NEAREST))
+    for unit in range(6):
+        sampler.use(unit)
+    try:
+        assert np.array_equal(renderer.render(camera, wanted), expected)
+    finally:
+        ctx.wireframe = False
+        ctx.clear_samplers(0, 6)
+        sampler.release()
+
+
+def test_a_picture_drawn_in_tiles_is_the_picture(
+    ctx: moderngl.Context, offscreen: Make, shapes: Pack, camera: ViewCamera
+) -> None:
+    renderer = offscreen(shapes)
+    whole = renderer.render(camera)
+    framebuffer = ctx.simple_framebuffer((64, 48), 4)
+    framebuffer.clear(1, 0, 1)
+    for x, y, w, h in ((0, 0, 40, 20), (40, 0, 24, 20), (0, 20, 64, 28)):
+        part = replace(camera, width=w, height=h, cx=camera.cx - x, cy=camera.cy - y)
+        renderer.renderer.render(framebuffer, part, viewport=(x, 48 - y - h, w, h))
+    pixels = np.frombuffer(framebuffer.read(components=3, alignment=1), np.uint8).reshape(48, 64, 3)[::-1]
+    assert_same_picture(pixels / 255, whole / 255)
+    offscreen_module._unbind_framebuffers(ctx)
+    framebuffer.release()
+
+
+def test_a_viewport_of_another_size_shows_the_same_view_scaled(
+    ctx: moderngl.Context, offscreen: Make, shapes: Pack, camera: ViewCamera
+) -> None:
+    renderer = offscreen(shapes)
+    framebuffer = renderer.framebuffer(32, 24)
+    renderer.renderer.render(framebuffer, camera, viewport=(0, 0, 32, 24))
+    pixels = np.frombuffer(framebuffer.read(components=3, alignment=1), np.uint8).reshape(24, 32, 3)[::-1]
+    assert np.array_equal(pixels, renderer.render(camera.resized(32, 24)))
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("kind", ["shapes", "ndc_shapes", "diffuse"])
+def test_every_mode_of_every_kind_of_pack_draws_something_finite(
+    request: pytest.FixtureRequest, offscreen: Make, mode: str, kind: str, shapes: Pack
+) -> None:
+    diffuse = replace(shapes, atlas_features=None, view_mlp=None)
+    pack = diffuse if kind == "diffuse" else request.getfixturevalue(kind)
+    camera = ViewCamera.orbit(pack, 35, size=(48, 36))
+    if pack.ndc:
+        camera = ViewCamera.look_at((0, 0, -0.2), (0, 0, 4), fov_degrees=50, size=(48, 36), mirrored=True)
+    picture = offscreen(pack).render_float(camera, RenderSettings(mode=mode))
+    assert np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1
+    empty = kind == "diffuse" and mode in ("features", "view-dependent")
+    assert (picture.std() == 0) == empty
+
+
+def test_where_nothing_is_every_marcher_shows_the_same_nothing(offscreen: Make, shapes: Pack) -> None:
+    away = ViewCamera.look_at((0, 0, 5), (0, 0, 9), size=(16, 12))
+    renderer = offscreen(shapes)
+    for mode in MODES:
+        pictures = [
+            renderer.render(away, RenderSettings(mode=mode, marcher=marcher, background=(0.2, 0.4, 0.6)))
+            for marcher in ("exact", "brute", "paper")
+        ]
+        assert np.array_equal(pictures[0], pictures[1]) and np.array_equal(pictures[0], pictures[2]), mode
+
+
+def test_the_view_mlp_at_every_sample_is_another_picture_but_not_a_far_one(
+    offscreen: Make, shapes: Pack, camera: ViewCamera
+) -> None:
+    renderer = offscreen(shapes)
+    once = renderer.render_float(camera)
+    each = renderer.render_float(camera, RenderSettings(view_mlp_per_sample=True))
+    assert 0 < np.abs(once - each).mean() < 0.2
+
+
+def test_renderers_can_come_and_go_in_one_context(ctx: moderngl.Context, shapes: Pack, camera: ViewCamera) -> None:
+    pictures = []
+    for _ in range(3):
+        with OffscreenRenderer(shapes, ctx=ctx) as renderer:
+            pictures.append(renderer.render(camera))
+            renderer.render_float(camera)
+    assert np.array_equal(pictures[0], pictures[2])
+
+
+def test_renderers_with_contexts_of_their_own_do_not_disturb_one_another(shapes: Pack, camera: ViewCamera) -> None:
+    def draw() -> None:  # in a thread, for the current context is the thread's
+        with OffscreenRenderer(shapes) as one, OffscreenRenderer(replace(shapes, view_mlp=None)) as other:
+            pictures.extend([one.render(camera), other.render(camera), one.render(camera), other.render(camera)])
+
+    pictures: list[np.ndarray] = []
+    thread = threading.Thread(target=draw)
+    thread.start()
+    thread.join()
+    assert np.array_equal(pictures[0], pictures[2]) and np.array_equal(pictures[1], pictures[3])
+    assert not np.array_equal(pictures[0], pictures[1])
+
+
+@pytest.mark.parametrize("message", ["libEGL.so not loaded", "Requested OpenGL version 330, got version 210", ""])
+def test_no_opengl_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, message: str) -> None:
+    def fail(**_: object) -> None:
+        raise Exception(message)
+
+    monkeypatch.setattr(offscreen_module.moderngl, "create_context", fail)
+    with pytest.raises(UserError, match=r"OpenGL 3\.3 or later") as caught:
+        create_context()
+    assert "\n" not in str(caught.value) and "install" in str(caught.value)

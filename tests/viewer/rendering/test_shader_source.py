@@ -1,0 +1,119 @@
+"""Includes, injected constants, and shader errors that name the real file and line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import pytest
+
+from scenepack import constants
+from tests.viewer.rendering.shapes import glossy_mlp
+from viewer.rendering.shader_source import (
+    SHADER_FOLDER,
+    ShaderError,
+    assemble,
+    compile_program,
+    define_lines,
+    glsl_float,
+    shared_constants,
+)
+from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
+
+VERTEX = "#version 330 core\nvoid main() { gl_Position = vec4(0.0); }\n"
+
+
+def write(folder: Path, **files: str) -> None:
+    for name, text in files.items():
+        (folder / name.replace("_", ".", 1)).write_text(text, encoding="utf-8")
+
+
+def test_an_error_in_an_included_file_names_that_file_and_line(ctx: moderngl.Context, tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        main_vert=VERTEX,
+        main_frag='// main\n#version 330 core\n#include "one.glsl"\nout vec4 c;\nvoid main() { c = one(); }\n',
+        one_glsl='// one\n#include "two.glsl"\n\nvec4 one() {\n    return undeclared_in_one;\n}\n',
+        two_glsl="const float TWO = 2.0;\n",
+    )
+    defines = {"A": 1, "B": 2.0, "C": True}
+    vertex = assemble("main.vert", folder=tmp_path)
+    with pytest.raises(ShaderError, match=r"one\.glsl:5:"):
+        compile_program(ctx, vertex, assemble("main.frag", defines, folder=tmp_path))
+
+
+def test_an_error_behind_an_include_names_the_including_file_and_line(ctx: moderngl.Context, tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        main_vert=VERTEX,
+        main_frag='#version 330 core\n#include "one.glsl"\n#include "one.glsl"\nout vec4 c;\nvoid main() { c = nope; }\n',
+        one_glsl="const float ONE = 1.0;\n\n\n",
+    )
+    with pytest.raises(ShaderError, match=r"main\.frag:5:"):
+        compile_program(ctx, assemble("main.vert", folder=tmp_path), assemble("main.frag", {"X": 1}, folder=tmp_path))
+
+
+def test_an_error_in_the_vertex_shader_names_it(ctx: moderngl.Context, tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        bad_vert="#version 330 core\nvoid main() {\n    gl_Position = wrong;\n}\n",
+        main_frag="#version 330 core\nout vec4 c;\nvoid main() { c = vec4(1.0); }\n",
+    )
+    with pytest.raises(ShaderError, match=r"bad\.vert:3:"):
+        compile_program(ctx, assemble("bad.vert", folder=tmp_path), assemble("main.frag", folder=tmp_path))
+
+
+@pytest.mark.parametrize("message", ["2:7(3): error: x", "2(7) : error C1: x", "ERROR: 2:7: x"])
+def test_the_line_styles_of_mesa_nvidia_and_apple_are_understood(tmp_path: Path, message: str) -> None:
+    write(tmp_path, a_frag='#include "b.glsl"\n#include "c.glsl"\n', b_glsl="", c_glsl="")
+    assert "c.glsl:7:" in assemble("a.frag", folder=tmp_path).locate(message)
+
+
+def test_a_file_is_included_once_and_an_unknown_one_is_told_with_the_line_that_asked(tmp_path: Path) -> None:
+    write(tmp_path, a_frag='#include "b.glsl"\n#include "b.glsl"\n', b_glsl="const int B = 1;\n")
+    assert assemble("a.frag", folder=tmp_path).text.count("const int B") == 1
+    write(tmp_path, c_frag='\n#include "missing.glsl"\n')
+    with pytest.raises(FileNotFoundError, match=r"c\.frag:2.*missing\.glsl"):
+        assemble("c.frag", folder=tmp_path)
+
+
+def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
+    for value in (0.0, -1.5, 1e-30, 3.4e38, 1 / 3, np.float32(0.1), 255, True):
+        text = glsl_float(value)
+        assert np.float32(text) == np.float32(value) and any(mark in text for mark in ".e")
+    for value in (float("nan"), float("inf"), "1.0); discard; (", "0; }"):
+        with pytest.raises(ValueError):
+            glsl_float(value)  # type: ignore[arg-type]
+
+
+def test_definitions_are_floats_integers_bare_names_or_nothing() -> None:
+    assert (
+        define_lines({"A": 1.0, "B": 2, "C": True, "D": False, "E": None}) == "#define A 1.0\n#define B 2\n#define C\n"
+    )
+
+
+def test_the_constants_that_shaders_see_are_those_of_scenepack() -> None:
+    seen = dict(line.split()[1:] for line in shared_constants().splitlines())
+    for name in ("ALPHA_CONTRIBUTES", "TRANSMITTANCE_STOP", "TRANSMITTANCE_SHADED", "UNPREMULTIPLY_GAIN", "NDC_NEAR"):
+        assert np.float32(seen[name]) == np.float32(getattr(constants, name))
+    assert int(seen["VIEW_INPUTS"]) == constants.VIEW_MLP_WIDTHS[0] == constants.VIEW_ENCODING + 3 + constants.FEATURES
+
+
+def test_no_constant_of_scenepack_is_written_out_again_in_a_shader() -> None:
+    for path in SHADER_FOLDER.iterdir():
+        code = "\n".join(line.split("//")[0] for line in path.read_text(encoding="utf-8").splitlines())
+        assert "255.0" not in code and "254.0" not in code, path.name
+
+
+def test_every_shader_file_opens_with_what_it_is_for() -> None:
+    for path in SHADER_FOLDER.iterdir():
+        assert path.read_text(encoding="utf-8").startswith("// "), path.name
+
+
+def test_the_generated_view_mlp_holds_every_weight() -> None:
+    mlp = glossy_mlp()
+    text = view_mlp_weights(mlp) + view_mlp_biases(mlp)
+    for array in (*mlp.weights, *mlp.biases):
+        for value in np.ravel(array):
+            assert glsl_float(value) in text

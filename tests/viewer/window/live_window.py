@@ -1,0 +1,262 @@
+"""The window itself, on a display of our own, under real mouse and keyboard events.
+
+Not collected by itself: test_window.py runs it in a process of its own, because Xlib ends the process when a GLX window
+is opened while another test's EGL context is current in the same thread.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import glfw
+import pytest
+from PIL import Image
+
+from scenepack import save_pack
+from tests.viewer.conftest import SCREEN, missing, toy_pack
+from viewer.app.application import App
+from viewer.app.make_plan import Plan
+from viewer.window.window import Window
+
+SIZE = (900, 600)
+CLIENT = Path(__file__).with_name("x11_client.py")
+FAKE = CLIENT.parents[1] / "app" / "fake_make.py"
+
+
+@pytest.fixture
+def xdotool(display):
+    """Moves the mouse and presses keys on our display."""
+    program = shutil.which("xdotool")
+    if program is None:
+        missing("xdotool")
+
+    def call(*words: object) -> None:
+        command = [str(program), *(str(word) for word in words)]
+        subprocess.run(command, check=True, env={**os.environ, "DISPLAY": display}, stdout=subprocess.DEVNULL)
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def opened(display):
+    """One window for all tests: opening it takes longer than most of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DISPLAY", display)
+        patch.delenv("WAYLAND_DISPLAY", raising=False)
+        with Window(App(), SIZE) as window:
+            yield window
+
+
+@pytest.fixture
+def window(opened, pack, pack_folder):
+    """The window as it was, with a new app in it and the toy open."""
+    app = App(stage=opened.canvas)
+    app.clipboard, opened.app = opened.app.clipboard, app
+    glfw.set_window_size(opened.handle, *SIZE)
+    app.show(pack, pack_folder)
+    opened.draw_frames(3)
+    yield opened
+    app.making.end()
+
+
+def pump(window: Window, seconds: float = 0.25) -> None:
+    """Lets the window live for a moment."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        window.app.touch(1)
+        window.step()
+
+
+@pytest.fixture
+def other_client(display, window):
+    """Another program on our display: other_client("drop", path) and other_client("close"), while the window lives on."""
+
+    def call(what: str, *words: object) -> None:
+        number = str(glfw.get_x11_window(window.handle))
+        command = [sys.executable, str(CLIENT), what, number, *(str(word) for word in words)]
+        client = subprocess.Popen(command, env={**os.environ, "DISPLAY": display}, stderr=subprocess.PIPE, text=True)
+        while client.poll() is None:
+            pump(window, 0.05)
+        assert client.returncode == 0, client.stderr.read()
+        pump(window, 0.1)
+
+    return call
+
+
+def open_whole(window: Window) -> None:
+    """Lets the window live until what it reads is there."""
+    end = time.monotonic() + 20
+    while window.app.loading is not None:
+        assert time.monotonic() < end
+        pump(window, 0.05)
+
+
+def test_real_events_move_the_camera_and_run_commands(window, xdotool):
+    rig = window.app.scene.rig
+    start = rig.goal
+    xdotool("mousemove", 200, 300, "mousedown", 1)
+    pump(window)
+    xdotool("mousemove", 260, 320)
+    pump(window)
+    xdotool("mouseup", 1)
+    pump(window)
+    assert rig.goal.azimuth != start.azimuth
+    xdotool("click", "--repeat", 3, "--delay", 30, 4)  # the wheel
+    pump(window)
+    assert rig.goal.distance < start.distance
+    xdotool("key", "space")
+    pump(window)
+    assert window.app.settings.mode == "diffuse"
+    xdotool("key", "r")
+    pump(window)
+    assert rig.goal == rig.home_pose
+    assert window.ctx.error == "GL_NO_ERROR"
+
+
+def test_the_window_follows_a_new_size(window, xdotool):
+    xdotool("search", "--name", "^snerg", "windowsize", "--sync", 1100, 700)
+    pump(window, 0.5)
+    assert window.app.viewport.height > 640
+    assert window.screenshot().shape == (700, 1100, 3)
+
+
+def test_an_idle_window_sleeps(window):
+    window.draw_frames(2)
+    for _ in range(20):
+        window.app.frames_owed = 0
+        if not window.step():
+            break
+    spent, start = time.process_time(), time.monotonic()
+    drawn = sum(window.step() for _ in range(3))
+    spent, passed = time.process_time() - spent, time.monotonic() - start
+    assert drawn == 0 and passed > 2.0
+    assert spent / passed < 0.02
+
+
+def test_the_screenshot_shows_scene_and_panel(window):
+    window.draw_frames(2)
+    picture = window.screenshot()
+    assert picture.shape == (SIZE[1], SIZE[0], 3)
+    assert picture[100:500, 50:400].reshape(-1, 3).std(axis=0).max() > 15
+    assert picture[80:, SIZE[0] - 300 :].mean() < 70
+
+
+def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_path):
+    save_pack(toy_pack(view_mlp=False), tmp_path / "a dröpped päck")
+    other_client("drop", tmp_path / "a dröpped päck")
+    open_whole(window)
+    assert window.app.scene.name == "a dröpped päck" and window.app.scene.pack.view_mlp is None
+    assert not window.app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
+
+
+def test_what_is_no_pack_is_a_dialog_that_real_keys_answer(window, other_client, xdotool, tmp_path):
+    scene = window.app.scene
+    (tmp_path / "notes.txt").write_text("hello")
+    other_client("drop", tmp_path / "notes.txt")
+    open_whole(window)
+    pump(window)
+    assert "notes.txt" in window.app.messages.dialogs[0].title and window.app.scene is scene
+    xdotool("key", "Return")
+    pump(window)
+    assert not window.app.messages.dialogs
+
+
+def test_photographs_that_are_dropped_are_asked_about_and_escape_declines(window, other_client, xdotool, tmp_path):
+    Image.new("RGB", (16, 12)).save(tmp_path / "r_0.png")
+    (tmp_path / "transforms_train.json").write_text(
+        '{"camera_angle_x": 0.7, "frames": [{"file_path": "r_0", "transform_matrix":'
+        " [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]}]}"
+    )
+    other_client("drop", tmp_path)
+    plan = window.app.making.plan
+    assert plan is not None
+    plan.survey.wait(20)
+    pump(window)
+    assert plan.problem() is None and plan.survey.text.startswith("1 photographs of 16 × 12")
+    xdotool("key", "Escape")
+    pump(window)
+    assert window.app.making.plan is None
+
+
+def test_f11_fills_the_screen_and_gives_it_back(window, xdotool):
+    xdotool("key", "F11")
+    pump(window, 0.6)
+    assert window.app.interface.full_screen
+    assert glfw.get_window_size(window.handle) == SCREEN and window.screenshot().shape[:2] == SCREEN[::-1]
+    assert window.size == SIZE  # what is remembered
+    xdotool("key", "Escape")
+    pump(window, 0.6)
+    assert not window.app.interface.full_screen and glfw.get_window_size(window.handle) == SIZE
+    assert window.ctx.error == "GL_NO_ERROR"
+
+
+def test_a_real_double_click_sets_the_pivot_and_a_right_drag_slides(window, xdotool):
+    rig = window.app.scene.rig
+    before = rig.goal
+    x, y = int(0.5 * window.app.viewport.width), int(window.app.viewport.y + 0.5 * window.app.viewport.height)
+    for _ in range(5):  # a machine that is busy elsewhere may take so long over one that it counts as two clicks
+        xdotool("mousemove", x, y, "click", "--repeat", 2, "--delay", 60, 1)
+        pump(window, 0.9)
+        if rig.goal.pivot != before.pivot:
+            break
+    turned = rig.goal
+    assert turned.pivot != before.pivot
+    xdotool("mousemove", x, y, "mousedown", 3)
+    pump(window)
+    xdotool("mousemove", x + 60, y + 30)
+    pump(window)
+    xdotool("mouseup", 3)
+    pump(window)
+    assert rig.goal.pivot != turned.pivot and rig.goal.azimuth == turned.azimuth
+
+
+def test_keys_held_fly_and_combinations_undo(window, xdotool):
+    rig = window.app.scene.rig
+    xdotool("key", "v")
+    pump(window)
+    start = rig.goal.eye(rig.table)
+    xdotool("keydown", "w")
+    pump(window, 0.5)
+    xdotool("keyup", "w")
+    pump(window)
+    assert rig.flying and abs(rig.goal.eye(rig.table) - start).max() > 0.01
+    xdotool("key", "v", "key", "2")
+    pump(window, 0.4)
+    turned = rig.goal
+    xdotool("key", "ctrl+z")
+    pump(window, 0.4)
+    assert rig.goal != turned
+
+
+def test_closing_asks_while_a_scene_is_made_and_leaves_no_child(window, other_client, tmp_path, monkeypatch):
+    app = window.app
+    monkeypatch.setattr(Plan, "command", lambda plan: [sys.executable, str(FAKE), "wait", str(tmp_path)])
+    app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
+    app.making.start(app)
+    end = time.monotonic() + 20
+    while not (tmp_path / "pid").exists():
+        assert time.monotonic() < end
+        pump(window, 0.05)
+    other_client("close")
+    pump(window)
+    assert glfw.window_should_close(window.handle)  # the loop answers that with a question
+    app.messages.dialogs.clear()
+    answer(app)
+    window.run()
+    assert app.quitting and (tmp_path / "saved").exists() and app.making.job is None
+
+
+def answer(app: App) -> None:
+    """Presses "Stop and quit" as soon as it is asked."""
+    ask = app.making.ask_to_quit
+
+    def asked(app: App) -> None:
+        ask(app)
+        assert not app.quitting and "still being made" in app.messages.dialogs[0].title
+        app.messages.dialogs.clear()
+        app.making.stop_and_quit(app)
+
+    app.making.ask_to_quit = asked

@@ -1,0 +1,147 @@
+"""The window and snerg-view, each in a process of its own, on a display of our own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenepack import save_pack
+from tests.viewer.app.scenes import photographed
+from viewer.app.application import App
+from viewer.commands.view import PageName, parse_size
+from viewer.panels.layout import PAGES
+from viewer.window.window import NoDisplay, Window, display_problem
+
+LIVE = Path(__file__).with_name("live_window.py")
+
+
+def test_the_live_window(display):
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(LIVE)]
+    env = {**os.environ, "DISPLAY": display}
+    done = subprocess.run(command, env=env, cwd=LIVE.parents[3], capture_output=True, text=True, timeout=400)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def run_view(*words: object, display: str | None = None, cwd=None) -> subprocess.CompletedProcess[str]:
+    env = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    if display:
+        env["DISPLAY"] = display
+    command = [sys.executable, "-m", "viewer.commands.view", *(str(word) for word in words)]
+    return subprocess.run(command, env=env, cwd=cwd, capture_output=True, text=True, timeout=120)
+
+
+def test_frames_and_screenshot_at_the_command_line(display, pack_folder, tmp_path):
+    picture = tmp_path / "window.png"
+    done = run_view(
+        pack_folder, "--frames", 5, "--screenshot", picture, "--size", "800x500", "--mode", "depth", display=display
+    )
+    assert done.returncode == 0, done.stderr
+    assert Image.open(picture).size == (800, 500)
+    assert np.asarray(Image.open(picture)).std() > 20
+
+
+def test_without_a_display_an_orbit_is_rendered_and_named(pack_folder, tmp_path):
+    done = run_view(pack_folder, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "no display" in done.stderr.splitlines()[0]
+    files = done.stdout.split()
+    assert files and all((tmp_path / file).stat().st_size > 1000 for file in files)
+    sheet = np.asarray(Image.open(tmp_path / files[0]))
+    assert sheet.reshape(-1, 3).std(axis=0).max() > 15
+
+
+@pytest.fixture(scope="session")
+def known_pack(tmp_path_factory, pack):
+    """A pack that knows its photographs, which lie beside it."""
+    folder = tmp_path_factory.mktemp("known")
+    save_pack(photographed(pack, folder / "scene"), folder / "toy")
+    return folder / "toy"
+
+
+def picture_of(display: str, tmp_path: Path, *words: object) -> np.ndarray:
+    """Runs snerg-view for a few frames; its window's picture, int [500, 800, 3]."""
+    picture = tmp_path / "window.png"
+    done = run_view(*words, "--frames", 5, "--screenshot", picture, "--size", "800x500", display=display)
+    assert done.returncode == 0, done.stderr
+    return np.asarray(Image.open(picture)).astype(int)
+
+
+def test_without_a_pack_the_start_page_is_shown(display, tmp_path):
+    picture = picture_of(display, tmp_path)
+    background = np.abs(picture - picture[-1, 0]).sum(axis=2) < 6
+    assert 0.6 < background.mean() < 0.98 and background[:, :60].mean() > 0.9
+
+
+def test_a_photograph_is_wiped_at_the_command_line(display, tmp_path, known_pack):
+    picture = picture_of(display, tmp_path, known_pack, "--photograph", "test/r_1", "--look", "wipe")
+    edge = np.abs(picture - (0x45, 0xD0, 0xBD)).sum(axis=2) < 40
+    assert edge[60:490, :400].mean(axis=0).max() > 0.9  # the wipe's edge, from top to bottom
+
+
+def test_another_pack_is_subtracted_at_the_command_line(display, tmp_path, known_pack):
+    same = picture_of(display, tmp_path, known_pack, "--compare", known_pack, "--look", "difference")
+    assert same[60:490, 10:400].max() < 12
+
+
+def test_a_path_is_exported_to_its_end_at_the_command_line(display, tmp_path, known_pack):
+    frames = tmp_path / "frames"
+    picture_of(display, tmp_path, known_pack, "--export", frames, "--export-size", "32x24")
+    assert len(list(frames.glob("*.png"))) == 240  # a turntable: 8 s of 30 frames
+
+
+def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
+    (tmp_path / "scene_params.json").write_text("{")
+    picture = tmp_path / "window.png"
+    done = run_view(tmp_path, "--frames", 5, "--screenshot", picture, "--size", "800x500", display=display)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1 and "scene_params.json" in done.stderr
+    pixels = np.asarray(Image.open(picture)).astype(int)
+    assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[150:300, 200:600].mean() > 0.5  # a card, in the middle
+
+
+def test_photographs_are_asked_about_on_a_display_and_told_without_one(display, tmp_path, known_pack):
+    pixels = picture_of(display, tmp_path, known_pack.parent / "scene")
+    assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[120:380, 130:670].mean() > 0.4  # a card, in the middle
+    done = run_view(known_pack.parent / "scene")
+    assert done.returncode == 2 and "snerg-make" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_a_bad_pack_without_a_display_is_one_line_and_status_2(tmp_path):
+    (tmp_path / "scene_params.json").write_text("{")
+    done = run_view(tmp_path)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1 and "scene_params.json" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "words", [["--size", "big"], ["--frames", "0"], ["--mode", "sepia"], ["--export-size", "x"], ["--frames", "3"]]
+)
+def test_bad_arguments_are_one_line_and_status_2(pack_folder, words):
+    done = run_view(pack_folder, *words)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+
+
+def test_what_asks_for_a_pack_says_so():
+    done = run_view("--photograph", "r_0")
+    assert done.returncode == 2 and "needs a pack" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_sizes_are_read():
+    assert parse_size("1280x800") == (1280, 800)
+
+
+def test_the_command_line_knows_all_pages():
+    assert list(get_args(PageName)) == [page.id for page in PAGES]
+
+
+def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":4711")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert display_problem() is None
+    with pytest.raises(NoDisplay, match="no window can be opened"):
+        Window(App())

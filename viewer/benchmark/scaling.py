@@ -1,0 +1,151 @@
+"""How frame time grows with grid resolution, picture size and opacity, as plots: python -m viewer.benchmark.scaling --out FOLDER.
+
+The scene is carved from formulas, one macroblock at a time, so that 1000^3 voxels take no more memory than its
+occupied macroblocks. exact and paper take turns frame by frame, and so does a reference scene that stays the same, for
+machines are not equally busy all the time; the medians are plotted, scaled by the reference's.
+Notation: opacity is that of one voxel inside of a surface, which is SHELL voxels thick at every resolution.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from console import UserError, run_command
+from console.arguments import parse_numbers
+from console.plots import Line, draw_plot
+from scenepack.blocks import atlas_from_volume, grid_block_counts
+from scenepack.constants import VIEW_MLP_WIDTHS
+from scenepack.pack import Pack, ViewMlp, pack_of_cube
+from viewer.benchmark.frames import Contender, measure
+from viewer.rendering.camera import orbit_path
+from viewer.rendering.settings import RenderSettings
+
+DESCRIPTION = "Plots frame time against grid resolution, picture size and opacity, on carved scenes."
+BLOCK_SIZE = 30
+SHELL = 3.0  # voxels
+FOV = 39.0  # degrees, the synthetic protocol's
+BLENDER_FRAME = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+OPACITIES = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
+MIDDLE_SIDE = 200  # pixels, where something else varies
+
+Triple = tuple[int, int, int]
+
+
+def surface_distance(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Distance, at least, to the nearest surface of the scene in [-1, 1]^3: a ball, a ring, a post and a plate."""
+    ball = np.abs(np.sqrt((x - 0.25) ** 2 + y**2 + (z - 0.1) ** 2) - 0.35)
+    ring = np.abs(np.hypot(np.hypot(x + 0.4, z + 0.3) - 0.33, y + 0.1) - 0.1)
+    post = np.maximum(np.abs(np.hypot(x + 0.4, z - 0.5) - 0.08), np.abs(y) - 0.5)
+    plate = np.abs(np.maximum(np.maximum(np.abs(x), np.abs(z)) - 0.8, np.abs(y + 0.6) - 0.04))
+    return np.minimum(np.minimum(ball, ring), np.minimum(post, plate))
+
+
+def carved_pack(side: int, opacity: float = 1.0) -> Pack:
+    """The scene as a pack of side^3 voxels with features and a view MLP."""
+    voxel = 2.0 / side
+
+    def centres(first: int, last: int) -> np.ndarray:
+        return ((np.arange(first, last, dtype=np.float32) + 0.5) * voxel - 1.0).astype(np.float32)
+
+    def read_box(low: Triple, high: Triple) -> tuple[np.ndarray, np.ndarray]:
+        z, y, x = np.ix_(*(centres(lo, hi) for lo, hi in zip(low, high, strict=True)))
+        depth = 0.5 * SHELL + 0.5 - surface_distance(x, y, z) / voxel
+        alpha = np.rint(255.0 * opacity * np.clip(depth, 0.0, 1.0))[..., None]
+        waves = np.stack(np.broadcast_arrays(np.sin(9 * x), np.sin(7 * y + 1), np.cos(8 * z), alpha[..., 0]), axis=-1)
+        content = np.rint((0.45 + 0.3 * waves[..., :3]) * alpha).astype(np.uint8)
+        alpha = alpha.astype(np.uint8)
+        return np.concatenate([content, alpha], -1), np.concatenate([content[..., ::-1], alpha // 2], -1)
+
+    counts = grid_block_counts((side, side, side), BLOCK_SIZE)
+    middles = ((np.arange(counts[0]) + 0.5) * BLOCK_SIZE * voxel - 1.0).astype(np.float32)
+    reach = (np.sqrt(3.0) * (0.5 * BLOCK_SIZE + 1.0) + SHELL) * voxel
+    occupied = surface_distance(*reversed(np.ix_(middles, middles, middles))) < reach
+    atlas = atlas_from_volume(read_box, (side, side, side), BLOCK_SIZE, occupied)
+    rng = np.random.default_rng(0)
+    layers = list(pairwise(VIEW_MLP_WIDTHS))
+    w0, w1, w2 = (rng.normal(0, 1.2 / np.sqrt(n), (n, m)).astype(np.float32) for n, m in layers)
+    b0, b1, b2 = (np.full(m, -0.3, np.float32) for _, m in layers)
+    mlp = ViewMlp((w0, w1, w2), (b0, b1, b2))
+    return pack_of_cube(side, BLOCK_SIZE, atlas, mlp, BLENDER_FRAME)
+
+
+def times(pack: Pack, side: int, frames: int, reference: Pack) -> dict[str, float]:
+    """Median milliseconds of each marcher at side × side pixels, of `reference`, and MiB of textures for `exact`."""
+    cameras = orbit_path(pack, frames, FOV, (side, side))
+    contenders = [Contender("paper", RenderSettings(marcher="paper")), Contender("exact", RenderSettings())]
+    measured = measure(pack, cameras, contenders, {"reference": reference})
+    medians = {contender.name: contender.statistics()["ms_p50"] for contender in measured.contenders}
+    return {**medians, "gpu_mib": measured.gpu_bytes["exact"] / 2**20}
+
+
+def without_drift(points: list[dict[str, float]]) -> list[dict[str, float]]:
+    """The points as if the machine had been equally busy at each: scaled by how long the reference scene took then."""
+    usual = float(np.median([point["reference"] for point in points]))
+    for point in points:
+        slower = point["reference"] / usual
+        point["exact"], point["paper"] = point["exact"] / slower, point["paper"] / slower
+    return points
+
+
+def scaling(out: Path, frames: int = 12, resolutions: str = "256,512,750,1000", sizes: str = "100,200,400,800") -> None:
+    """Plots frame time against grid resolution, picture size and opacity, on carved scenes.
+
+    Args:
+        out: Folder for scaling-resolution.png, scaling-size.png, scaling-opacity.png and scaling.json.
+        frames: Of one orbit for each point.
+        resolutions: Voxels a side; 1000 takes about 4 GB of memory.
+        sizes: Pixels a side.
+    """
+    if frames < 1:
+        raise UserError("needs at least one frame", where="--frames", found=frames)
+    sides = [int(n) for n in parse_numbers(resolutions, resolutions.count(",") + 1, "--resolutions")]
+    pixels = [int(n) for n in parse_numbers(sizes, sizes.count(",") + 1, "--sizes")]
+    if min(sides) < BLOCK_SIZE or min(pixels) < 1:
+        raise UserError("is too small", where="--resolutions" if min(sides) < BLOCK_SIZE else "--sizes")
+    result: dict[str, list[dict[str, float]]] = {"resolution": [], "size": [], "opacity": []}
+    reference = carved_pack(sides[0])
+    for side in sides:
+        point = times(carved_pack(side), MIDDLE_SIDE, frames, reference)
+        result["resolution"].append({"voxels": side, **point})
+    for opacity in OPACITIES:
+        point = times(carved_pack(sides[0], opacity), MIDDLE_SIDE, frames, reference)
+        result["opacity"].append({"opacity": opacity, **point})
+    for what in ("resolution", "opacity"):
+        without_drift(result[what])
+    for side in pixels:  # no reference: it would be drawn at the same size
+        result["size"].append({"pixels": side, **times(reference, side, frames, reference)})
+    out.mkdir(parents=True, exist_ok=True)
+    first = f"{sides[0]}^3 voxels"
+    area = f"{MIDDLE_SIDE}x{MIDDLE_SIDE}"
+    _plot(out, "resolution", result, "voxels", f"Frame time and grid resolution, {area}", "voxels a side")
+    _plot(out, "size", result, "pixels", f"Frame time and picture size, {first}", "pixels a side")
+    _plot(out, "opacity", result, "opacity", f"Frame time and opacity, {first}, {area}", "opacity of one voxel")
+    (out / "scaling.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def _plot(out: Path, what: str, result: dict[str, list[dict[str, float]]], key: str, title: str, x_label: str) -> None:
+    points = result[what]
+    lines = [
+        Line(name, [p[key] for p in points], [p[name] for p in points], marked=True) for name in ("exact", "paper")
+    ]
+    draw_plot(out / f"scaling-{what}.png", lines, title, x_label, "milliseconds, median", size=(600, 340))
+    for p in points:
+        ratio = p["paper"] / p["exact"]
+        print(
+            f"{what} {p[key]:g}: exact {p['exact']:.1f} ms, paper {p['paper']:.1f} ms, {ratio:.2f}, {p['gpu_mib']:.0f} MiB"
+        )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    return run_command(scaling, prog="python -m viewer.benchmark.scaling", description=DESCRIPTION, args=args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

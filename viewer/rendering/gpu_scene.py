@@ -1,0 +1,353 @@
+"""A pack on the graphics card: textures for the marchers, in the tightest atlas that the driver's limits allow.
+
+Notation: B = padded block size; n = occupied macroblocks; a slot is a macroblock's place in the repacked atlas, (x, y, z).
+The pack's own atlas layout is not kept: occupied macroblocks are copied, in the grid's order, into an atlas with next to
+no empty slots. Two layouts of textures, for the marchers that need them:
+  exact, brute: indirection (RGBA8UI), skip distances (R8UI), and one atlas in which the features of each macroblock lie
+                beside its rgba in x, so that a sample's two fetches meet the same pages of memory; or, where a texture
+                so large is refused, an atlas of rgba and one of features
+  paper:        indirection, alpha (R8), rgb (RGB8), features, and the view MLP's weights (SNeRG paper, appendix A)
+Textures are allocated at once and may be filled bit by bit: macroblocks that have not arrived count as empty.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from math import ceil, inf
+
+import moderngl
+import numpy as np
+
+from console import UserError
+from scenepack.pack import Pack
+from viewer.rendering.huge_pages import move_to_huge_pages, private_memory, software_draws
+from viewer.rendering.skip_grid import skip_grid_of
+
+MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
+SHOWN_EVERY_S = 0.02  # while a pack arrives
+TOLERATED_WASTE = 1.01  # empty slots that are worth a layout with better locality
+
+Triple = tuple[int, int, int]
+
+
+class NoRoomError(UserError):
+    """A pack does not fit on the graphics card."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a card takes. max_side: voxels a side of a 3D texture. max_texture_bytes: of one texture."""
+
+    max_side: int
+    max_texture_bytes: float = inf
+
+    @classmethod
+    def of(cls, ctx: moderngl.Context) -> Limits:
+        """What the driver says. It tells no number of bytes; those it refuses when they are asked for."""
+        return cls(ctx.info["GL_MAX_3D_TEXTURE_SIZE"])
+
+
+@dataclass
+class GpuScene:
+    """Textures by the name of their sampler in the shaders, samplers likewise, and what the uniforms must know.
+
+    atlas_size: voxels (x, y, z). slots: macroblocks of it, (x, y, z). occupied: macroblocks that it holds.
+    features_beside: whether features lie beside rgba in one atlas, a macroblock's side further in x.
+    content_min, content_max: float64 [3], voxels, the box around all content. hull: its triangles' corners, where the
+    layout has them and there are any. arriving: fills the textures step by step; None once all is there.
+    """
+
+    textures: dict[str, moderngl.Texture | moderngl.Texture3D]
+    samplers: dict[str, moderngl.Sampler]
+    atlas_size: Triple
+    slots: Triple
+    occupied: int
+    features_beside: bool
+    content_min: np.ndarray
+    content_max: np.ndarray
+    hull: moderngl.Buffer | None
+    gpu_bytes: int
+    arriving: Iterator[None] | None = None
+
+    @property
+    def cube_side(self) -> int:
+        """Macroblocks along a side of the smallest cube that holds all of them."""
+        return next(n for n in range(1, 1000) if n**3 >= self.occupied)
+
+    def arrive(self, seconds: float = inf) -> bool:
+        """Fills the textures for about `seconds`, a layer at least; True where all has arrived.
+
+        NoRoomError where the driver gives up after all.
+        """
+        end = time.perf_counter() + seconds
+        while self.arriving is not None:
+            if next(self.arriving, self) is self:
+                self.arriving = None
+            if time.perf_counter() >= end:
+                break
+        return self.arriving is None
+
+    def bind(self, program: moderngl.Program) -> None:
+        """Binds every texture that `program` samples, and its sampler, to a unit of its own."""
+        unit = 0
+        for name, texture in self.textures.items():
+            if name in program:
+                program[name] = unit
+                texture.use(unit)
+                self.samplers[name].use(unit)
+                unit += 1
+
+    def unbind(self, ctx: moderngl.Context) -> None:
+        """Takes our samplers off the texture units, which imgui uses too."""
+        ctx.clear_samplers(0, len(self.textures))
+
+    def release(self) -> None:
+        """Frees the textures and samplers."""
+        for thing in {id(thing): thing for thing in (*self.textures.values(), *self.samplers.values())}.values():
+            thing.release()
+        if self.hull is not None:
+            self.hull.release()
+        self.textures, self.samplers, self.hull, self.arriving = {}, {}, None, None
+
+
+def tightest_atlas(count: int, padded_block_size: int, max_side: int, parts: int = 1) -> Triple:
+    """Slots (x, y, z) for `count` macroblocks, within a hundredth of the fewest, narrowest in x, then in y.
+
+    Narrow, because drivers that do not tile 3D textures (Mesa's software one) store them x fastest: a macroblock's rows
+    then lie side by side, which is worth a tenth of a frame. max_side: voxels, GL_MAX_3D_TEXTURE_SIZE. parts: voxels of
+    as many atlases side by side along x.
+    NoRoomError where `count` do not fit.
+    """
+    side = min(max_side // padded_block_size, MAX_SLOTS)
+    count = max(count, 1)
+    layouts = [(x, y, ceil(count / (x * y))) for x in range(1, side // parts + 1) for y in range(1, side + 1)]
+    layouts = [layout for layout in layouts if layout[2] <= side]
+    if not layouts:
+        raise NoRoomError(
+            "the pack is too large for this graphics driver",
+            expected=f"at most {side**3} occupied macroblocks of {padded_block_size}³ voxels",
+            found=str(count),
+            remedy="bake at a lower resolution",
+        )
+    fewest = min(x * y * z for x, y, z in layouts)
+    return min((x, y, z) for x, y, z in layouts if x * y * z <= TOLERATED_WASTE * fewest)
+
+
+class _Uploader:
+    """Creates textures and counts their bytes; every allocation is checked, for moderngl does not."""
+
+    def __init__(self, ctx: moderngl.Context, limits: Limits | None = None) -> None:
+        self.ctx, self.bytes, self.limits = ctx, 0, limits or Limits.of(ctx)
+        self.made: list[moderngl.Texture | moderngl.Texture3D] = []
+        while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
+            pass
+
+    def check(self, what: str, size: int) -> None:
+        error = self.ctx.error
+        if error != "GL_NO_ERROR":
+            raise NoRoomError(
+                f"the graphics driver has no room for {what}",
+                expected=f"{size / 2**20:.0f} MiB of texture memory",
+                found=error,
+                remedy="close other programs, or bake at a lower resolution",
+            )
+
+    def volume(self, what: str, size: tuple[int, int, int], channels: int, dtype: str = "f1") -> moderngl.Texture3D:
+        """An uninitialised 3D texture of size (x, y, z)."""
+        bytes_ = int(np.prod(size, dtype=np.int64)) * channels
+        if bytes_ > self.limits.max_texture_bytes:
+            raise NoRoomError(
+                f"the {what} texture is too large for this graphics driver",
+                expected=f"at most {self.limits.max_texture_bytes / 2**20:.0f} MiB",
+                found=f"{bytes_ / 2**20:.0f} MiB",
+                remedy="bake at a lower resolution",
+            )
+        texture = self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
+        self.made.append(texture)
+        self.check(f"the {what} texture", bytes_)
+        self.bytes += bytes_
+        return texture
+
+    def filled(self, what: str, data: np.ndarray, dtype: str = "u1") -> moderngl.Texture3D:
+        """A 3D texture from data [z, y, x, channels]."""
+        z, y, x, channels = data.shape
+        texture = self.volume(what, (x, y, z), channels, dtype)
+        texture.write(np.ascontiguousarray(data), alignment=1)
+        return texture
+
+    def weights(self, matrix: np.ndarray) -> moderngl.Texture:
+        """weights [inputs, outputs] as float RGBA texels, outputs padded to whole texels."""
+        inputs, outputs = matrix.shape
+        padded = np.zeros((inputs, -(-outputs // 4) * 4), np.float32)
+        padded[:, :outputs] = matrix
+        texture = self.ctx.texture((padded.shape[1] // 4, inputs), 4, padded.tobytes(), dtype="f4")
+        self.made.append(texture)
+        self.check("the view MLP's weights", padded.nbytes)
+        self.bytes += padded.nbytes
+        return texture
+
+    def give_up(self) -> None:
+        """Frees what was made so far."""
+        for texture in self.made:
+            texture.release()
+
+
+def float_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
+    """Trilinear filtering in floating point.
+
+    Mesa's software rasteriser blends 8-bit texels in 8-bit arithmetic, except where the wrap mode is an unusual one;
+    asking for a border colour (which no fetch of ours ever reaches) costs a fifth more there and nothing elsewhere.
+    """
+    sampler = ctx.sampler(filter=(moderngl.LINEAR, moderngl.LINEAR))
+    sampler.border_color = (0.0, 0.0, 0.0, 0.0)
+    return sampler
+
+
+def plain_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
+    """Trilinear filtering as a driver does it by itself; for the baseline."""
+    return ctx.sampler(filter=(moderngl.LINEAR, moderngl.LINEAR), repeat_x=False, repeat_y=False, repeat_z=False)
+
+
+def nearest_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
+    """Unfiltered, clamped to the edge."""
+    return ctx.sampler(filter=(moderngl.NEAREST, moderngl.NEAREST), repeat_x=False, repeat_y=False, repeat_z=False)
+
+
+Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
+
+
+class _AtlasWriter:
+    """Repacks a pack's macroblocks into textures of one layout; `beside`: parts of an atlas side by side in each."""
+
+    def __init__(self, uploader: _Uploader, pack: Pack, beside: int = 1) -> None:
+        self.uploader, self.pack, self.block = uploader, pack, pack.padded_block_size
+        self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
+        self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
+        nx, ny, nz = self.slots
+        self.size = (nx * beside * self.block, ny * self.block, nz * self.block)
+        self.textures: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []
+        self.indirection = uploader.filled("indirection", self._indirection(0))
+
+    def _indirection(self, arrived: int) -> np.ndarray:
+        """uint8 [z + 2, y + 2, x + 2, 4]: slot (x, y, z) and 0, or 1 in the last for empty, as the border is.
+
+        arrived: how many macroblocks, in the grid's order, are in the atlas already; the others count as empty.
+        """
+        occupied = self.pack.occupied
+        nx, ny, _ = self.slots
+        order = np.arange(len(self.places))
+        grid = np.zeros((*occupied.shape, 4), np.uint8)
+        grid[..., 3] = 1
+        grid[occupied] = np.stack([order % nx, order // nx % ny, order // (nx * ny), order >= arrived], axis=1)
+        bordered = np.zeros((*(n + 2 for n in occupied.shape), 4), np.uint8)
+        bordered[..., 3] = 1
+        bordered[1:-1, 1:-1, 1:-1] = grid
+        return bordered
+
+    def texture(self, name: str, *parts: Part) -> moderngl.Texture3D:
+        """An empty texture for `parts`, side by side in x; steps() fills it."""
+        channels = max(len(range(atlas.shape[3])[chosen]) for atlas, chosen in parts)
+        texture = self.uploader.volume(name, self.size, channels)
+        self.textures.append((name, texture, parts))
+        return texture
+
+    def steps(self) -> Iterator[None]:
+        """Fills all textures, one layer of slots at a time, and shows the macroblocks of each from then on."""
+        nx, ny, nz = self.slots
+        width, height, _ = self.size
+        size, shown = self.block, time.perf_counter()
+        for layer in range(nz):
+            arrived = min((layer + 1) * nx * ny, len(self.places))
+            for name, texture, parts in self.textures:
+                volume = np.zeros((size, height, width, texture.components), np.uint8)
+                for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : arrived].tolist()):
+                    to_y = slot // nx * size
+                    for k, (atlas, channels) in enumerate(parts):
+                        to_x = (slot % nx * len(parts) + k) * size
+                        block = atlas[z : z + size, y : y + size, x : x + size, channels]
+                        volume[:, to_y : to_y + size, to_x : to_x + size] = block
+                texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
+                self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
+            if time.perf_counter() - shown > SHOWN_EVERY_S or layer == nz - 1:
+                self.indirection.write(self._indirection(arrived), alignment=1)
+                shown = time.perf_counter()
+            yield
+
+
+def upload(
+    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None = None, *, at_once: bool = True
+) -> GpuScene:
+    """Puts `pack` on the card for the marchers of `layout`, "exact" or "paper". NoRoomError where it does not fit.
+
+    at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile.
+    """
+    stored = pack.atlas_features is not None and pack.view_mlp is not None
+    if layout == "exact" and stored:
+        try:
+            return _uploaded(ctx, pack, layout, limits, True, at_once)
+        except NoRoomError:  # as two textures it may fit
+            pass
+    return _uploaded(ctx, pack, layout, limits, False, at_once)
+
+
+def _uploaded(
+    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None, features_beside: bool, at_once: bool
+) -> GpuScene:
+    uploader = _Uploader(ctx, limits)
+    taken_before = private_memory() if software_draws(ctx) else None
+    try:
+        scene = _allocate(uploader, pack, layout, features_beside)
+        if taken_before is not None and scene.arriving is not None:
+            scene.arriving = chain(scene.arriving, move_to_huge_pages(taken_before))
+        if at_once:
+            scene.arrive()
+        return scene
+    except BaseException:
+        uploader.give_up()
+        raise
+
+
+def _allocate(uploader: _Uploader, pack: Pack, layout: str, features_beside: bool) -> GpuScene:
+    ctx, every = uploader.ctx, slice(None)
+    writer = _AtlasWriter(uploader, pack, 2 if features_beside else 1)
+    features = pack.atlas_features if pack.view_mlp is not None else None
+    linear = plain_sampler(ctx) if layout == "paper" else float_sampler(ctx)
+    nearest = nearest_sampler(ctx)
+    textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {"indirection": writer.indirection}
+    content_min = content_max = np.zeros(3)
+    hull = None
+    if layout == "paper":
+        textures["atlas_alpha"] = writer.texture("alpha", (pack.atlas_rgba, slice(3, 4)))
+        textures["atlas_alpha_nearest"] = textures["atlas_alpha"]
+        textures["atlas_rgb"] = writer.texture("rgb", (pack.atlas_rgba, slice(0, 3)))
+        for layer, matrix in enumerate(pack.view_mlp.weights if pack.view_mlp else ()):
+            textures[f"weights_{layer}"] = uploader.weights(matrix)
+    elif features_beside and features is not None:
+        textures["atlas_rgba"] = writer.texture("rgba and feature", (pack.atlas_rgba, every), (features, every))
+    else:
+        textures["atlas_rgba"] = writer.texture("rgba", (pack.atlas_rgba, every))
+    if features is not None and not features_beside:
+        textures["atlas_features"] = writer.texture("feature", (features, every))
+    if layout != "paper":  # last, for it takes time: a pack that does not fit has been refused by now
+        skip_grid = skip_grid_of(pack)
+        content_min, content_max = skip_grid.content_min, skip_grid.content_max
+        hull = ctx.buffer(skip_grid.hull.tobytes()) if len(skip_grid.hull) else None
+        textures["skip_grid"] = uploader.filled("skip distance", skip_grid.distances[..., None])
+    filtered = ("atlas_alpha", "atlas_rgb", "atlas_rgba", "atlas_features")
+    samplers = {name: linear if name in filtered else nearest for name in textures}
+    return GpuScene(
+        textures,
+        samplers,
+        writer.size,
+        writer.slots,
+        len(writer.places),
+        features_beside,
+        content_min,
+        content_max,
+        hull,
+        uploader.bytes,
+        writer.steps(),
+    )

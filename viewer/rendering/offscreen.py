@@ -1,0 +1,126 @@
+"""Pictures without a display: an EGL context of our own and a framebuffer of the picture's size."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from console import UserError
+from scenepack.pack import Pack
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.gpu_scene import Limits
+from viewer.rendering.renderer import Renderer
+from viewer.rendering.settings import RenderSettings
+
+GL_VERSION = 330
+INSTALL = "install a graphics driver, or Mesa's software one: apt-get install libegl1 libgl1-mesa-dri"
+
+
+def create_context() -> moderngl.Context:
+    """An offscreen OpenGL >= 3.3 core context. UserError, one line, where there is none to be had."""
+    try:
+        # macOS and Windows know no EGL; there moderngl opens a hidden native context.
+        options: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
+        ctx = moderngl.create_context(standalone=True, require=GL_VERSION, **options)
+    except Exception as error:  # glcontext raises bare Exception for a missing library, moderngl its own for versions
+        raise UserError(
+            "no OpenGL to draw with", expected="OpenGL 3.3 or later", found=str(error).strip() or "none", remedy=INSTALL
+        ) from error
+    while ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
+        pass
+    return ctx
+
+
+def lost(ctx: moderngl.Context) -> bool:
+    """Whether the driver took the context away (a reset, a sleep): it then reports an error without end."""
+    return ctx.error != "GL_NO_ERROR" and all(ctx.error != "GL_NO_ERROR" for _ in range(16))
+
+
+def _unbind_framebuffers(ctx: moderngl.Context) -> None:
+    """Binds a framebuffer that outlives ours: moderngl binds the last one again whenever it makes another."""
+    if ctx.screen is not None:
+        ctx.screen.use()
+        return
+    if ctx.extra is None:
+        ctx.extra = ctx.simple_framebuffer((1, 1))
+    ctx.extra.use()
+
+
+class OffscreenRenderer:
+    """Renders a pack into arrays. Use as a context manager, or call release().
+
+    ctx: a context to use instead of one of our own. limits: of the card; see viewer.rendering.renderer.Renderer. Raises UserError
+    where there is no OpenGL or the pack does not fit.
+    """
+
+    def __init__(
+        self,
+        pack: Pack,
+        marcher: str = "exact",
+        ctx: moderngl.Context | None = None,
+        limits: Limits | None = None,
+    ) -> None:
+        self._owns_context = ctx is None
+        self.ctx = ctx or create_context()
+        self.make_current()  # a context handed in need not be: uploads would land in another's textures
+        self.renderer = Renderer(self.ctx, pack, marcher, limits)
+        self._framebuffers: dict[tuple[int, int, str], moderngl.Framebuffer] = {}
+
+    @property
+    def pack(self) -> Pack:
+        return self.renderer.pack
+
+    def make_current(self) -> None:
+        """Makes our context the thread's current one; another may have been made since."""
+        self.ctx.__enter__()  # and no __exit__: on EGL that leaves no context current at all
+
+    def framebuffer(self, width: int, height: int, dtype: str = "f1") -> moderngl.Framebuffer:
+        """The RGBA framebuffer that pictures of this size are drawn into; "f1" is 8 bit, "f4" float32."""
+        key = (width, height, dtype)
+        if key not in self._framebuffers:
+            colour = self.ctx.texture((width, height), 4, dtype=dtype)
+            self._framebuffers[key] = self.ctx.framebuffer([colour], self.ctx.depth_renderbuffer((width, height)))
+            if self.ctx.error != "GL_NO_ERROR":
+                raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+        return self._framebuffers[key]
+
+    def render(self, camera: ViewCamera, settings: RenderSettings | None = None) -> np.ndarray:
+        """The picture, uint8 [height, width, 3]."""
+        return self._draw_and_read(camera, settings, "f1", np.uint8)
+
+    def render_float(self, camera: ViewCamera, settings: RenderSettings | None = None) -> np.ndarray:
+        """The picture before it is rounded to 8 bits, float32 [height, width, 3]; for tests and metrics."""
+        return self._draw_and_read(camera, settings, "f4", np.float32)
+
+    def _draw_and_read(self, camera: ViewCamera, settings: RenderSettings | None, dtype: str, kind: type) -> np.ndarray:
+        self.make_current()
+        framebuffer = self.framebuffer(camera.width, camera.height, dtype)
+        self.renderer.render(framebuffer, camera, settings)
+        data = framebuffer.read(components=3, dtype=dtype, alignment=1)
+        if lost(self.ctx):
+            raise UserError("the OpenGL context was lost", remedy="the graphics driver restarted; run it again")
+        pixels = np.frombuffer(data, kind)
+        return pixels.reshape(camera.height, camera.width, 3)[::-1].copy()  # GL reads from the bottom up
+
+    def release(self) -> None:
+        """Frees everything on the card, and the context if it is ours."""
+        self.make_current()
+        if self._framebuffers:
+            _unbind_framebuffers(self.ctx)
+        for framebuffer in self._framebuffers.values():
+            for attached in (*framebuffer.color_attachments, framebuffer.depth_attachment):
+                attached.release()
+            framebuffer.release()
+        self._framebuffers = {}
+        self.renderer.release()
+        if self._owns_context:
+            self.ctx.release()
+
+    def __enter__(self) -> OffscreenRenderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()

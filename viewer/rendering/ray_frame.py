@@ -1,0 +1,85 @@
+"""The frames a ray passes through, as uniforms of shaders/ray.glsl; in float64 until they reach the card.
+
+Notation: "voxel" coordinates are (grid - min_xyz) / voxel_size; "training" is the frame the field was trained in, in
+NDC packs before the warp; "ndc" after it. Source: CONTRACT sections 2 and 3; NeRF, appendix C.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from scenepack.pack import Pack
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.settings import RenderSettings
+
+# Forward-facing packs from before input_* was written were made from 1006 × 756 photographs of a telephone, 67.3° wide.
+OLD_NDC_INPUT = (1006.0, 756.0, 755.644)  # width, height, focal
+
+
+def ndc_input(pack: Pack) -> tuple[float, float, float]:
+    """Width, height and focal length, in pixels, of the photographs whose frustum the NDC cube is."""
+    given = (pack.input_width, pack.input_height, pack.input_focal)
+    width, height, focal = (
+        old if value is None else float(value) for value, old in zip(given, OLD_NDC_INPUT, strict=True)
+    )
+    return width, height, focal
+
+
+class RayFrame:
+    """What rays must know of a pack, worked out once."""
+
+    def __init__(self, pack: Pack) -> None:
+        self.pack = pack
+        self.training_T_grid = np.asarray(pack.worldspace_T_opengl, np.float64)
+        self.ndc = {}
+        if pack.ndc:
+            width, height, focal = ndc_input(pack)
+            grid_T_ndc = np.linalg.inv(self.training_T_grid)
+            self.ndc = {
+                "ndc_scale": (2.0 * focal / width, 2.0 * focal / height),
+                "voxel_R_ndc": grid_T_ndc[:3, :3] / pack.voxel_size,
+                "voxel_t_ndc": (grid_T_ndc[:3, 3] - pack.min_xyz) / pack.voxel_size,
+            }
+
+    def uniforms(self, camera: ViewCamera, settings: RenderSettings) -> dict[str, Any]:
+        """Values by uniform name; lengths in voxels, except in NDC packs, where the camera is in training units."""
+        pack = self.pack
+        box_min, box_max = self.box(settings)
+        near = max(camera.near, settings.near)
+        position = (camera.position - pack.min_xyz) / pack.voxel_size
+        training_T_camera = self.training_T_grid @ camera.grid_T_camera
+        return {
+            "picture_size": (camera.width, camera.height),
+            "intrinsics": (camera.fx, camera.fy, camera.cx, camera.cy),
+            "distortion": camera.distortion,
+            "grid_R_camera": camera.grid_T_camera[:3, :3],
+            "camera_R_grid": np.linalg.inv(camera.grid_T_camera[:3, :3]),
+            "camera_position": position,
+            "near_plane": near if pack.ndc else near / pack.voxel_size,
+            "box_min": box_min,
+            "box_max": box_max,
+            "training_R_camera": training_T_camera[:3, :3],
+            "training_camera": training_T_camera[:3, 3],
+            "depth_range": self.depth_range(position),
+            **self.ndc,
+        }
+
+    def box(self, settings: RenderSettings) -> tuple[np.ndarray, np.ndarray]:
+        """The grid's box in voxels, cut down to the crop box; both corners at its middle where nothing is left."""
+        low, high = np.zeros(3), np.asarray(self.pack.grid_size, np.float64)
+        if settings.crop is not None:
+            corners = (np.asarray(settings.crop, np.float64) - self.pack.min_xyz) / self.pack.voxel_size
+            low, high = np.maximum(low, corners.min(axis=0)), np.minimum(high, corners.max(axis=0))
+            if np.any(high <= low):
+                low = high = 0.5 * (low + high)
+        return low, high
+
+    def depth_range(self, position: np.ndarray) -> tuple[float, float]:
+        """Distances, in voxels, between which the grid lies as seen from `position` (voxels)."""
+        size = np.asarray(self.pack.grid_size, np.float64)
+        if self.pack.ndc:
+            return 0.0, float(np.linalg.norm(size))
+        middle, radius = float(np.linalg.norm(position - 0.5 * size)), float(0.5 * np.linalg.norm(size))
+        return max(middle - radius, 0.0), middle + radius

@@ -1,0 +1,257 @@
+"""Draws a pack into a framebuffer that the caller hands in: window, screenshot, benchmark and test run this code.
+
+Every GL state that drawing relies on is set in each call, since imgui shares the context.
+"""
+
+from __future__ import annotations
+
+import warnings
+from math import inf
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from console import Notice
+from scenepack.pack import Pack
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.gpu_scene import GpuScene, Limits, NoRoomError, upload
+from viewer.rendering.half_resolution import half_resolution
+from viewer.rendering.ray_frame import RayFrame
+from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
+from viewer.rendering.shader_source import assemble, compile_program
+from viewer.rendering.skip_grid import CELL
+from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
+
+GL_FRAMEBUFFER_SRGB = 0x8DB9
+GL_DEPTH_CLAMP = 0x864F
+SHADED_MODES = ("normal", "view-dependent")
+LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
+MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks", "atlas")  # the others are black where there is nothing
+
+
+def _layout(marcher: str) -> str:
+    return "paper" if marcher == "paper" else "exact"
+
+
+def _told_halved(whole: Pack, half: Pack, error: NoRoomError) -> str:
+    def size(pack: Pack) -> str:
+        voxels = int(pack.occupied.sum()) * pack.padded_block_size**3
+        channels = 8 if pack.atlas_features is not None and pack.view_mlp is not None else 4
+        return f"{'x'.join(map(str, pack.grid_size))} voxels, {voxels * channels / 2**20:.0f} MiB"
+
+    share = {2: "half", 4: "a quarter of its"}.get(round(half.voxel_size / whole.voxel_size), "a fraction of its")
+    return f"shown at {share} resolution, {size(half)}, for the whole, {size(whole)}, does not fit: {error}"
+
+
+class Renderer:
+    """A pack on the card and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
+
+    ctx: an OpenGL 3.3 context, current. marcher: uploaded first. limits: of the card, by default what the driver says.
+    at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. A pack that does
+    not fit is shown at half resolution, or half of that, with a Notice; `pack` is what is shown. NoRoomError where not
+    even a pack of less than LEAST_HALVED voxels a side would fit.
+    """
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        pack: Pack,
+        marcher: str = "exact",
+        limits: Limits | None = None,
+        *,
+        at_once: bool = True,
+    ) -> None:
+        self.ctx, self._limits = ctx, limits
+        self._scenes: dict[str, GpuScene] = {}
+        self._programs: dict[tuple[Any, ...] | str, tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self.pack = pack
+        refused: NoRoomError | None = None
+        while not self._scenes:
+            try:
+                self._scenes[_layout(marcher)] = upload(ctx, self.pack, _layout(marcher), limits, at_once=at_once)
+            except NoRoomError as error:
+                refused = refused or error
+                if max(self.pack.grid_size) < LEAST_HALVED:
+                    raise refused from error
+                self.pack = half_resolution(self.pack)
+        if refused is not None:
+            warnings.warn(Notice(_told_halved(pack, self.pack, refused)), stacklevel=2)
+        self._ray_frame = RayFrame(self.pack)
+
+    def scene(self, marcher: str) -> GpuScene:
+        """The textures of `marcher`, uploaded if they are not yet."""
+        layout = _layout(marcher)
+        if layout not in self._scenes:
+            self._scenes[layout] = upload(self.ctx, self.pack, layout, self._limits)
+        return self._scenes[layout]
+
+    def arrive(self, seconds: float = inf) -> bool:
+        """Goes on filling the textures for about `seconds`; True where the whole pack is there."""
+        return all([scene.arrive(seconds) for scene in self._scenes.values()])
+
+    @property
+    def arriving(self) -> bool:
+        """Whether a part of the pack is not on the card yet."""
+        return any(scene.arriving is not None for scene in self._scenes.values())
+
+    def gpu_bytes(self, marcher: str = "exact") -> int:
+        """Bytes of texture memory that `marcher` uses."""
+        return self.scene(marcher).gpu_bytes
+
+    def render(
+        self,
+        framebuffer: moderngl.Framebuffer,
+        camera: ViewCamera,
+        settings: RenderSettings | None = None,
+        viewport: tuple[int, int, int, int] | None = None,
+    ) -> None:
+        """Draws the view of `camera` into `framebuffer`, over whatever was there.
+
+        viewport: x, y, width, height in pixels from the lower left corner; by default camera.width × camera.height at
+        (0, 0). A viewport of another size than the camera's shows the camera's picture scaled to it.
+        """
+        settings = settings or RenderSettings()
+        viewport = viewport or (0, 0, camera.width, camera.height)
+        if viewport[2:] != (camera.width, camera.height):
+            camera = camera.resized(*viewport[2:])
+        scene = self.scene(settings.marcher)
+        program, vertices = self._program(settings, camera)
+        uniforms = self._uniforms(scene, camera, settings, viewport)
+        write_uniforms(program, uniforms)
+        ctx = self.ctx
+        framebuffer.use()
+        framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
+        framebuffer.viewport = viewport
+        framebuffer.color_mask = (True, True, True, True)
+        framebuffer.depth_mask = False
+        ctx.enable_only(moderngl.NOTHING)
+        ctx.disable_direct(GL_FRAMEBUFFER_SRGB)
+        ctx.wireframe = False
+        scene.bind(program)
+        if self._sees_hull(settings, camera):
+            over_background = settings.mode in MODES_OVER_BACKGROUND and not settings.counts
+            empty = settings.background if over_background else (0.0, 0.0, 0.0)
+            framebuffer.depth_mask = True
+            framebuffer.clear(*empty, 1.0, depth=1.0, viewport=viewport)
+            if scene.hull is not None:
+                self._mark_hull(framebuffer, scene.hull, camera, uniforms)
+            ctx.enable_only(moderngl.DEPTH_TEST)
+            ctx.depth_func = ">"
+        vertices.render(moderngl.TRIANGLES, vertices=3)
+        ctx.enable_only(moderngl.NOTHING)
+        ctx.depth_func = "<"
+        scene.unbind(ctx)
+
+    def _mark_hull(
+        self, framebuffer: moderngl.Framebuffer, hull: moderngl.Buffer, camera: ViewCamera, uniforms: dict[str, Any]
+    ) -> None:
+        """Leaves depth 0.5 in the pixels that see the hull of all content; see shaders/content_hull.vert."""
+        ctx = self.ctx
+        if "hull" not in self._programs:
+            program = compile_program(ctx, assemble("content_hull.vert"), assemble("content_hull.frag"))
+            self._programs["hull"] = program, ctx.vertex_array(program, [(hull, "3f", "corner")])
+        program, triangles = self._programs["hull"]
+        write_uniforms(program, uniforms)
+        framebuffer.color_mask = (False, False, False, False)
+        ctx.enable_direct(GL_DEPTH_CLAMP)
+        ctx.enable_only(moderngl.CULL_FACE | moderngl.DEPTH_TEST)
+        ctx.cull_face, ctx.depth_func = "front", "1"
+        ctx.front_face = "ccw" if np.linalg.det(camera.grid_T_camera[:3, :3]) > 0 else "cw"
+        triangles.render(moderngl.TRIANGLES)
+        ctx.disable_direct(GL_DEPTH_CLAMP)
+        ctx.cull_face, ctx.front_face = "back", "ccw"
+        framebuffer.color_mask = (True, True, True, True)
+        framebuffer.depth_mask = False
+
+    def release(self) -> None:
+        """Frees textures and programs; the renderer cannot be used afterwards."""
+        for scene in self._scenes.values():
+            scene.release()
+        for program, triangle in self._programs.values():
+            triangle.release()
+            program.release()
+        self._scenes, self._programs = {}, {}
+
+    def _program(self, settings: RenderSettings, camera: ViewCamera) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        key = (settings.marcher, settings.mode, settings.counts, settings.view_mlp_per_sample, any(camera.distortion))
+        if key not in self._programs:
+            program = compile_program(
+                self.ctx,
+                assemble("fullscreen.vert"),
+                assemble("snerg.frag", self._defines(settings, camera), self._generated()),
+            )
+            self._programs[key] = program, self.ctx.vertex_array(program, [])
+        return self._programs[key]
+
+    def _sees_hull(self, settings: RenderSettings, camera: ViewCamera) -> bool:
+        """Whether only the pixels that see the hull of all content are shaded; bent rays see no hull."""
+        return (
+            settings.marcher == "exact"
+            and settings.mode != "atlas"
+            and not self.pack.ndc
+            and not any(camera.distortion)
+        )
+
+    def _defines(self, settings: RenderSettings, camera: ViewCamera) -> dict[str, object]:
+        """Structure of the shader; see shaders/snerg.frag for the names."""
+        pack, mode = self.pack, settings.mode
+        shaded = mode in SHADED_MODES and pack.view_mlp is not None
+        defines: dict[str, object] = {f"MARCHER_{name.upper()}": i for i, name in enumerate(MARCHERS)}
+        defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
+        stored = pack.view_mlp is not None and pack.atlas_features is not None
+        beside = self.scene(settings.marcher).features_beside
+        counting = settings.counts or mode in ("samples", "jumps")
+        accumulates_features = stored and (shaded or mode == "features")
+        return defines | {
+            "MARCHER": MARCHERS.index(settings.marcher),
+            "MODE": MODES.index(mode),
+            "BLOCK_SIZE": pack.block_size,
+            "PADDED_BLOCK_SIZE": pack.padded_block_size,
+            "SLOT_WIDTH": pack.padded_block_size * (2 if beside else 1),
+            "CELL": CELL,
+            # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much. The
+            # cost modes take the steps that the picture takes.
+            "SAMPLES_A_TEST": 1 if accumulates_features or (stored and counting) else 2,
+            "NDC": pack.ndc,
+            "DISTORTION": any(camera.distortion),
+            "FEATURES_STORED": stored,
+            "FEATURES_BESIDE": beside,
+            "ACCUMULATE_FEATURES": accumulates_features,
+            "VIEW_MLP": shaded,
+            "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
+            "ACCUMULATE_DEPTH": mode == "depth",
+            "FIRST_BLOCK": mode == "macroblocks",
+            "COUNT_COST": counting,
+            "RAW_COUNTS": settings.counts,
+        }
+
+    def _generated(self) -> dict[str, str]:
+        mlp = self.pack.view_mlp
+        if mlp is None:
+            return {"view_mlp_weights": "", "view_mlp_biases": ""}
+        return {"view_mlp_weights": view_mlp_weights(mlp), "view_mlp_biases": view_mlp_biases(mlp)}
+
+    def _uniforms(
+        self, scene: GpuScene, camera: ViewCamera, settings: RenderSettings, viewport: tuple[int, int, int, int]
+    ) -> dict[str, Any]:
+        return self._ray_frame.uniforms(camera, settings) | {
+            "viewport_origin": viewport[:2],
+            "atlas_texel": 1.0 / np.asarray(scene.atlas_size),
+            "atlas_slots": scene.slots,
+            "atlas_count": scene.occupied,
+            "atlas_side": scene.cube_side,
+            "grid_size": self.pack.grid_size,
+            "content_min": scene.content_min,
+            "content_max": scene.content_max,
+            "background": settings.background,
+            "cost_scale": settings.cost_scale,
+        }
+
+
+def write_uniforms(program: moderngl.Program, values: dict[str, Any]) -> None:
+    """Those that the program has; what a variant does not use vanishes when it is linked."""
+    for name, value in values.items():
+        uniform = program.get(name, None)
+        if isinstance(uniform, moderngl.Uniform):
+            uniform.write(np.asarray(value, "f4").T.tobytes())  # GLSL's matrices are column-major

@@ -1,0 +1,120 @@
+"""How far a ray may jump: for each cell of the grid, the distance to the nearest content.
+
+Notation: a *texel cube* j is the cube within which trilinear interpolation blends the same 2^3 voxels, j and j + 1 along
+each axis: it spans j + 0.5 ... j + 1.5, and j = -1 ... n - 1. A *cell* i is `CELL`^3 texel cubes, from CELL * i - 0.5 to
+CELL * (i + 1) - 0.5 along each axis; cells cover the whole grid, also where it is empty. A cell has content where any
+sample in it could be anything but zero. Its Chebyshev distance D, in cells, to the nearest cell with content (0: it has
+some itself) says that the cube of (2 D - 1)^3 cells around it is empty.
+Source: distance-field skipping after Cohen and Sheffer, "Proximity clouds" (1994), on cells chosen for CONTRACT section 2.
+"""
+
+from __future__ import annotations
+
+import weakref
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenepack.pack import Pack
+from viewer.rendering.content_hull import hull_triangles
+
+CELL = 4  # texel cubes a side; 1 and 2 were slower, 3 no faster (docs/performance.md)
+FARTHEST = 255
+
+
+@dataclass(frozen=True)
+class SkipGrid:
+    """distances: uint8 [cells z, y, x], see chebyshev_distances. content_min, content_max: see content_bounds.
+
+    hull: float32 [T, 3, 3], see viewer.rendering.content_hull.
+    """
+
+    distances: np.ndarray
+    content_min: np.ndarray
+    content_max: np.ndarray
+    hull: np.ndarray
+
+
+_known: dict[int, SkipGrid] = {}
+
+
+def skip_grid_of(pack: Pack) -> SkipGrid:
+    """The skip grid of `pack`, computed for whoever asks first: the thread that loads it, so that no window waits."""
+    key = id(pack)
+    if key not in _known:
+        content = content_cells(pack)
+        _known[key] = SkipGrid(chebyshev_distances(content), *content_bounds(content), hull_triangles(content, CELL))
+        weakref.finalize(pack, _known.pop, key, None)
+    return _known[key]
+
+
+def content_cells(pack: Pack) -> np.ndarray:
+    """bool [cells z, cells y, cells x]: where a sample may find content.
+
+    A texel cube across a macroblock's border counts for both macroblocks, whose padded copies need not agree.
+    """
+    size, side = pack.block_size, pack.padded_block_size
+    shape = [n * size // CELL + 1 for n in pack.grid_blocks[::-1]]
+    cells = np.zeros(shape, bool)
+    for block, slot in zip(
+        np.argwhere(pack.occupied).tolist(), pack.atlas_indices[pack.occupied].tolist(), strict=True
+    ):
+        copy = tuple(slice(i * side, (i + 1) * side) for i in reversed(slot))
+        content = np.asarray(pack.atlas_rgba[copy][..., 3] > 0)
+        first = [b * size for b in block]  # of the copy's first texel cube, counted from j = -1
+        for axis in range(3):
+            content = _pairs_then_cells(content, axis, first[axis] % CELL)
+        at = tuple(slice(f // CELL, f // CELL + n) for f, n in zip(first, content.shape, strict=True))
+        cells[at] |= content[tuple(slice(0, c.stop - c.start) for c in at)]
+    return cells
+
+
+def _pairs_then_cells(content: np.ndarray, axis: int, phase: int) -> np.ndarray:
+    """Along `axis`: voxels [B] to texel cubes [B - 1] to the cells that hold them; phase: where in a cell the first is."""
+    voxels = np.moveaxis(content, axis, 0)
+    cubes = voxels[:-1] | voxels[1:]
+    count = -(-(len(cubes) + phase) // CELL)
+    padded = np.zeros((count * CELL, *cubes.shape[1:]), bool)
+    padded[phase : phase + len(cubes)] = cubes
+    cells = np.asarray(padded.reshape(count, CELL, *cubes.shape[1:]).any(axis=1))
+    return np.moveaxis(cells, 0, axis)
+
+
+def chebyshev_distances(content: np.ndarray) -> np.ndarray:
+    """uint8 [z, y, x]: Chebyshev distance, at most FARTHEST, from each cell to the nearest True of `content`.
+
+    Exact in six sweeps: a shortest way of D king's moves goes D times forward along one axis, so carrying the least of
+    the 3 × 3 cells behind, plus one, along that axis finds it.
+    """
+    distance = np.where(content, 0, FARTHEST).astype(np.uint8)
+    for axis in range(3):
+        line = np.ascontiguousarray(np.moveaxis(distance, axis, 0))
+        for order in (range(1, len(line)), range(len(line) - 2, -1, -1)):
+            step = -1 if order.step > 0 else 1
+            for i in order:
+                carried = _least_of_3x3(line[i + step])
+                np.add(carried, 1, out=carried, where=carried < FARTHEST)
+                np.minimum(line[i], carried, out=line[i])
+        distance = np.moveaxis(line, 0, axis)
+    return np.ascontiguousarray(distance)
+
+
+def _least_of_3x3(plane: np.ndarray) -> np.ndarray:
+    rows = plane.copy()
+    np.minimum(rows[1:], plane[:-1], out=rows[1:])
+    np.minimum(rows[:-1], plane[1:], out=rows[:-1])
+    least = rows.copy()
+    np.minimum(least[:, 1:], rows[:, :-1], out=least[:, 1:])
+    np.minimum(least[:, :-1], rows[:, 1:], out=least[:, :-1])
+    return least
+
+
+def content_bounds(content: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners float64 [3] (x, y, z), voxels, of the box around all cells with content; both zero where none has."""
+    if not content.any():
+        return np.zeros(3), np.zeros(3)
+    low, high = np.zeros(3), np.zeros(3)
+    for axis in range(3):
+        some = np.flatnonzero(content.any(axis=tuple(other for other in range(3) if other != axis)))
+        low[2 - axis], high[2 - axis] = CELL * some[0] - 0.5, CELL * (some[-1] + 1) - 0.5
+    return low, high

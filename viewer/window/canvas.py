@@ -1,0 +1,399 @@
+"""The picture inside the window: framebuffers of its own, quick pictures while things move, tiles while they rest.
+
+Implements viewer.app.state.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
+the lower left corner, so that a change of scale allocates nothing.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import moderngl
+import numpy as np
+
+from console import UserError
+from scenepack.pack import Pack
+from viewer.app.resolution import Governor, tiles
+from viewer.app.thumbnails import Thumbnails
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.gpu_clock import GpuClock
+from viewer.rendering.ray_frame import RayFrame
+from viewer.rendering.renderer import Renderer
+from viewer.rendering.settings import RenderSettings
+from viewer.rendering.shader_source import assemble, compile_program
+from viewer.window.sheet_texture import SheetTexture
+
+ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
+REST_S = 0.12  # this long without a change, and the full picture is begun
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A piece of texture to draw: texture (OpenGL name), its part uv0 … uv1 (top left, bottom right), and where on the
+    viewport it belongs, box x0, y0, x1, y1 in 0 … 1 from the top left.
+    """
+
+    texture: int
+    uv0: tuple[float, float]
+    uv1: tuple[float, float]
+    box: tuple[float, float, float, float]
+
+
+def _unbind_framebuffers(ctx: moderngl.Context) -> None:
+    """Binds a framebuffer that outlives ours: moderngl binds the last one again whenever it makes another."""
+    if ctx.screen is not None:
+        ctx.screen.use()
+        return
+    if ctx.extra is None:
+        ctx.extra = ctx.simple_framebuffer((1, 1))
+    ctx.extra.use()
+
+
+class _Target:
+    """A texture to draw into, grown as needed. Textures that it no longer needs go to `retired`; see Canvas.sweep."""
+
+    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
+        self.ctx, self.size, self.retired = ctx, (0, 0), retired
+        self.framebuffer: moderngl.Framebuffer | None = None
+
+    def fit(self, width: int, height: int) -> moderngl.Framebuffer:
+        if self.framebuffer is None or self.size[0] < width or self.size[1] < height:
+            self.release()
+            texture = self.ctx.texture((width, height), 4)
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            depth = self.ctx.depth_renderbuffer((width, height))
+            self.framebuffer, self.size = self.ctx.framebuffer([texture], depth), (width, height)
+            if self.ctx.error != "GL_NO_ERROR":
+                self.release()
+                raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+        return self.framebuffer
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        assert self.framebuffer is not None
+        return self.framebuffer.color_attachments[0]  # type: ignore[return-value]
+
+    def release(self) -> None:
+        if self.framebuffer is not None:
+            _unbind_framebuffers(self.ctx)
+            texture = self.texture
+            self.framebuffer.depth_attachment.release()  # type: ignore[union-attr]
+            self.framebuffer.release()
+            self.retired.append(texture)
+        self.framebuffer, self.size = None, (0, 0)
+
+    def layer(self, size: tuple[int, int], part: tuple[int, int, int, int] | None = None) -> Layer:
+        """What draws `part` (x, y, w, h from the top left) of a picture of `size` in this texture's lower left."""
+        (tw, th), (width, height) = self.size, size
+        x, y, w, h = part or (0, 0, width, height)
+        if part is not None:  # off the outermost texels' outer halves, which are blended with what is not drawn yet
+            x, y, w, h = x + 0.5, y + 0.5, w - 1, h - 1
+        uv0, uv1 = (x / tw, (height - y) / th), ((x + w) / tw, (height - y - h) / th)
+        box = (x / width, y / height, (x + w) / width, (y + h) / height)
+        return Layer(self.texture.glo, uv0, uv1, box)
+
+
+class Difference:
+    """Subtracts two layers; see shaders/difference.frag."""
+
+    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
+        self.ctx, self._target = ctx, _Target(ctx, retired)
+        self.program = compile_program(ctx, assemble("fullscreen.vert"), assemble("difference.frag"))
+        self.triangle = ctx.vertex_array(self.program, [])
+
+    def draw(self, a: Layer, b: Layer, size: tuple[int, int], gain: float) -> Layer:
+        """The layer that shows |a - b| · gain on the whole viewport of `size` pixels."""
+        framebuffer = self._target.fit(*size)
+        framebuffer.use()
+        framebuffer.viewport = (0, 0, *size)
+        self.ctx.enable_only(moderngl.NOTHING)
+        for unit, (name, layer) in enumerate((("a", a), ("b", b))):
+            texture = self.ctx.external_texture(layer.texture, (1, 1), 4, 0, "f1")
+            texture.use(unit)
+            self.program[f"picture_{name}"] = unit
+            self.program[f"box_{name}"] = layer.box
+            self.program[f"part_{name}"] = (*layer.uv0, *layer.uv1)
+        self.program["target_size"] = size
+        self.program["gain"] = gain
+        self.triangle.render(moderngl.TRIANGLES, vertices=3)
+        return self._target.layer(size)
+
+    def release(self) -> None:
+        self._target.release()
+        self.triangle.release()
+        self.program.release()
+
+
+class Canvas:
+    """Draws the open pack as the app wants it. ctx: the window's context, or an offscreen one."""
+
+    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture] | None = None) -> None:
+        self.ctx = ctx
+        self.renderer: Renderer | None = None
+        self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
+        self._retired = [] if retired is None else retired
+        self._quick, self._full, self._still = (_Target(ctx, self._retired) for _ in range(3))
+        self._wanted: tuple[object, ...] = ()
+        self._changed_at = 0.0
+        self._tiles: list[tuple[int, int, int, int]] | None = None  # still to draw; None: not begun
+        self._done: list[tuple[int, int, int, int]] = []
+        self._quick_size = (0, 0)
+        self._tile_ms = self._tile_gpu_ms = 0.0
+        self.layers: list[Layer] = []
+        self.other: Canvas | None = None  # another pack under the same camera
+        self.difference: Layer | None = None
+        self._difference: Difference | None = None
+        self._images: dict[str, tuple[int, moderngl.Texture]] = {}
+        self._sheet = SheetTexture(ctx, self._retired)
+        self.clock = GpuClock(ctx)
+        self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
+        self.gpu_ms: float | None = None  # of the same, by the card's own clock
+        self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
+        self.picture_gpu_ms: float | None = None  # likewise, by the card's own clock
+        self.drawn_size = (0, 0)  # pixels of the picture that is shown
+
+    # Stage
+
+    def show(self, pack: Pack | None) -> None:
+        """See Stage.show."""
+        self._drop_coming()
+        renderer = Renderer(self.ctx, pack, at_once=False) if pack is not None else None
+        if self.renderer is not None:
+            self.renderer.release()
+        self.renderer = renderer
+        self.forget()
+
+    def refine(self, pack: Pack) -> None:
+        """See Stage.refine."""
+        coming = Renderer(self.ctx, pack, at_once=False)
+        self._drop_coming()
+        self._coming = coming
+
+    def _drop_coming(self) -> None:
+        if self._coming is not None:
+            self._coming.release()
+        self._coming = None
+
+    def _receive(self) -> None:
+        """Goes on with what is on its way to the card."""
+        assert self.renderer is not None
+        if self._coming is not None:
+            if self._coming.arrive(ARRIVING_S):
+                self.renderer.release()
+                self.renderer, self._coming = self._coming, None
+                self._wanted = ()
+        elif self.renderer.arriving:
+            self.renderer.arrive(ARRIVING_S)
+            self._wanted = ()  # more is to be seen now
+
+    def show_other(self, pack: Pack | None) -> None:
+        """See Stage.show_other."""
+        other = None
+        if pack is not None:
+            other = Canvas(self.ctx, self._retired)
+            other.show(pack)
+        if self.other is not None:
+            self.other.release()
+        self.other = other
+
+    def image(self, name: str, pixels: np.ndarray) -> int:
+        """OpenGL name of a texture that holds `pixels` (uint8 [h, w, 3]); made anew when other pixels are given."""
+        if name not in self._images or self._images[name][0] != id(pixels):
+            self.drop_image(name)
+            texture = self.ctx.texture((pixels.shape[1], pixels.shape[0]), 3, pixels.tobytes(), alignment=1)
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            self._images[name] = (id(pixels), texture)
+        return self._images[name][1].glo
+
+    def sheet(self, thumbnails: Thumbnails) -> int:
+        """OpenGL name of the texture with the thumbnails that have arrived."""
+        return self._sheet.follow(thumbnails)
+
+    def drop_image(self, name: str) -> None:
+        """Frees such a texture, if there is one."""
+        if name in self._images:
+            self._retired.append(self._images.pop(name)[1])
+
+    def subtract(self, other: Layer, size: tuple[int, int], gain: float) -> None:
+        """Sets `difference` to |picture - other| · gain, at `size` (width, height in pixels)."""
+        if not self.layers:
+            return
+        if self._difference is None:
+            self._difference = Difference(self.ctx, self._retired)
+        self.difference = self._difference.draw(self.layers[0], other, size, gain)
+
+    def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
+        """See Stage.distance_at. Asks the renderer for one pixel's depth; None in forward-facing packs."""
+        if self.renderer is None or self.renderer.pack.ndc:
+            return None
+        pack = self.renderer.pack
+        pixel = replace(camera, cx=camera.cx - x + 0.5, cy=camera.cy - y + 0.5, width=1, height=1)
+        settings = replace(settings, marcher="exact", background=(0.0, 0.0, 0.0))
+        alpha = self._float_pixel(pixel, replace(settings, mode="alpha"))
+        if alpha < 0.1:
+            return None
+        shade = self._float_pixel(pixel, replace(settings, mode="depth")) / alpha
+        near, far = RayFrame(pack).depth_range((camera.position - pack.min_xyz) / pack.voxel_size)
+        return (far - shade * (far - near)) * pack.voxel_size
+
+    def _float_pixel(self, camera: ViewCamera, settings: RenderSettings) -> float:
+        return float(self._floats(camera, settings)[0, 0, 0])
+
+    def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """See Stage.ray_counts."""
+        return self._floats(camera, settings)
+
+    def _floats(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """The picture unrounded, float32 [height, width, 3]."""
+        assert self.renderer is not None
+        self.renderer.arrive()
+        texture = self.ctx.texture((camera.width, camera.height), 4, dtype="f4")
+        depth = self.ctx.depth_renderbuffer((camera.width, camera.height))
+        framebuffer = self.ctx.framebuffer([texture], depth)
+        try:
+            self.renderer.render(framebuffer, camera, settings)
+            pixels = np.frombuffer(framebuffer.read(components=3, dtype="f4"), "f4")
+            return pixels.reshape(camera.height, camera.width, 3)[::-1]
+        finally:
+            _unbind_framebuffers(self.ctx)
+            framebuffer.release()
+            depth.release()
+            texture.release()
+
+    def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """See Stage.snapshot."""
+        assert self.renderer is not None
+        self.renderer.arrive()
+        width, height = camera.width, camera.height
+        framebuffer = self._still.fit(width, height)
+        self.renderer.render(framebuffer, camera, settings, (0, 0, width, height))
+        pixels = np.frombuffer(framebuffer.read((0, 0, width, height), components=3, alignment=1), np.uint8)
+        return pixels.reshape(height, width, 3)[::-1].copy()
+
+    @property
+    def gpu_bytes_by_use(self) -> dict[str, int]:
+        """Texture memory in bytes, by what it is for; what takes none is left out."""
+        other = self.other.gpu_bytes if self.other is not None else 0
+        uses = {
+            "Pack": self.renderer.gpu_bytes() if self.renderer is not None else 0,
+            "Other pack": other,
+            "Pictures": sum(4 * target.size[0] * target.size[1] for target in (self._quick, self._full, self._still)),
+            "Photographs": self._sheet.gpu_bytes + sum(t.width * t.height * 4 for _, t in self._images.values()),
+        }
+        return {use: size for use, size in uses.items() if size}
+
+    @property
+    def gpu_bytes(self) -> int:
+        """Texture memory in use."""
+        return sum(self.gpu_bytes_by_use.values())
+
+    # Drawing
+
+    def draw(self, camera: ViewCamera | None, settings: RenderSettings, governor: Governor, wait: bool = True) -> bool:
+        """Brings `layers` up to date as far as one frame's time allows. True where anything was drawn.
+
+        wait: leave a moment after the last change before the full picture is begun.
+        """
+        if self.renderer is None or camera is None:
+            self.layers = []
+            return False
+        self._receive()
+        wanted = _key(camera, settings, governor.rest_scale)
+        if wanted != self._wanted:
+            self._wanted, self._changed_at, self._tiles = wanted, time.monotonic(), None
+            self._draw_quick(camera, settings, governor)
+            return True
+        if (
+            self._tiles == []
+            or not self.pending
+            or (self._tiles is None and wait and time.monotonic() - self._changed_at < REST_S)
+        ):
+            return False
+        self._draw_tile(camera, settings, governor)
+        return True
+
+    def sweep(self) -> None:
+        """Frees textures that are no longer needed. Call before a frame's panels are built: lists of drawing that are
+        built already may still name them.
+        """
+        while self._retired:
+            self._retired.pop().release()
+
+    def forget(self) -> None:
+        """Begins anew with the next draw, after one that failed."""
+        self._wanted, self._tiles, self.layers, self.difference = (), None, [], None
+
+    @property
+    def pending(self) -> bool:
+        """Whether the full picture is not there yet."""
+        if self.renderer is None:
+            return False
+        return self.renderer.arriving or self._coming is not None or (bool(self._wanted) and self._tiles != [])
+
+    def _draw_quick(self, camera: ViewCamera, settings: RenderSettings, governor: Governor) -> None:
+        size = _scaled(camera, governor.moving_scale)
+        target = self._quick.fit(camera.width, camera.height)
+        self._timed(target, camera.resized(*size), settings, (0, 0, *size))
+        self.picture_ms, self.picture_gpu_ms = self.scene_ms, self.gpu_ms
+        governor.moved(self.scene_ms, size[0] * size[1])
+        self._quick_size = self.drawn_size = size
+        self.layers = [self._quick.layer(size)]
+        if size == _scaled(camera, governor.rest_scale):
+            self._tiles = []
+
+    def _draw_tile(self, camera: ViewCamera, settings: RenderSettings, governor: Governor) -> None:
+        size = _scaled(camera, governor.rest_scale)
+        if self._tiles is None:
+            self._tiles, self._done = tiles(*size, governor.tile_side()), []
+            self._tile_ms, self._tile_gpu_ms = 0.0, 0.0
+        whole = camera.resized(*size)
+        target = self._full.fit(*size)
+        x, y, w, h = self._tiles.pop(0)
+        part = replace(whole, width=w, height=h, cx=whole.cx - x, cy=whole.cy - y)
+        self._timed(target, part, settings, (x, size[1] - y - h, w, h))
+        governor.measured(self.scene_ms, w * h)
+        self._tile_ms += self.scene_ms
+        self._tile_gpu_ms += self.gpu_ms or 0.0
+        self._done.append((x, y, w, h))
+        if self._tiles:
+            self.layers = [self._quick.layer(self._quick_size), *(self._full.layer(size, box) for box in self._done)]
+        else:
+            self.layers, self.drawn_size, self.picture_ms = [self._full.layer(size)], size, self._tile_ms
+            self.picture_gpu_ms = None if self.gpu_ms is None else self._tile_gpu_ms
+
+    def _timed(self, target: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, viewport) -> None:
+        assert self.renderer is not None
+        renderer = self.renderer
+        self.gpu_ms, self.scene_ms = self.clock.time(lambda: renderer.render(target, camera, settings, viewport))
+
+    def release(self) -> None:
+        """Frees everything on the card."""
+        self.show_other(None)
+        self._drop_coming()
+        for name in list(self._images):
+            self.drop_image(name)
+        self._sheet.release()
+        if self._difference is not None:
+            self._difference.release()
+        for target in (self._quick, self._full, self._still):
+            target.release()
+        if self.renderer is not None:
+            self.renderer.release()
+            self.renderer = None
+        self.layers, self.difference = [], None
+
+    def close(self) -> None:
+        """As release(), and what was left to be freed as well: nothing is drawn any more."""
+        self.release()
+        self.sweep()
+
+
+def _scaled(camera: ViewCamera, scale: float) -> tuple[int, int]:
+    return max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
+
+
+def _key(camera: ViewCamera, settings: RenderSettings, rest_scale: float) -> tuple[object, ...]:
+    """What makes two pictures the same one."""
+    numbers = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near)
+    return camera.grid_T_camera.tobytes(), numbers, settings, rest_scale

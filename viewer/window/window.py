@@ -1,0 +1,289 @@
+"""The window: GLFW, its OpenGL context and its loop. The only file that imports glfw.
+
+Nothing is drawn while nothing changes: the loop sleeps in `wait_events` until an event, a thread or a running movement
+asks for a frame. imgui_bundle brings the GLFW library and must be imported before glfw.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import moderngl
+import numpy as np
+from PIL import Image
+
+from console import Notice
+from viewer.app.application import App
+from viewer.app.making import LOOKED_AT_EVERY_S
+from viewer.app.state import FRAMES_AFTER_EVENT
+from viewer.panels import theme
+from viewer.panels.ui import SystemClipboard, Ui
+from viewer.window.canvas import Canvas
+from viewer.window.presenting import awaited, present, unfinished
+
+import glfw  # isort: skip  (after imgui_bundle, which viewer.panels imports)
+
+SMALLEST = (480, 360)
+IDLE_WAIT_S = 1.0
+BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
+LONGEST_STEP_S = 0.1  # after a pause, movements go on from where they were
+SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
+
+
+class NoDisplay(Exception):
+    """There is no window to be had here; the message says why, in one line."""
+
+
+def display_problem() -> str | None:
+    """Why no window can be opened, as far as can be told beforehand; None where nothing speaks against it."""
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
+        return "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set)"
+    return None
+
+
+class Window:
+    """A window on `app`. Raises NoDisplay where GLFW cannot open one. size: width, height in screen units."""
+
+    def __init__(self, app: App, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
+        problem = display_problem()
+        if problem:
+            raise NoDisplay(problem)
+        self.app, self._placed = app, (0, 0, *size)
+        self._touched = True
+        self._pause = 0.0
+        self.handle = _open(size, visible)
+        self.ctx = moderngl.create_context(require=330)
+        while self.ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
+            pass
+        self.canvas = Canvas(self.ctx)
+        app.stage = self.canvas
+        self._listen()
+        self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value)
+        app.clipboard = SystemClipboard()
+        self._v_sync = True
+        self._last = time.monotonic()
+
+    def _listen(self) -> None:
+        """Any event wakes the loop; imgui's own callbacks, set later, call these first."""
+
+        def touched(*_: object) -> None:
+            self._touched = True
+
+        def dropped(_: object, paths: Any) -> None:
+            self._touched = True
+            self.app.drop([Path(path) for path in paths])
+
+        for listen in (
+            glfw.set_cursor_pos_callback,
+            glfw.set_cursor_enter_callback,
+            glfw.set_mouse_button_callback,
+            glfw.set_scroll_callback,
+            glfw.set_key_callback,
+            glfw.set_char_callback,
+            glfw.set_window_focus_callback,
+            glfw.set_window_refresh_callback,
+            glfw.set_framebuffer_size_callback,
+            glfw.set_window_content_scale_callback,
+        ):
+            listen(self.handle, touched)
+        glfw.set_drop_callback(self.handle, dropped)  # type: ignore[arg-type]  (the stub has the C signature)
+
+    # The loop
+
+    def run(self) -> None:
+        """Until the window is closed or the app quits."""
+        with _notices_logged(self.app.messages.log):
+            while not self.app.quitting:
+                self.step()
+                if glfw.window_should_close(self.handle):
+                    glfw.set_window_should_close(self.handle, False)
+                    self.app.making.ask_to_quit(self.app)
+
+    def step(self) -> bool:
+        """Waits for something to do, and draws a frame if there is; True where it drew."""
+        app = self.app
+        if app.wants_frame or self._touched:
+            glfw.poll_events()
+        elif awaited(app) or unfinished(self.app, self.canvas):
+            glfw.wait_events_timeout(BUSY_WAIT_S)
+        elif app.making.busy:
+            glfw.wait_events_timeout(LOOKED_AT_EVERY_S)
+        else:
+            glfw.wait_events_timeout(0.4 if self.ui.typing else IDLE_WAIT_S)
+            self._last = max(self._last, time.monotonic() - 1 / 60)
+        if self._touched:
+            self._touched = False
+            app.touch()
+        now = time.monotonic()
+        app.tick(min(now - self._last, LONGEST_STEP_S))
+        if not (app.wants_frame or unfinished(self.app, self.canvas) or self.ui.typing):
+            return False
+        self._frame(now)
+        return True
+
+    def _frame(self, now: float) -> None:
+        """Picture first, then the panels over it, then the screen."""
+        app = self.app
+        frame_ms = 1000.0 * (now - self._last)
+        self._last = now
+        self._follow_full_screen()
+        if self.app.interface.v_sync != self._v_sync:
+            self._v_sync = self.app.interface.v_sync
+            glfw.swap_interval(int(self._v_sync))
+        scale_x, _ = glfw.get_window_content_scale(self.handle)
+        pixels, units = glfw.get_framebuffer_size(self.handle), glfw.get_window_size(self.handle)
+        if 0 in pixels or 0 in units:  # minimised
+            glfw.wait_events_timeout(IDLE_WAIT_S)
+            return
+        self.canvas.sweep()
+        self.ui.frame(app, self.canvas, scale=max(1.0, scale_x / (pixels[0] / units[0])))
+        if self._picture() and frame_ms < 500.0:
+            app.times.add(self.canvas.scene_ms, frame_ms, self.canvas.gpu_ms)
+        self.ctx.screen.use()
+        self.ctx.screen.viewport = (0, 0, *pixels)
+        base = theme.rgb(theme.BASE)
+        self.ctx.screen.clear(base.x, base.y, base.z, 1.0)
+        self.ui.draw()
+        glfw.swap_buffers(self.handle)
+        app.drew()
+
+    def _picture(self) -> bool:
+        """Draws as much of the picture as this frame has time for; True where it drew any."""
+        app = self.app
+        drawn = present(app, self.canvas)
+        if drawn:
+            app.touch(2)  # what was drawn just now is shown by the next frame
+        return drawn
+
+    def _follow_full_screen(self) -> None:
+        full = bool(glfw.get_window_monitor(self.handle))  # a null pointer where the window has a place of its own
+        if self.app.interface.full_screen == full:
+            return
+        if full:
+            glfw.set_window_monitor(self.handle, None, *self._placed, glfw.DONT_CARE)  # type: ignore[arg-type]
+            return
+        monitor = glfw.get_primary_monitor()
+        if not monitor:
+            self.app.interface.full_screen = False
+            return
+        self._placed = (*glfw.get_window_pos(self.handle), *glfw.get_window_size(self.handle))
+        mode = glfw.get_video_mode(monitor)
+        glfw.set_window_monitor(self.handle, monitor, 0, 0, *mode.size, mode.refresh_rate)
+
+    # Pictures of the window
+
+    def draw_frames(self, frames: int) -> None:
+        """Draws `frames` frames one after the other, whether or not anything changes, then until all is sharp."""
+        for _ in range(frames):
+            self.app.touch(1)
+            self.step()
+        for _ in range(SETTLE_ROUNDS):
+            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas))
+            for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
+                self.app.touch(1)
+                self.step()
+
+    def finish_export(self) -> None:
+        """Lives on until what is being exported is written, or has failed."""
+        self._wait_while(lambda: self.app.filming.export is not None)
+
+    def _wait_while(self, busy: Callable[[], bool]) -> None:
+        while busy() and not glfw.window_should_close(self.handle):
+            self.step()
+
+    def screenshot(self) -> np.ndarray:
+        """What the window shows: scene and panels, uint8 [height, width, 3]."""
+        width, height = glfw.get_framebuffer_size(self.handle)
+        target = self.ctx.simple_framebuffer((width, height))
+        try:
+            base = theme.rgb(theme.BASE)
+            target.use()
+            target.clear(base.x, base.y, base.z, 1.0)
+            self.ui.draw()
+            pixels = np.frombuffer(target.read(components=3, alignment=1), np.uint8)
+        finally:
+            self.ctx.screen.use()
+            target.release()
+        return pixels.reshape(height, width, 3)[::-1].copy()
+
+    def save_screenshot(self, path: Path) -> None:
+        """Writes `screenshot()` as a PNG."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(self.screenshot()).save(path)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in screen units, as they were before full screen."""
+        if glfw.get_window_monitor(self.handle):
+            return self._placed[2], self._placed[3]
+        return glfw.get_window_size(self.handle)
+
+    def close(self) -> None:
+        """Frees everything and closes the window."""
+        self.app.making.end()
+        self.app.stage = None
+        self.canvas.close()
+        self.ui.release()
+        self.ctx.release()
+        glfw.destroy_window(self.handle)
+        glfw.terminate()
+
+    def __enter__(self) -> Window:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+@contextmanager
+def _notices_logged(log: Callable[[str, str], None]) -> Iterator[None]:
+    """Notices go to the log panel as well while the window is open; other warnings stay as Python shows them."""
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
+            if issubclass(category, Notice):
+                log(str(message), "warning")
+            usual(message, category, *rest, **named)
+
+        warnings.showwarning = show
+        yield
+
+
+def _text(told: Any) -> str:
+    return told.decode(errors="replace") if isinstance(told, bytes) else str(told)
+
+
+def _open(size: tuple[int, int], visible: bool):
+    """An OpenGL 3.3 core window, its context current."""
+    complaints: list[str] = []
+    glfw.set_error_callback(lambda _code, text: complaints.append(_text(text)))
+    glfw.ERROR_REPORTING = False
+    if not glfw.init():
+        raise NoDisplay(f"no window can be opened: {complaints[-1] if complaints else 'GLFW does not start'}")
+    for hint, value in (
+        (glfw.CONTEXT_VERSION_MAJOR, 3),
+        (glfw.CONTEXT_VERSION_MINOR, 3),
+        (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
+        (glfw.OPENGL_FORWARD_COMPAT, True),
+        (glfw.VISIBLE, visible),
+        (glfw.SCALE_TO_MONITOR, True),
+        (glfw.DEPTH_BITS, 0),
+    ):
+        glfw.window_hint(hint, value)
+    handle = glfw.create_window(*size, "snerg", None, None)
+    if not handle:
+        glfw.terminate()
+        raise NoDisplay(f"no window can be opened: {complaints[-1] if complaints else 'no OpenGL 3.3'}")
+    glfw.set_window_size_limits(handle, *SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
+    glfw.make_context_current(handle)
+    glfw.swap_interval(1)
+    return handle
