@@ -211,11 +211,12 @@ def profile_step(
         measured = profile(method, state, step, rounds, bar.update)
     measured = dataclasses.replace(measured, facts={"scene": name, **measured.facts})
     if markdown is not None:
-        from training.checkpoints import cannot_write, write_aside
+        from console.atomic import write_file
+        from training.checkpoints import cannot_write
 
         try:
             markdown.parent.mkdir(parents=True, exist_ok=True)
-            write_aside(markdown, measured.to_markdown().encode())
+            write_file(markdown, measured.to_markdown())
         except OSError as error:
             raise cannot_write(markdown, error) from error
     if not write_json(json, measured.to_json()):
