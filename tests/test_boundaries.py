@@ -14,7 +14,7 @@ ROOMS = {"console", "scenepack", "training", "baker", "viewer"}
 MAY_IMPORT = {
     "console": set(),
     "scenepack": {"console"},
-    "training": {"console"},
+    "training": {"console", "scenepack.constants"},
     "baker": {"console", "scenepack", "training", "viewer"},
     "viewer": {"console", "scenepack", "training.scenes"},
 }
