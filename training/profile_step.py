@@ -242,10 +242,11 @@ def _trained(
     from training.config import PRESETS
     from training.dataset import make_dataset
     from training.methods import make_method
+    from training.presets import PRESETS as KINDS
     from training.scenes import load_scene
-    from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
+    from training.scenes.downscale import suggested_downscale
 
-    scene = load_scene(path, downscale=downscale or suggested_downscale(path, LONGEST_SIDE.get(preset)))
+    scene = load_scene(path, downscale=downscale or suggested_downscale(path, KINDS[preset].longest_side))
     config = dataclasses.replace(PRESETS[preset], steps=steps)
     method = make_method(config, scene, make_dataset(scene))
     state = method.start(jax.random.PRNGKey(config.seed))
