@@ -14,9 +14,9 @@ ROOMS = {"console", "scenepack", "training", "baker", "viewer"}
 MAY_IMPORT = {
     "console": set(),
     "scenepack": {"console"},
-    "training": {"console"},
+    "training": {"console", "scenepack.constants"},
     "baker": {"console", "scenepack", "training", "viewer"},
-    "viewer": {"console", "scenepack", "training.scenes"},
+    "viewer": {"console", "scenepack", "training.scenes", "training.presets"},
 }
 JAX = {"jax", "jaxlib", "optax"}
 
@@ -60,6 +60,7 @@ def test_no_jax_where_the_viewer_can_reach(room: str) -> None:
         "console",
         "scenepack",
         "training.scenes",
+        "training.presets",
         "viewer.rendering.offscreen",
         "viewer.commands.bench",
         "viewer.commands.view",

@@ -18,15 +18,17 @@ import numpy as np
 from baker.baking.culling import TAU_ALPHA, TAU_VIS, Culling, content_box, cull
 from baker.baking.field_query import field_query, occupied_query
 from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
-from baker.baking.supersample import fill_atlas, supersample
+from baker.baking.supersample import supersample
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.fine_tune import EPOCHS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune
 from baker.tuning.pruning import TAU_WEIGHT, shed
+from baker.view_mlp import from_params
 from console import UserError, progress
 from console.progress import Progress
-from scenepack.codecs.pieces import restore_padding
-from scenepack.pack import Pack, ViewMlp
+from scenepack.blocks import fill_atlas
+from scenepack.pack import Pack
+from scenepack.padding import restore_padding
 from training.allocator import keep_freed_memory
 from training.run import Run, require_bakeable
 
@@ -101,20 +103,16 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
     with stages("supersampling"):
         atlas = fill_atlas(_content(run, config, work, grid, culling), culling.kept, BLOCK_SIZE)
     head = run.method.view_mlp(run.state)
-    view_mlp = head and ViewMlp(
-        tuple(np.asarray(w, np.float32) for w in head.weights),  # type: ignore[arg-type]
-        tuple(np.asarray(b, np.float32) for b in head.biases),  # type: ignore[arg-type]
-    )
     camera = run.scene.splits["train"][0].camera
     pack = Pack(
         voxel_size=grid.voxel_size, min_xyz=grid.min_xyz, grid_size=grid.size, block_size=BLOCK_SIZE,
-        atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=view_mlp,
+        atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=head and from_params(head),
         worldspace_T_opengl=grid.worldspace_T_opengl, ndc=run.scene.ndc,
         input_width=camera.width, input_height=camera.height, input_focal=float(camera.fx),
     )  # fmt: skip
     with stages("padding"):
-        restore_padding(pack, pack.atlas_rgba)
-        restore_padding(pack, atlas[2])
+        for part in atlas[1:]:
+            restore_padding(part, atlas[0], BLOCK_SIZE)
     counts, removed = culling.counts(), None
     if config.least_weight > 0:
         with stages("shedding"), progress("emptying faint voxels", 1.0) as bar:

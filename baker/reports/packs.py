@@ -15,7 +15,7 @@ from typing import Any
 from baker.baking.bake import BakeConfig, work_key
 from baker.commands.bake import bake_to
 from baker.reports.evaluation import evaluate
-from training.checkpoints import write_aside
+from console.atomic import write_file
 from training.run import Run
 from training.scenes import Scene
 
@@ -64,7 +64,7 @@ class Study:
         note.unlink(missing_ok=True)  # first, so that no note ever tells of another pack
         pack.parent.mkdir(parents=True, exist_ok=True)
         seconds = bake_to(run, config, pack)
-        write_aside(note, (json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n").encode())
+        write_file(note, json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n")
         return Baked(name, pack, seconds)
 
     def score(self, subject: Baked | Run) -> dict[str, Any]:
