@@ -7,13 +7,14 @@ down, so that behaviour does not depend on resolution. Cursor positions are (x, 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import exp, log, radians, tan
 
 import numpy as np
 
 from scenepack.pack import Pack
 from viewer.app.first_view import view_from_within
+from viewer.app.history import History
 from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, shortest_turn, triple, view_camera
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 
@@ -22,9 +23,22 @@ TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height
 DOLLY_STEP = 0.9  # of the distance, per notch of the wheel
 SETTLE_S = 0.07  # time constant of the damping
 HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the published viewer, a little aside
-UNDO_DEPTH = 100
 
-_Place = tuple[Pose, ViewCamera | None, float]  # goal, held, fov
+
+@dataclass(frozen=True)
+class _Place:
+    """All of a rig that can be undone."""
+
+    goal: Pose
+    held: ViewCamera | None
+    fov: float
+    table: Turntable
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, _Place):
+            return NotImplemented
+        same = (self.goal, self.fov, self.table) == (other.goal, other.fov, other.table)
+        return same and self.held is other.held  # cameras hold arrays, which are not compared
 
 
 class CameraRig:
@@ -46,9 +60,8 @@ class CameraRig:
         self.goal = self.shown = self.home_pose
         self.held: ViewCamera | None = None
         self._anchor_eye = False  # what the damping keeps straight: the eye's way (flying) or the pivot's
-        self._undo: list[_Place] = []
-        self.gestures = 0  # how often remember() was called
-        self._redo: list[_Place] = []
+        self.history = History()
+        self.history.follow(self._place, self._return)
 
     def _pose_of(self, grid_T_camera: np.ndarray) -> Pose:
         return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
@@ -165,7 +178,7 @@ class CameraRig:
 
     def grown(self, finer: CameraRig) -> CameraRig:
         """The rig for a finer version of the same scene: `finer`, or this one where the hands have moved it already."""
-        if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and not self._undo:
+        if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and self.history.empty:
             return finer
         self.middle, self.radius, self.home_pose = finer.middle, finer.radius, finer.home_pose
         return self
@@ -244,51 +257,15 @@ class CameraRig:
 
     def remember(self) -> None:
         """Marks the present camera as a place to come back to; call before each gesture."""
-        now = (self.goal, self.held, self.fov)
-        if not self._undo or not _same(self._undo[-1], now):
-            self._undo = [*self._undo[1 - UNDO_DEPTH :], now]
-        self._redo = []
-        self.gestures += 1
+        self.history.remember()
 
-    def undo(self) -> bool:
-        """Back to before the last gesture; False where there is none."""
-        return self._swap(self._undo, self._redo)
+    def _place(self) -> _Place:
+        return _Place(self.goal, self.held, self.fov, self.table)
 
-    def redo(self) -> bool:
-        """Forward again; False where there is nothing."""
-        return self._swap(self._redo, self._undo)
-
-    def _swap(self, take: list[_Place], give: list[_Place]) -> bool:
-        now = (self.goal, self.held, self.fov)
-        while take and _same(take[-1], now):
-            take.pop()
-        if not take:
-            return False
-        give.append(now)
-        self.goal, self.held, self.fov = take.pop()
-        return True
-
-    @property
-    def undo_depth(self) -> int:
-        """How many gestures can be undone."""
-        return len(self._undo)
-
-    @property
-    def redo_depth(self) -> int:
-        """How many can be redone."""
-        return len(self._redo)
-
-    def forget_redo(self) -> None:
-        """Something else was done: what was undone cannot be redone."""
-        self._redo = []
-
-    @property
-    def can_undo(self) -> bool:
-        return any(not _same(entry, (self.goal, self.held, self.fov)) for entry in self._undo)
-
-
-def _same(a: _Place, b: _Place) -> bool:
-    return a[0] == b[0] and a[1] is b[1] and a[2] == b[2]
+    def _return(self, place: _Place) -> None:
+        if place.table != self.table:  # there is no way to glide from one up to another
+            self.shown = place.goal
+        self.goal, self.held, self.fov, self.table = place.goal, place.held, place.fov, place.table
 
 
 def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera:

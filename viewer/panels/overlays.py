@@ -95,7 +95,7 @@ def draw_crop(app: App, box: Box) -> int | None:
     corners = box_points(low, high)
     screen.lines(corners, BOX_EDGES, theme.packed(theme.BASE, 0.5), px(3))
     screen.lines(corners, BOX_EDGES, theme.packed(theme.ACCENT), px(1.5))
-    if app.crop.tool != "faces":
+    if app.crop_tool != "faces":
         return None
     places, before = screen.points(np.array([crop.face_centre(app.settings.crop, face) for face in range(6)]))
     draw, under = imgui.get_window_draw_list(), None
