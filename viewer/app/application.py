@@ -29,6 +29,7 @@ from viewer.app.making import Making
 from viewer.app.opening import Opening
 from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
+from viewer.app.projection import rays_through
 from viewer.app.ray_costs import CostMeter
 from viewer.app.resolution import Governor
 from viewer.app.rig import CameraRig
@@ -222,7 +223,9 @@ class App:
         """The camera of this moment, for the whole viewport at full resolution."""
         if self.scene is None:
             return None
-        return self.scene.rig.camera(self.viewport.pixels, self.settings.near)
+        width, height = self.viewport.pixels
+        self.scene.rig.shape(width / height)
+        return self.scene.rig.camera((width, height), self.settings.near)
 
     @property
     def fov(self) -> float:
@@ -274,7 +277,7 @@ class App:
         distance = self.stage.distance_at(camera, self.settings, px, py)
         if distance is None:
             return False
-        ray = np.array([(px - camera.cx) / camera.fx, -(py - camera.cy) / camera.fy, -1.0])
+        ray = rays_through(camera, np.array([[px, py]]))[0]
         ray = camera.grid_T_camera[:3, :3] @ (ray / np.linalg.norm(ray))
         self.scene.rig.set_pivot(camera.position + distance * ray)
         self.touch()

@@ -16,10 +16,13 @@ from scenepack.pack import Pack
 from viewer.app.first_view import view_from_within
 from viewer.app.history import History
 from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, shortest_turn, triple, view_camera
+from viewer.app.projection import box_points
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
+from viewer.rendering.content_hull import hull_triangles
 
 DEFAULT_FOV = 35.0  # degrees, vertical; the published viewer's
 TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height
+WIDTH_MARGIN = 1.04  # of the picture's width over the scene's
 DOLLY_STEP = 0.9  # of the distance, per notch of the wheel
 SETTLE_S = 0.07  # time constant of the damping
 HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the published viewer, a little aside
@@ -53,9 +56,12 @@ class CameraRig:
         self.home_fov = self.fov = fov
         self.flying = False
         self.speed = 0.5 * self.radius  # grid units per second
+        self.aspect = 1.0  # width over height of the picture that the scene shall fit into
+        self._outline = np.zeros((0, 3)) if self.bounded else _outline(pack)
         view = None if self.bounded else view_from_within(pack)
         if view is not None:
             self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * view.height / view.fy)))
+        self.within = view is not None  # the first view is one from amid the scene, and need not show all of it
         self.home_pose = self._first_pose() if view is None else self._pose_of(view.grid_T_camera)
         self.goal = self.shown = self.home_pose
         self.held: ViewCamera | None = None
@@ -67,10 +73,29 @@ class CameraRig:
         return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
 
     def _first_pose(self) -> Pose:
-        return Pose(triple(self.middle), *HOME_ANGLES, self._framing_distance())
+        return Pose(triple(self.middle), *HOME_ANGLES, self._framing_distance(*HOME_ANGLES, self.home_fov))
 
-    def _framing_distance(self) -> float:
-        return self.radius / float(np.sin(np.arctan(tan(radians(self.fov) / 2)))) * 0.92
+    def _framing_distance(self, azimuth: float, elevation: float, fov: float) -> float:
+        """From where all of the scene is seen in the picture's height and width; all three angles in degrees."""
+        half_height = tan(radians(fov) / 2)
+        high_enough = self.radius / float(np.sin(np.arctan(half_height))) * 0.92
+        if not len(self._outline):
+            return high_enough
+        local = (self._outline - self.middle) @ self.table.rotation(azimuth, elevation)
+        wide_enough = local[:, 2] + WIDTH_MARGIN * np.abs(local[:, 0]) / (half_height * self.aspect)
+        return max(high_enough, float(wide_enough.max()))
+
+    def shape(self, aspect: float) -> None:
+        """The picture has another shape (width over height). A first view that was not left follows it."""
+        if aspect == self.aspect:
+            return
+        self.aspect = aspect
+        if self.bounded or self.within:
+            return
+        before, self.home_pose = self.home_pose, self._first_pose()
+        if self.goal == before and self.held is None and self.fov == self.home_fov:
+            self.shown = self.home_pose if self.shown == before else self.shown
+            self.goal = self.home_pose
 
     # What the picture is drawn with
 
@@ -180,7 +205,8 @@ class CameraRig:
         """The rig for a finer version of the same scene: `finer`, or this one where the hands have moved it already."""
         if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and self.history.empty:
             return finer
-        self.middle, self.radius, self.home_pose = finer.middle, finer.radius, finer.home_pose
+        self.middle, self.radius, self._outline = finer.middle, finer.radius, finer._outline
+        self.home_pose, self.within = finer.home_pose, finer.within
         return self
 
     # Commands
@@ -200,7 +226,8 @@ class CameraRig:
 
     def frame(self) -> None:
         """Shows the whole scene, from where the camera looks now."""
-        self.go(replace(self.goal, pivot=triple(self.middle), distance=self._framing_distance()))
+        distance = self._framing_distance(self.goal.azimuth, self.goal.elevation, self.fov)
+        self.go(replace(self.goal, pivot=triple(self.middle), distance=distance))
 
     def look_along(self, azimuth: float, elevation: float) -> None:
         """An axis view; degrees."""
@@ -268,8 +295,15 @@ class CameraRig:
         self.goal, self.held, self.fov, self.table = place.goal, place.held, place.fov, place.table
 
 
+def _outline(pack: Pack) -> np.ndarray:
+    """float64 [n, 3], grid frame: corners of the convex hull around the occupied macroblocks; of the grid without any."""
+    hull = hull_triangles(pack.occupied, pack.block_size).reshape(-1, 3).astype(np.float64)
+    voxels = np.unique(hull, axis=0) if len(hull) else box_points(np.zeros(3), np.asarray(pack.grid_size, np.float64))
+    return pack.min_xyz + pack.voxel_size * np.clip(voxels, 0.0, pack.grid_size)
+
+
 def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera:
-    """A photograph's camera for a picture of another size and shape: all of the photograph is seen, in the middle."""
+    """A photograph's camera, lens and all, for a picture of another size and shape: all of it is seen, in the middle."""
     width, height = size
     scale = min(width / camera.width, height / camera.height)
     return ViewCamera(
@@ -281,4 +315,5 @@ def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera
         width,
         height,
         near,
+        camera.distortion,
     )

@@ -17,6 +17,7 @@ from viewer.window.presenting import other_layers
 Box = tuple[float, float, float, float]
 AXIS_COLOURS = ("#f2777a", "#6fd08c", "#6cb2f5")
 PATH_STEPS = 24  # line segments per leg
+LENS_PIECES = 12  # that a straight line is drawn as through a lens
 
 
 def draw_layers(layers: list[Layer], box: Box) -> None:
@@ -79,11 +80,21 @@ class _Screen:
         return [ImVec2(*(float(v) for v in corner + self.scale * p)) for p in pixels], before
 
     def lines(self, grid: np.ndarray, edges, colour: int, width: float) -> None:
+        if any(self.camera.distortion):  # a lens bends them
+            grid, edges = _in_pieces(grid, edges)
         points, before = self.points(grid)
         draw = imgui.get_window_draw_list()
         for a, b in edges:
             if before[a] and before[b]:
                 draw.add_line(points[a], points[b], colour, width)
+
+
+def _in_pieces(grid: np.ndarray, edges) -> tuple[np.ndarray, list[tuple[int, int]]]:
+    """Points and edges of the same lines, each cut into LENS_PIECES."""
+    share = np.linspace(0.0, 1.0, LENS_PIECES + 1)[:, None]
+    points = np.concatenate([(1 - share) * grid[a] + share * grid[b] for a, b in edges])
+    starts = [line * (LENS_PIECES + 1) + i for line in range(len(edges)) for i in range(LENS_PIECES)]
+    return points, [(start, start + 1) for start in starts]
 
 
 def draw_crop(app: App, box: Box) -> int | None:
