@@ -32,7 +32,7 @@ from viewer.app.preferences import Preferences
 from viewer.app.projection import rays_through
 from viewer.app.ray_costs import CostMeter
 from viewer.app.resolution import Governor
-from viewer.app.rig import CameraRig
+from viewer.app.rig import FOVS, CameraRig
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Stage, Viewport, name_of
 from viewer.app.timing import FrameTimes
 from viewer.rendering.camera import ViewCamera
@@ -264,7 +264,7 @@ class App:
         """Vertical field of view."""
         if self.scene is not None:
             self.scene.rig.take_over()
-            self.scene.rig.fov = min(max(degrees, 5.0), 150.0)
+            self.scene.rig.fov = min(max(degrees, FOVS[0]), FOVS[1])
             self.touch()
 
     def pivot_at(self, x: float, y: float) -> bool:

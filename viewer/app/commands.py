@@ -99,6 +99,8 @@ def _escape(app: App) -> None:
         app.cancel_loading()
     elif app.comparison.against == "photograph":
         app.comparison.stop()
+    elif app.interface.over:
+        app.interface.over = ""
     elif app.interface.full_screen:
         app.interface.full_screen = False
 

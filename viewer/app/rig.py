@@ -21,6 +21,7 @@ from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.content_hull import hull_triangles
 
 DEFAULT_FOV = 35.0  # degrees, vertical; the published viewer's
+FOVS = (5.0, 150.0)  # the least and the most, degrees
 TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height
 WIDTH_MARGIN = 1.04  # of the picture's width over the scene's
 DOLLY_STEP = 0.9  # of the distance, per notch of the wheel
@@ -143,6 +144,12 @@ class CameraRig:
     def take_over(self) -> None:
         """Leaves a held camera, from exactly there (but level): the next movement starts from what is seen."""
         if self.held is not None:
+            seen = 0.5 * max(self.held.height / self.held.fy, self.held.width / self.held.fx / self.aspect)
+            self.fov = float(np.clip(np.degrees(2.0 * np.arctan(seen)), *FOVS))
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if self.held is not None:
             self.goal = self.shown = self._bounded(self._pose_of(self.held.grid_T_camera))
             self.held = None
 
@@ -215,14 +222,15 @@ class CameraRig:
         """Flies smoothly to `pose`."""
         if remember:
             self.remember()
-        self.take_over()
+        self._let_go()
         self._anchor_eye = False
         self.goal = self._bounded(pose)
 
     def home(self) -> None:
         """Back to the first view."""
+        self.remember()
         self.fov = self.home_fov
-        self.go(self.home_pose)
+        self.go(self.home_pose, remember=False)
 
     def frame(self) -> None:
         """Shows the whole scene, from where the camera looks now."""

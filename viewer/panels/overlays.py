@@ -10,7 +10,7 @@ from viewer.app.application import App
 from viewer.app.pose import view_camera
 from viewer.app.projection import BOX_EDGES, FRUSTUM_EDGES, box_points, frustum_points, project
 from viewer.panels import theme
-from viewer.panels.widgets import px
+from viewer.panels.widgets import chip, chip_size, elided, font, px
 from viewer.window.canvas import Canvas, Layer
 from viewer.window.presenting import other_layers
 
@@ -56,6 +56,21 @@ def draw_comparison(app: App, canvas: Canvas, box: Box) -> None:
             tip = ImVec2(edge + side * px(8), middle.y)
             up, down = ImVec2(edge + side * px(3), middle.y - px(5)), ImVec2(edge + side * px(3), middle.y + px(5))
             draw.add_triangle_filled(tip, up, down, theme.packed(theme.ON_ACCENT))
+
+
+def draw_sides(names: tuple[str, str], split: float, box: Box, y: float) -> None:
+    """Says at each side of the wipe's edge what is seen there. split: 0 … 1; y: upper edge of the labels."""
+    edge, gap = box[0] + split * box[2], px(10)
+    draw = imgui.get_window_draw_list()
+    spans = ((box[0], edge), (edge, box[0] + box[2]))
+    for name, (low, high), left in zip(names, spans, (True, False), strict=True):
+        with font(None, theme.SMALL):
+            shown = elided(name, high - low - 2 * gap - px(24))
+        if not shown:
+            continue
+        draw.push_clip_rect(ImVec2(low, box[1]), ImVec2(high, box[1] + box[3]), True)
+        chip(shown, high - gap - chip_size(shown)[0] if left else low + gap, y)
+        draw.pop_clip_rect()
 
 
 def wipe_edge_hovered(app: App, box: Box) -> bool:

@@ -98,8 +98,7 @@ class Ui:
         if app.interface.panels_shown:
             top_bar.show(app, canvas, regions.top, self.fonts)
             layout.show_rail(app, regions)
-        if regions.pages:
-            layout.show_pages(app, canvas, self.fonts)
+        layout.show_pages(app, canvas, regions, self.fonts)
         make_dialog.show_job(app, canvas, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)

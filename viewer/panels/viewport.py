@@ -9,10 +9,10 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.state import Viewport
-from viewer.panels import frusta, keys, layout, overlays, page_photographs, start_page, theme
+from viewer.panels import frusta, keys, layout, legend, overlays, page_photographs, start_page, theme
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import coloured, font, px
+from viewer.panels.widgets import chip, coloured, px
 from viewer.window.canvas import Canvas
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
@@ -40,7 +40,8 @@ def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGiz
         if not gizmo.over:
             _mouse(app, box, face if over else None, shot if over else None)
         gizmo.show(app, box)
-        _corner(app, box, fonts)
+        _corner(app, box)
+        legend.show(app, box)
     _toast(app, box)
     _progress(app, box, fonts)
     imgui.end()
@@ -96,7 +97,7 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
         app.touch()
     if hovered and imgui.is_mouse_double_clicked(LEFT):
         app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
-    if not io.want_text_input and not io.key_ctrl and not keys.busy(app):
+    if not io.want_text_input and not io.key_ctrl and not keys.busy(app) and not app.interface.help_shown:
         _walk(app)
 
 
@@ -145,7 +146,7 @@ def _walk(app: App) -> None:
     app.touch()
 
 
-def _corner(app: App, box: layout.Box, fonts: Fonts) -> None:
+def _corner(app: App, box: layout.Box) -> None:
     """Names what is shown where it is not the usual picture."""
     notes = []
     if app.settings.mode != "normal":
@@ -157,26 +158,20 @@ def _corner(app: App, box: layout.Box, fonts: Fonts) -> None:
         name = comparison.photographs.shots[comparison.photograph].name
         known = comparison.psnr_db is not None
         notes.append(f"{name}   {comparison.psnr_db:.2f} dB" if known else name)
+    sides = comparison.sides(app)
+    if sides is not None and comparison.how == "flip":
+        notes.append(sides[comparison.other_side])
     x = box[0] + px(14)
     for note in notes:
-        x = _chip(note, x, box[1] + px(14)) + px(8)
-
-
-def _chip(text: str, x: float, y: float) -> float:
-    """A dark label on the picture; where its right edge is."""
-    draw = imgui.get_window_draw_list()
-    with font(None, theme.SMALL):
-        size = imgui.calc_text_size(text)
-        corner = ImVec2(x + size.x + px(24), y + size.y + px(12))
-        draw.add_rect_filled(ImVec2(x, y), corner, theme.packed(theme.BASE, 0.82), px(14))
-        draw.add_text(ImVec2(x + px(12), y + px(6)), theme.packed(theme.TEXT), text)
-        return corner.x
+        x = chip(note, x, box[1] + px(14)) + px(8)
+    if sides is not None and comparison.how == "wipe":
+        overlays.draw_sides(sides, comparison.split, box, box[1] + px(52 if notes else 14))
 
 
 def _toast(app: App, box: layout.Box) -> None:
     if app.messages.toast_left > 0:
         width = imgui.calc_text_size(app.messages.toast).x
-        _chip(app.messages.toast, box[0] + 0.5 * (box[2] - width) - px(12), box[1] + box[3] - px(52))
+        chip(app.messages.toast, box[0] + 0.5 * (box[2] - width) - px(12), box[1] + box[3] - px(52))
 
 
 def _progress(app: App, box: layout.Box, fonts: Fonts) -> None:
