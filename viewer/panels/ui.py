@@ -62,6 +62,16 @@ class Ui:
         imgui.set_current_context(self.context)
         self._presses.add(press)
 
+    def modifier_changes(self) -> None:
+        """Ctrl, Shift, Alt or Cmd goes down or up; call before imgui hears of it.
+
+        imgui would take a key and the modifier let go of after it in one round, and read Ctrl+V as V. A key that nobody
+        has, down and up, ends the round between them.
+        """
+        imgui.set_current_context(self.context)
+        for down in (True, False):
+            imgui.get_io().add_key_event(imgui.Key.f24, down)
+
     def frame(self, app: App, canvas: Canvas, scale: float = 1.0) -> None:
         """Draws the panels for this moment's state into imgui's lists, and hands the user's wishes to `app`.
 

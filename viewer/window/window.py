@@ -37,6 +37,9 @@ IDLE_WAIT_S = 1.0
 BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
 LONGEST_STEP_S = 0.1  # after a pause, movements go on from where they were
 SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
+MODIFIERS = frozenset(
+    getattr(glfw, f"KEY_{side}_{name}") for side in ("LEFT", "RIGHT") for name in ("CONTROL", "SHIFT", "ALT", "SUPER")
+)
 # GLFW's keys are places already; see viewer.app.keyboard.
 PLACES = {
     **{getattr(glfw, f"KEY_{name}"): name for name in "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"},
@@ -112,6 +115,8 @@ class Window:
 
     def _key(self, _: object, key: int, scancode: int, action: int, modifiers: int) -> None:
         self._touched = True
+        if key in MODIFIERS:
+            self.ui.modifier_changes()
         place, keyboard = PLACES.get(key, ""), self.ui.keyboard
         if action == glfw.RELEASE:
             keyboard.up(place)
