@@ -25,8 +25,9 @@ from baker.tuning.pack_layout import (
     pack_sizes,
     pack_voxels,
 )
+from baker.view_mlp import from_params, to_params
 from scenepack.constants import TRANSMITTANCE_SHADED
-from scenepack.pack import Pack, ViewMlp
+from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.batches import until_complete
 from training.marching.march import MarchSizes
@@ -62,10 +63,7 @@ def fine_tune(
     pixels = shaded_pixels(pack, dataset, seed, on_share)
     if pixels is None:
         return pack, float("nan"), float("nan")
-    params = ViewMlpParams(
-        tuple(map(jnp.asarray, pack.view_mlp.weights)),  # type: ignore[arg-type]
-        tuple(map(jnp.asarray, pack.view_mlp.biases)),  # type: ignore[arg-type]
-    )
+    params = to_params(pack.view_mlp)
     before = _psnr(params, pixels)
     optimiser = optax.adam(LEARNING_RATE)
     moments, key = optimiser.init(params), jax.random.key(seed)
@@ -74,8 +72,7 @@ def fine_tune(
         if on_share:
             on_share(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
     after = _psnr(params, pixels)
-    tuned = ViewMlp(tuple(map(np.asarray, params.weights)), tuple(map(np.asarray, params.biases)))  # type: ignore[arg-type]
-    return replace(pack, view_mlp=tuned), before, after
+    return replace(pack, view_mlp=from_params(params)), before, after
 
 
 def shaded_pixels(

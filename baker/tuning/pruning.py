@@ -23,12 +23,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from baker.baking.supersample import fill_atlas
 from baker.tuning.pack_layout import MAX_ALPHA, PackLayout, pack_layout, pack_rays, pack_sizes
-from scenepack.blocks import block_copy
-from scenepack.codecs.pieces import restore_padding
+from scenepack.blocks import block_copy, fill_atlas
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
+from scenepack.padding import restore_padding
 from training.dataset import RayDataset
 from training.marching.batches import rays_that_meet, until_complete
 from training.marching.layout import depth_where
@@ -85,8 +84,8 @@ def prune(
         ((block, _voxels(pack, block)) for block in blocks if kept[block]), kept, pack.block_size
     )
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
-    restore_padding(thinner, rgba)
-    restore_padding(thinner, features)
+    for atlas in (rgba, features):
+        restore_padding(atlas, indices, pack.block_size)
     return thinner, Pruned(before, after, len(blocks) - int(kept.sum()))
 
 

@@ -11,14 +11,13 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
+from scenepack.constants import TRANSMITTANCE_SHADED
 from training.marching.march import MarchSizes, Samples, transmittance
 from training.method import FieldOutput, RenderOutput, ViewMlpParams
 from training.view_mlp import apply_view_mlp
 from training.volume import alpha_of
 from training.voxels.settings import Settings
 from training.voxels.sparse_grid import GridLayout, cell_means, interpolate, with_depths
-
-SHADED_BELOW = 254.0 / 255.0  # as the viewer: the residual is added where T is at most this
 
 
 def activate(raw: jax.Array, settings: Settings) -> FieldOutput:
@@ -64,6 +63,6 @@ def render_samples(
     rgb = diffuse
     if head is not None:
         residual = apply_view_mlp(head, diffuse, sums[:, 3:7], viewdirs)
-        rgb = diffuse + residual * (behind <= SHADED_BELOW)[:, None]
+        rgb = diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
     output = RenderOutput(rgb=rgb, diffuse=diffuse, features=sums[:, 3:7], alpha=1.0 - behind, depth=sums[:, 7])
     return output, field, weights

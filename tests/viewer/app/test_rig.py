@@ -112,13 +112,13 @@ def test_undo_and_redo_walk_through_gestures(rig):
         rig.orbit(dx, 0.0)
         places.append(rig.goal)
     for place in reversed(places[:-1]):
-        assert rig.undo()
+        assert rig.history.undo()
         assert rig.goal == place
-    assert not rig.undo()
+    assert not rig.history.undo()
     for place in places[1:]:
-        assert rig.redo()
+        assert rig.history.redo()
         assert rig.goal == place
-    assert not rig.redo()
+    assert not rig.history.redo()
 
 
 def test_a_held_camera_is_shown_exactly_until_the_hands_move(rig):
