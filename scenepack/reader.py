@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from scenepack.atomic import recover_interrupted_write
+from console.atomic import recover_interrupted_write
 from scenepack.blocks import grid_block_counts
 from scenepack.coarse import coarse_pack, order_of_groups
 from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, probe_png

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from console import UserError
+from training.presets import PresetName
 from training.voxels.config import VoxelConfig
 
 
@@ -138,10 +139,6 @@ FAST = TrainConfig(
     method="voxels", steps=20_000, batch_size=65_536, sparsity_weight=2e-5, validate_every=2000, checkpoint_every=2000,
     voxels=VoxelConfig(resolutions=(128, 256, 512), samples_per_step=1 << 20),
 )  # fmt: skip
-
-# --preset of snerg-make: what a pack can hold; and of snerg-train: the paper's baselines, too
-BakeablePreset = Literal["cpu", "fast", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
-PresetName = Literal[BakeablePreset, "jaxnerf", "jaxnerf-plus", "tinyview"]
 
 PRESETS: Mapping[PresetName, TrainConfig] = {
     "cpu": CPU,

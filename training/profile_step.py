@@ -211,11 +211,12 @@ def profile_step(
         measured = profile(method, state, step, rounds, bar.update)
     measured = dataclasses.replace(measured, facts={"scene": name, **measured.facts})
     if markdown is not None:
-        from training.checkpoints import cannot_write, write_aside
+        from console.atomic import write_file
+        from training.checkpoints import cannot_write
 
         try:
             markdown.parent.mkdir(parents=True, exist_ok=True)
-            write_aside(markdown, measured.to_markdown().encode())
+            write_file(markdown, measured.to_markdown())
         except OSError as error:
             raise cannot_write(markdown, error) from error
     if not write_json(json, measured.to_json()):
@@ -241,10 +242,11 @@ def _trained(
     from training.config import PRESETS
     from training.dataset import make_dataset
     from training.methods import make_method
+    from training.presets import PRESETS as KINDS
     from training.scenes import load_scene
-    from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
+    from training.scenes.downscale import suggested_downscale
 
-    scene = load_scene(path, downscale=downscale or suggested_downscale(path, LONGEST_SIDE.get(preset)))
+    scene = load_scene(path, downscale=downscale or suggested_downscale(path, KINDS[preset].longest_side))
     config = dataclasses.replace(PRESETS[preset], steps=steps)
     method = make_method(config, scene, make_dataset(scene))
     state = method.start(jax.random.PRNGKey(config.seed))

@@ -16,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, progress
+from console.atomic import replacing
 from scenepack import load_pack
 from scenepack.pack import Pack
 from training import metrics
@@ -133,7 +134,8 @@ def save_comparison(path: Path, picture: np.ndarray, truth: np.ndarray) -> None:
     """Picture, photograph and their difference times five, side by side."""
     path.parent.mkdir(parents=True, exist_ok=True)
     row = np.concatenate([picture, truth, np.clip(5 * np.abs(picture - truth), 0, 1)], axis=1)
-    Image.fromarray(np.round(255 * row).astype(np.uint8)).save(path)
+    with replacing(path) as new:
+        Image.fromarray(np.round(255 * row).astype(np.uint8)).save(new, format="PNG")
 
 
 def _mean(values: list[float | None]) -> float | None:

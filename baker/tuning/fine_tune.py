@@ -18,8 +18,9 @@ import optax
 
 from baker.baking.culling import in_grid_frame
 from baker.tuning.pack_layout import PackLayout, accumulate, over_background, pack_layout, pack_sizes, pack_voxels
+from baker.view_mlp import from_params, to_params
 from scenepack.constants import TRANSMITTANCE_SHADED
-from scenepack.pack import Pack, ViewMlp
+from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.method import ViewMlpParams
 from training.view_mlp import apply_view_mlp
@@ -53,10 +54,7 @@ def fine_tune(
     pixels = shaded_pixels(pack, dataset, seed, on_share)
     if pixels is None:
         return pack, float("nan"), float("nan")
-    params = ViewMlpParams(
-        tuple(map(jnp.asarray, pack.view_mlp.weights)),  # type: ignore[arg-type]
-        tuple(map(jnp.asarray, pack.view_mlp.biases)),  # type: ignore[arg-type]
-    )
+    params = to_params(pack.view_mlp)
     before = _psnr(params, pixels)
     optimiser = optax.adam(LEARNING_RATE)
     moments, key = optimiser.init(params), jax.random.key(seed)
@@ -65,8 +63,7 @@ def fine_tune(
         if on_share:
             on_share(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
     after = _psnr(params, pixels)
-    tuned = ViewMlp(tuple(map(np.asarray, params.weights)), tuple(map(np.asarray, params.biases)))  # type: ignore[arg-type]
-    return replace(pack, view_mlp=tuned), before, after
+    return replace(pack, view_mlp=from_params(params)), before, after
 
 
 def shaded_pixels(

@@ -15,9 +15,9 @@ from baker.baking.culling import in_grid_frame
 from baker.tuning.joint_rows import cells_of_rows, rows_by_slot, voxel_rows, with_content
 from baker.tuning.joint_tune import Scene, Sizes, Trained, gather, squared_error, stored, update
 from baker.tuning.pack_layout import pack_layout, pack_sizes
-from scenepack.pack import Pack, ViewMlp
+from baker.view_mlp import from_params, to_params
+from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.method import ViewMlpParams
 from training.voxels.march import occupied_segments, to_grid
 
 LOOKED_AT = 16_384  # rays looked at at once when only their meeting content is asked
@@ -94,8 +94,7 @@ def joint_tune(
             on_share((step + 1) / steps, f"step {step + 1} of {steps}, held-out {history[-1][1]:.2f} dB")
     tuned = with_content(pack, rows, np.asarray(stored(jnp.asarray(kept.delta), scene)))
     if kept.head is not None:
-        weights, biases = (tuple(map(np.asarray, part)) for part in kept.head)
-        tuned = replace(tuned, view_mlp=ViewMlp(weights, biases))  # type: ignore[arg-type]
+        tuned = replace(tuned, view_mlp=from_params(kept.head))
     (_, first_psnr, first_samples), (last_psnr, last_samples) = history[0], best
     return tuned, {
         "passes": config.passes, "held_out_psnr_before": round(float(first_psnr), 3),
@@ -106,11 +105,7 @@ def joint_tune(
 
 def start(scene: Scene, pack: Pack) -> Trained:
     """Cells that change nothing, and the pack's view MLP."""
-    head = pack.view_mlp and ViewMlpParams(
-        tuple(map(jnp.asarray, pack.view_mlp.weights)),  # type: ignore[arg-type]
-        tuple(map(jnp.asarray, pack.view_mlp.biases)),  # type: ignore[arg-type]
-    )
-    return Trained(jnp.zeros((int(scene.cells.max()) + 1, 8)), head)
+    return Trained(jnp.zeros((int(scene.cells.max()) + 1, 8)), pack.view_mlp and to_params(pack.view_mlp))
 
 
 def rays_with_content(scene: Scene, dataset: RayDataset, pack: Pack) -> np.ndarray:

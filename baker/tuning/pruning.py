@@ -23,12 +23,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from baker.baking.culling import in_grid_frame
-from baker.baking.supersample import fill_atlas
 from baker.tuning.pack_layout import MAX_ALPHA, PackLayout, pack_layout, pack_sizes
-from scenepack.blocks import block_copy
-from scenepack.codecs.pieces import restore_padding
+from scenepack.blocks import block_copy, fill_atlas
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
+from scenepack.padding import restore_padding
 from training.dataset import RayDataset
 from training.method import Rays
 from training.voxels.march import MarchSizes, march, occupied_segments, to_grid, transmittance
@@ -86,8 +85,8 @@ def shed(
         ((block, _voxels(pack, block)) for block in blocks if kept[block]), kept, pack.block_size
     )
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
-    restore_padding(thinner, rgba)
-    restore_padding(thinner, features)
+    for atlas in (rgba, features):
+        restore_padding(atlas, indices, pack.block_size)
     return thinner, Shed(before, after, len(blocks) - int(kept.sum()))
 
 

@@ -219,11 +219,3 @@ def test_the_tiny_preset_learns_the_scene_without_recompiling(procedural_scene: 
     assert float(field.density[1]) > 10 * float(field.density[0])  # the turntable against the air above
     view = method.view_mlp(state)
     assert view is not None and view.weights[0].shape == (34, 16)
-
-
-def test_presets_are_named_as_the_command_names_them():
-    from typing import get_args
-
-    from training.commands.train import PresetName
-
-    assert set(get_args(PresetName)) == set(PRESETS)

@@ -128,7 +128,7 @@ def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp
         if path.suffix == ".safetensors":
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("training.checkpoints.write_aside", full)
+    monkeypatch.setattr("training.checkpoints.write_file", full)
     with pytest.raises(UserError, match="disk is full"):
         train(procedural_path, tmp_path / "run", MINUTE)
 

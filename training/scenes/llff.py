@@ -17,10 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from console import Notice, UserError
+from scenepack.constants import NDC_NEAR
 from training.scenes.blender import WORLDSPACE_T_OPENGL
 from training.scenes.pictures import PictureLoader, picture_size
 from training.scenes.poses import faces_forward, focus_point, mean_pose, normalised, poses, similarity
-from training.scenes.rays import NDC_NEAR, camera_rays, ndc_rays
+from training.scenes.rays import camera_rays, ndc_rays
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
 
 LOOKED_FOR = "poses_bounds.npy with images or images_K (LLFF)"

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding
 
+from scenepack.constants import TRANSMITTANCE_SHADED
 from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.devices import WHOLE, here, put_whole, split
@@ -34,7 +35,6 @@ from training.voxels.sparse_grid import CHANNELS, DEPTH_UNITS, GridLayout, blend
 
 ADAM_BETAS = (0.9, 0.99)
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
-SHADED_BELOW = 254.0 / 255.0  # as the viewer: the residual is added where T is at most this
 REMEMBER_EVERY = 50  # steps between looks at how deep, optically, cells are
 NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
 HEAD_BIAS = -3.0  # the view MLP starts near zero, so that diffuse colour settles first
@@ -121,7 +121,7 @@ def render_samples(
     rgb = diffuse
     if head is not None:
         residual = apply_view_mlp(head, diffuse, sums[:, 3:7], viewdirs)
-        rgb = diffuse + residual * (behind <= SHADED_BELOW)[:, None]
+        rgb = diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
     output = RenderOutput(rgb=rgb, diffuse=diffuse, features=sums[:, 3:7], alpha=1.0 - behind, depth=sums[:, 7])
     return output, field, weights
 

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from console import UserError, run_command
 from console.arguments import parse_size
+from console.atomic import write_file
 from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
 from viewer.benchmark.frames import PROTOCOLS, Contender, Measurement, measure
@@ -88,9 +89,7 @@ def bench(
 
 def _write(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}.part")
-    aside.write_text(text, encoding="utf-8")
-    aside.replace(path)
+    write_file(path, text)
 
 
 def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:

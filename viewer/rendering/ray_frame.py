@@ -10,19 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from scenepack.constants import PUBLISHED_NDC_CAMERA
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import RenderSettings
-
-# Forward-facing packs from before input_* was written were made from 1006 × 756 photographs of a telephone, 67.3° wide.
-OLD_NDC_INPUT = (1006.0, 756.0, 755.644)  # width, height, focal
 
 
 def ndc_input(pack: Pack) -> tuple[float, float, float]:
     """Width, height and focal length, in pixels, of the photographs whose frustum the NDC cube is."""
     given = (pack.input_width, pack.input_height, pack.input_focal)
     width, height, focal = (
-        old if value is None else float(value) for value, old in zip(given, OLD_NDC_INPUT, strict=True)
+        old if value is None else float(value) for value, old in zip(given, PUBLISHED_NDC_CAMERA, strict=True)
     )
     return width, height, focal
 
