@@ -65,7 +65,8 @@ def test_the_last_row_of_the_keys_can_be_reached(offscreen, app, pack, pack_fold
     assert shown.pos.x >= 0 and shown.pos.y >= 0
     assert shown.pos.x + shown.size.x <= size[0] and shown.pos.y + shown.size.y <= size[1]
     hidden = shown.content_size.y - (shown.inner_clip_rect.max.y - shown.inner_clip_rect.min.y)
-    ui.wheel(-100.0, size[0] / 2, size[1] / 2)
+    for _ in range(40):
+        ui.wheel(-3.0, size[0] / 2, size[1] / 2)
     ui.settle()
     assert shown.scroll.y == shown.scroll_max.y >= hidden
 
@@ -108,9 +109,7 @@ def test_a_dense_small_window_has_a_menu_for_its_buttons_and_pages(offscreen, ap
     shown = int((480 - 96 - 40 + 16) / 80) - 1
     ui.click(640 - 50, 2 * (48 + 10 + 16 + 40 * shown))
     menu = imgui.get_current_context().open_popup_stack[0].window
-    last = len(PAGES) - shown - 1
-    y = menu.pos.y + menu.window_padding.y + (last + 0.4) * imgui.get_text_line_height_with_spacing()
-    ui.click(menu.pos.x + 60, y)
+    ui.click(menu.pos.x + 60, menu.pos.y + menu.size.y - menu.window_padding.y - 15)  # its last line
     assert app.interface.over == PAGES[-1].id
 
 
