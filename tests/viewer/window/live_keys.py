@@ -285,9 +285,8 @@ def test_every_icon_of_a_small_window_can_be_clicked(window, xdotool):
         assert covered(window)
     for i, page in enumerate(PAGES[6:]):
         press_at(window, xdotool, x, rail[6])
-        first, line = menu_lines(window)
-        press_at(window, xdotool, *first(i))
-        assert interface.over == page.id, line
+        press_at(window, xdotool, *menu_line(window, i, len(PAGES) - 6))
+        assert interface.over == page.id
     xdotool("key", "Escape")
     wait_until(window, lambda: not interface.over)
     assert window.app.scene is not None
@@ -298,13 +297,11 @@ def covered(window: Window) -> bool:
     return window.screenshot()[60:350, 120:420].mean() < 90
 
 
-def menu_lines(window: Window):
-    """Where the lines of the open menu are."""
-    popup = next(w for w in popups() if w.active and not w.hidden)
-    rows = popup.content_size.y
-    height = imgui.get_text_line_height_with_spacing()
-    top = popup.pos.y + popup.window_padding.y
-    return (lambda i: (popup.pos.x + 40, top + height * (i + 0.4))), (rows, height)
+def menu_line(window: Window, index: int, count: int) -> tuple[float, float]:
+    """Where a line of the open menu is."""
+    menu = popups()[0]
+    top, height = menu.pos.y + menu.window_padding.y, menu.size.y - 2 * menu.window_padding.y
+    return menu.pos.x + 40, top + height * (index + 0.5) / count
 
 
 def popups():
