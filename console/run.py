@@ -64,7 +64,7 @@ def run_command(
         line = _mendable(error)
         if line is None:
             traceback.print_exc()
-            _say(prog, "this is a bug in snerg, not in your input; please report the lines above")
+            _say(prog, "this is a bug in snerg; please report the lines above")
             return BUG
         if debug:
             traceback.print_exc()

@@ -114,7 +114,7 @@ def _refuse_divergence(run: Run, loss: float) -> None:
     saved = list_checkpoints(run.checkpoints)
     good = f"the last good checkpoint is of step {saved[-1][0]}" if saved else "no checkpoint was saved before"
     raise UserError(
-        f"training diverged at step {run.step}: the loss is no finite number; {good}",
+        f"training diverged at step {run.step}: the loss is not finite; {good}",
         where=run.path,
         remedy="train again with a lower learning rate or another --seed",
     )

@@ -67,7 +67,7 @@ def snerg_bake(
 
 
 def share_of(processes: int | None, process_id: int | None) -> Share:
-    """This process's share of the work, from the options or the launcher. UserError where they do not make a whole."""
+    """This process's share of the work, from the options or the launcher. UserError where they do not fit together."""
     from baker.baking.work_folder import Share
     from training.devices import launched
 
@@ -75,8 +75,8 @@ def share_of(processes: int | None, process_id: int | None) -> Share:
     count, index = told or (1, 0)
     if count is None or index is None or not 0 <= index < count:
         raise UserError(
-            "do not make a whole", where="--processes, --process-id",
-            expected="how many there are, and which this is, from 0", found=f"{count}, {index}",
+            "do not fit together", where="--processes, --process-id",
+            expected="the number of processes, and the number of this one, from 0", found=f"{count}, {index}",
         )  # fmt: skip
     return Share(index, count)
 

@@ -55,7 +55,7 @@ def bench(
     if frames < 1:
         raise UserError("needs at least one frame", where="--frames", found=frames)
     if fov is not None and not 0.1 <= fov < 179:
-        raise UserError("is no field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
+        raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
     pixels = parse_size(size) if size else None
     loaded = load_pack(pack)
     if protocol == "auto":

@@ -74,7 +74,7 @@ def view(
     """
     window_size = parse_size(size, least=SMALLEST_SIDE) if size else None
     if frames is not None and frames < 1:
-        raise UserError("draws nothing", where="--frames", expected="1 or more", found=frames)
+        raise UserError("is too small", where="--frames", expected="1 or more", found=frames)
     if screenshot is not None and frames is None:
         frames = 1
     if pose is not None:
@@ -159,7 +159,7 @@ def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
         raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
     if kind_of(chosen) in ("scene", "run"):
         command = "snerg-make" if kind_of(chosen) == "scene" else "snerg-bake"
-        raise UserError("is no pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
+        raise UserError("is not a pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
     loaded = load_pack(chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
     for written in fly_over(loaded, name_of(chosen), OUT, RenderSettings(mode=mode)):
