@@ -14,14 +14,17 @@ from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, px
 from viewer.window.canvas import Canvas
+from viewer.window.presenting import present
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
 
 
 def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGizmo) -> None:
-    """Draws the picture into `box` and listens to the mouse there."""
+    """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
+    app.viewport.camera = app.camera()
+    present(app, canvas)
     with coloured(window_bg=theme.BASE):
         layout.begin("##viewport", box, (0, 0), imgui.WindowFlags_.no_scroll_with_mouse)
     if app.scene is None:

@@ -45,7 +45,7 @@ def known(tmp_path_factory, pack):
 @pytest.fixture
 def ui(known, offscreen, app):
     ui = offscreen(app, size=SIZE)
-    app.governor.rest_scale = 0.5  # the scene's own pictures are compared elsewhere
+    app.resolution.rest_scale = 0.5  # the scene's own pictures are compared elsewhere
     app.show(known, Path("scenes/toy"), "toy")
     return ui
 
