@@ -2,7 +2,8 @@
 
 Two variables of the environment, for every command:
   SNERG_PROGRESS=FILE        the work of the moment is kept there as one JSON object, written aside and renamed:
-                             {"title": "training", "done": 1200, "total": 6000, "note": "PSNR 27.10 dB", "seconds": 81.3}
+                             {"title": "training", "done": 1200, "total": 6000, "note": "PSNR 27.10 dB", "seconds": 81.3,
+                             "begun": 0}
   SNERG_ENDS_WITH_STDIN=1    the end of standard input is Ctrl-C: whoever holds the other end of the pipe stops the
                              command by closing it, and so does that program's own end, however it comes about
 """
@@ -26,13 +27,17 @@ WRITTEN_EVERY_S = 0.25
 
 @dataclass(frozen=True)
 class Report:
-    """How far a piece of work is: `done` units of `total`, after `seconds`. note: a short figure, "PSNR 27.10 dB"."""
+    """How far a piece of work is: `done` units of `total`. note: a short figure, "PSNR 27.10 dB".
+
+    begun: units that were done before it was taken up again; the others took `seconds`.
+    """
 
     title: str
     done: float
     total: float
     note: str = ""
     seconds: float = 0.0
+    begun: float = 0.0
 
     @property
     def share(self) -> float:
@@ -42,7 +47,13 @@ class Report:
     @property
     def seconds_left(self) -> float | None:
         """An estimate; None while it is too early for one."""
-        return self.seconds * (1 / self.share - 1) if self.share > 0 and self.seconds > 1.0 else None
+        left = seconds_left(self.done, self.total, self.begun, self.seconds)
+        return left if self.seconds > 1.0 else None
+
+
+def seconds_left(done: float, total: float, begun: float, seconds: float) -> float | None:
+    """An estimate for the work from `done` to `total`, if that from `begun` to `done` took `seconds`; None for no work."""
+    return seconds * max(total - done, 0.0) / (done - begun) if done > begun else None
 
 
 def read_report(file: Path) -> Report | None:
@@ -50,7 +61,8 @@ def read_report(file: Path) -> Report | None:
     try:
         values = json.loads(file.read_text(encoding="utf-8"))
         title, note = str(values["title"]), str(values["note"])
-        return Report(title, float(values["done"]), float(values["total"]), note, float(values["seconds"]))
+        done, total, seconds, begun = (float(values[name]) for name in ("done", "total", "seconds", "begun"))
+        return Report(title, done, total, note, seconds, begun)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

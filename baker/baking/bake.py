@@ -194,12 +194,17 @@ def _content(
 
 
 class _Rate:
-    """Tells a bar how many macroblocks are done, and how many samples a second were taken since it was made."""
+    """Tells a bar how many macroblocks are done, and how many samples a second were taken since it was made.
+
+    What is there before any sample was taken was made by an earlier bake that this one goes on with.
+    """
 
     def __init__(self, bar: Progress, count: int) -> None:
         self.bar, self.count, self.samples, self.started = bar, count, 0, time.monotonic()
 
     def __call__(self, blocks: int, samples: int) -> None:
+        if self.samples == samples == 0 and blocks < self.count:
+            self.bar.resume_at(blocks)
         self.samples += samples
         rate = self.samples / max(time.monotonic() - self.started, 1e-3) / 1e6
         self.bar.update(blocks, f"macroblock {blocks} of {self.count}, {rate:.1f} M samples/s")

@@ -35,6 +35,21 @@ def test_progress_is_kept_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert report is not None and report.share == 1.0 and list(tmp_path.iterdir()) == [file]
 
 
+def test_the_time_left_of_work_taken_up_again_follows_from_what_was_done_since(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "progress.json"
+    monkeypatch.setenv(PROGRESS, str(file))
+    with progress("training", 1000, begun=600) as bar:
+        bar.started -= 10.0
+        bar.update(700)
+        bar.report(at_once=True)
+        report = read_report(file)
+    assert report is not None and (report.done, report.total, report.begun, report.share) == (700.0, 1000.0, 600.0, 0.7)
+    assert report.seconds_left == pytest.approx(30.0, rel=0.1)
+    assert Report("training", 600.0, 1000.0, "", 10.0, 600.0).seconds_left is None
+
+
 def test_a_file_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(PROGRESS, str(tmp_path / "gone" / "progress.json"))
     with progress("training", 10) as bar:
