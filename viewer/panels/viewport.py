@@ -26,7 +26,8 @@ def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGiz
     app.viewport.camera = app.camera()
     present(app, canvas)
     with coloured(window_bg=theme.BASE):
-        layout.begin("##viewport", box, (0, 0), imgui.WindowFlags_.no_scroll_with_mouse)
+        still = imgui.WindowFlags_.no_scroll_with_mouse if app.scene is not None else 0  # the wheel is the camera's
+        layout.begin("##viewport", box, (0, 0), still)
     if app.scene is None:
         start_page.show(app, fonts)
     else:

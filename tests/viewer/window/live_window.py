@@ -5,7 +5,6 @@ is opened while another test's EGL context is current in the same thread.
 """
 
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -16,7 +15,7 @@ import pytest
 from PIL import Image
 
 from scenepack import save_pack
-from tests.viewer.conftest import SCREEN, missing, toy_pack
+from tests.viewer.conftest import SCREEN, toy_pack
 from viewer.app.application import App
 from viewer.app.make_plan import Plan
 from viewer.window.window import Window
@@ -24,20 +23,6 @@ from viewer.window.window import Window
 SIZE = (900, 600)
 CLIENT = Path(__file__).with_name("x11_client.py")
 FAKE = CLIENT.parents[1] / "app" / "fake_make.py"
-
-
-@pytest.fixture
-def xdotool(display):
-    """Moves the mouse and presses keys on our display."""
-    program = shutil.which("xdotool")
-    if program is None:
-        missing("xdotool")
-
-    def call(*words: object) -> None:
-        command = [str(program), *(str(word) for word in words)]
-        subprocess.run(command, check=True, env={**os.environ, "DISPLAY": display}, stdout=subprocess.DEVNULL)
-
-    return call
 
 
 @pytest.fixture(scope="module")
