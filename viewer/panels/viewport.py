@@ -83,7 +83,9 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
         if not _hands.holds:
             rig.remember()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
-    if active and (dx or dy):
+    if (
+        active and not imgui.is_item_activated() and (dx or dy)
+    ):  # a slow frame holds the way to where it was pressed, too
         _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
         _drag(app, box, dx, dy)
         app.touch()

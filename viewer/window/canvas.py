@@ -51,9 +51,9 @@ class Canvas:
         self._changed_at = 0.0
         self._tiles: list[Box] | None = None  # still to draw, margin included; None: not begun
         self._done: list[Box] = []
-        self._quick_size = (0, 0)
         self._tile_ms = self._tile_gpu_ms = 0.0
         self.layers: list[Layer] = []
+        self.quick: Layer | None = None  # all of the picture, at the scale of movements
         self.other: Canvas | None = None  # another pack under the same camera
         self.difference: Layer | None = None
         self._difference: Difference | None = None
@@ -131,13 +131,11 @@ class Canvas:
         if name in self._images:
             self._retired.append(self._images.pop(name)[1])
 
-    def subtract(self, other: Layer, size: tuple[int, int], gain: float) -> None:
+    def subtract(self, picture: Layer, other: Layer, size: tuple[int, int], gain: float) -> None:
         """Sets `difference` to |picture - other| · gain, at `size` (width, height in pixels)."""
-        if not self.layers:
-            return
         if self._difference is None:
             self._difference = Difference(self.ctx, self._retired)
-        self.difference = self._difference.draw(self.layers[0], other, size, gain)
+        self.difference = self._difference.draw(picture, other, size, gain)
 
     def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
         """See Stage.distance_at. Asks the renderer for one pixel's depth; None in forward-facing packs."""
@@ -206,14 +204,18 @@ class Canvas:
 
     # Drawing
 
-    def follow(self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution) -> bool:
-        """Draws a quick picture if `layers` do not show this camera and these settings; True where it drew one."""
+    def follow(
+        self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution, *, anew: bool = False
+    ) -> bool:
+        """Draws a quick picture if `layers` do not show this camera and these settings, or if it shall be drawn `anew`; True
+        where it drew one.
+        """
         if self.renderer is None or camera is None:
             self.layers = []
             return False
         self._receive()
         wanted = _key(camera, settings, resolution.rest_scale)
-        if wanted == self._wanted:
+        if wanted == self._wanted and not anew:
             return False
         self._wanted, self._changed_at, self._tiles = wanted, time.monotonic(), None
         self._draw_quick(camera, settings, resolution)
@@ -240,7 +242,7 @@ class Canvas:
 
     def forget(self) -> None:
         """Begins anew with the next draw, after one that failed."""
-        self._wanted, self._tiles, self.layers, self.difference = (), None, [], None
+        self._wanted, self._tiles, self.layers, self.quick, self.difference = (), None, [], None, None
 
     @property
     def pending(self) -> bool:
@@ -257,8 +259,9 @@ class Canvas:
         self._timed(target, drawn, settings, (0, 0, drawn.width, drawn.height))
         self.picture_ms, self.picture_gpu_ms = self.scene_ms, self.gpu_ms
         resolution.moved(self.scene_ms, drawn.width * drawn.height)
-        self._quick_size = self.drawn_size = size
-        self.layers = [self._quick.layer(size)]
+        self.drawn_size = size
+        self.quick = self._quick.layer(size)
+        self.layers = [self.quick]
         if size == _scaled(camera, resolution.rest_scale):
             self._tiles = []
 
@@ -277,7 +280,8 @@ class Canvas:
         self._tile_gpu_ms += self.gpu_ms or 0.0
         self._done.append((x, y - MARGIN, w, h))
         if self._tiles:
-            self.layers = [self._quick.layer(self._quick_size), *(self._full.layer(size, box) for box in self._done)]
+            assert self.quick is not None
+            self.layers = [self.quick, *(self._full.layer(size, box) for box in self._done)]
         else:
             self.layers, self.drawn_size, self.picture_ms = [self._full.layer(size)], size, self._tile_ms
             self.picture_gpu_ms = None if self.gpu_ms is None else self._tile_gpu_ms

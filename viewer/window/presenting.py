@@ -34,13 +34,15 @@ def _present(app: App, canvas: Canvas) -> Drawn | None:
     if comparison.against == "pack" and canvas.other is not None:
         shown.append(canvas.other)
     drew = [each for each in shown if each.follow(*scene)]
+    if drew:  # two pictures that are compared are of one sharpness
+        drew += [each for each in shown if each not in drew and each.follow(*scene, anew=True)]
     for each in shown:
         if not drew and each.sharpen(*scene):  # one tile a frame
             drew = [each]
-    other = other_layers(app, canvas)
-    if comparison.how == "difference" and other:
+    pair = _compared(app, canvas)
+    if comparison.how == "difference" and pair is not None:
         if drew or canvas.difference is None or app.frames_owed:
-            canvas.subtract(other[0], app.viewport.pixels, comparison.gain)
+            canvas.subtract(*pair, app.viewport.pixels, comparison.gain)
     else:
         canvas.difference = None
     if not drew:
@@ -50,6 +52,16 @@ def _present(app: App, canvas: Canvas) -> Drawn | None:
         return None
     gpu = [each.gpu_ms for each in drew if each.gpu_ms is not None]
     return Drawn(sum(each.scene_ms for each in drew), sum(gpu) if gpu else None)
+
+
+def _compared(app: App, canvas: Canvas) -> tuple[Layer, Layer] | None:
+    """All of the picture, and all of what it is compared with; two packs are both quick until both are whole."""
+    other = other_layers(app, canvas)
+    if not other or not canvas.layers:
+        return None
+    if app.comparison.against == "pack" and canvas.other is not None and unfinished(app, canvas):
+        return (canvas.quick, canvas.other.quick) if canvas.quick and canvas.other.quick else None
+    return canvas.layers[0], other[0]
 
 
 def other_layers(app: App, canvas: Canvas) -> list[Layer]:

@@ -351,3 +351,29 @@ def test_all_that_was_grey_somewhere_was_clicked_elsewhere(size):
         pytest.skip("the clicks of this size were not run")
     assert not greyed[size] - clicked[size]
     assert len(clicked[size]) > (120 if size[0] >= NARROW else 40)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_the_picture_takes_the_mouse_after_tab(hand, size):
+    hand.arrange(size, "scene")
+    app, start = hand.window.app, hand.window.app.scene.rig.goal
+    hand.point_at(0.4 * size[0], 0.5 * size[1], "key", "Tab")
+    assert hand.until(lambda: not app.interface.panels_shown)
+    hand.settle()
+    hand.xdotool("mousedown", 1)
+    hand.frames(3)
+    hand.point_at(0.5 * size[0], 0.6 * size[1])
+    hand.frames(3)
+    hand.xdotool("mouseup", 1)
+    assert hand.until(lambda: app.scene.rig.goal.azimuth != start.azimuth)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_a_click_beside_the_help_closes_it(hand, size):
+    hand.arrange(size, "scene")
+    app = hand.window.app
+    hand.point_at(0.5 * size[0], 0.5 * size[1], "key", "F1")
+    assert hand.until(lambda: app.interface.help_shown)
+    hand.settle()
+    hand.point_at(3, size[1] - 3, "click", 1)
+    assert hand.until(lambda: not app.interface.help_shown)

@@ -101,6 +101,18 @@ def test_real_events_move_the_camera_and_run_commands(window, xdotool):
     assert window.ctx.error == "GL_NO_ERROR"
 
 
+def test_a_press_after_a_quick_move_leaves_the_camera_where_it_is(window, xdotool):
+    """Both may come within one slow frame, and the move was not a drag."""
+    start = window.app.scene.rig.goal
+    xdotool("mousemove", 100, 200)
+    pump(window)
+    xdotool("mousemove", 400, 400, "mousedown", 1)
+    pump(window)
+    xdotool("mouseup", 1)
+    pump(window)
+    assert window.app.scene.rig.goal == start
+
+
 def test_the_window_follows_a_new_size(window, xdotool):
     xdotool("search", "--name", "^snerg", "windowsize", "--sync", 1100, 700)
     pump(window, 0.5)
