@@ -17,13 +17,14 @@ from viewer.commands.view import PageName
 from viewer.panels.layout import PAGES
 from viewer.window.window import NoDisplay, Window, display_problem
 
-LIVE = Path(__file__).with_name("live_window.py")
+HERE = Path(__file__).parent
 
 
-def test_the_live_window(display):
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(LIVE)]
+@pytest.mark.parametrize("live", ["live_window.py", "live_keys.py"])
+def test_the_live_window(display, live):
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / live)]
     env = {**os.environ, "DISPLAY": display}
-    done = subprocess.run(command, env=env, cwd=LIVE.parents[3], capture_output=True, text=True, timeout=400)
+    done = subprocess.run(command, env=env, cwd=HERE.parents[2], capture_output=True, text=True, timeout=400)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
