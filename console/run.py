@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import inspect
 import io
 import os
 import sys
@@ -127,7 +128,20 @@ def _deferred(function: Command) -> Command:
     def remember(*args: Any, **kwargs: Any) -> Callable[[], Any]:
         return functools.partial(function, *args, **kwargs)
 
+    if function.__doc__:  # tyro reads that of the function itself
+        function.__doc__ = _unwrapped(function.__doc__)
     return remember
+
+
+def _unwrapped(docstring: str) -> str:
+    """A docstring whose Args are one line each: tyro keeps their line breaks, wherever the terminal's are."""
+    lines: list[str] = []
+    for line in inspect.cleandoc(docstring).splitlines():
+        if line.startswith(" " * 8) and lines:  # below a parameter's name, which is indented by four
+            lines[-1] += f" {line.strip()}"
+        else:
+            lines.append(line)
+    return "\n".join(lines)
 
 
 def unboxed(text: str) -> str:

@@ -100,9 +100,9 @@ def scaling(out: Path, frames: int = 12, resolutions: str = "256,512,750,1000", 
 
     Args:
         out: Folder for scaling-resolution.png, scaling-size.png, scaling-opacity.png and scaling.json.
-        frames: Of one orbit for each point.
-        resolutions: Voxels a side; 1000 takes about 4 GB of memory.
-        sizes: Pixels a side.
+        frames: Number of frames of the orbit that measures each point.
+        resolutions: Voxels per side, separated by commas. 1000 takes about 4 GB of memory.
+        sizes: Width and height of the pictures in pixels, separated by commas.
     """
     if frames < 1:
         raise UserError("needs at least one frame", where="--frames", found=frames)
