@@ -1,4 +1,4 @@
-"""scene_params.json: checked values out of it, and a pack's values back into it (CONTRACT section 3).
+"""scene_params.json: checked values out of it, and a pack's values back into it (docs/format.md).
 
 Sizes are triples (x, y, z) = (width, height, depth). Reading keeps the whole JSON object, so that unknown
 keys and the exact spelling of unchanged numbers survive a load and a save.

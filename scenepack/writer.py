@@ -1,4 +1,4 @@
-"""Packs to disk: `save_pack`, atomically, as a folder or as one .zip (CONTRACT section 3)."""
+"""Packs to disk: `save_pack`, atomically, as a folder or as one .zip (docs/format.md)."""
 
 from __future__ import annotations
 

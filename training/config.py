@@ -167,6 +167,9 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
     if cls is NerfConfig and "view_dependence" in values:  # runs of 0.1.0's first weeks
         values = {**values, "view": "deferred" if values["view_dependence"] else "none"}
         values.pop("view_dependence")
+    if cls is VoxelConfig and "horizon" in values:  # runs of 0.1.0, before it was called by the field's word
+        values = {**values, "early_termination": values["horizon"]}
+        values.pop("horizon")
     unknown = sorted(set(values) - set(names))
     if unknown:
         raise UserError(

@@ -1,4 +1,4 @@
-"""From a trained run to a pack (SNeRG section 5.4): box, culling, supersampling, quantisation, shedding, fine-tuning.
+"""From a trained run to a pack (SNeRG section 5.4): box, culling, supersampling, quantisation, pruning, fine-tuning.
 
 Works macroblock by macroblock, and keeps on disk what is done: no array of N³ × channels is ever made, and a bake that
 was killed goes on where it was (baker.baking.work_folder).
@@ -22,7 +22,7 @@ from baker.baking.supersample import supersample
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.fine_tune import EPOCHS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune
-from baker.tuning.pruning import TAU_WEIGHT, shed
+from baker.tuning.pruning import TAU_WEIGHT, prune
 from baker.view_mlp import from_params
 from console import UserError, progress
 from console.progress import Progress
@@ -115,8 +115,8 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
             restore_padding(part, atlas[0], BLOCK_SIZE)
     counts, removed = culling.counts(), None
     if config.least_weight > 0:
-        with stages("shedding"), progress("emptying faint voxels", 1.0) as bar:
-            pack, removed = shed(pack, run.dataset, config.least_weight, config.seed, bar.update)
+        with stages("pruning"), progress("emptying faint voxels", 1.0) as bar:
+            pack, removed = prune(pack, run.dataset, config.least_weight, config.seed, bar.update)
         counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
     if config.fine_tune != "none":
@@ -147,7 +147,7 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
 def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
     """Makes pieces of a bake that another process ends, until none is missing: density and content of macroblocks.
 
-    What comes after (shedding, fine-tuning) is not shared.
+    What comes after (pruning, fine-tuning) is not shared.
     """
     _require_bakeable(run, config)
     with suppress(BakeEnded):

@@ -1,4 +1,4 @@
-"""`snerg-bake RUN --out PACK`: a trained run becomes a pack (CONTRACT section 4)."""
+"""`snerg-bake RUN --out PACK`: a trained run becomes a pack (docs/commands.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`snerg-make SCENE --out DIR`: photographs to fly-through in one line (CONTRACT section 4)."""
+"""`snerg-make SCENE --out DIR`: photographs to fly-through in one line (docs/commands.md)."""
 
 from __future__ import annotations
 

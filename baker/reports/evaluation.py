@@ -1,4 +1,4 @@
-"""How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (CONTRACT section 4, snerg-eval).
+"""How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (docs/commands.md, snerg-eval).
 
 Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
 pictures (section 6, real 360° scenes), since otherwise what lies outside of the box would decide: `by_alpha`.

@@ -226,6 +226,11 @@ def test_a_config_goes_through_json_and_back(name: str):
     assert from_json(TrainConfig, written, "config.json") == PRESETS[name]
 
 
+def test_a_config_from_before_early_termination_had_its_name_is_still_read():
+    stored = {"method": "voxels", "voxels": {"horizon": 0.01}}
+    assert from_json(TrainConfig, stored, "config.json").voxels.early_termination == 0.01
+
+
 def test_a_checkpoint_of_another_version_is_told_in_one_line(unbroken: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(NerfMethod, "restore", lambda self, arrays: arrays["what a later version keeps"])
     with pytest.raises(UserError, match=r"another version of snerg.*what a later version keeps") as caught:

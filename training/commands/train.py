@@ -1,4 +1,4 @@
-"""`snerg-train SCENE --out RUN`: photographs to a trained deferred NeRF (CONTRACT section 4)."""
+"""`snerg-train SCENE --out RUN`: photographs to a trained deferred NeRF (docs/commands.md)."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ LOOKED_FOR = "poses_bounds.npy with images or images_K (LLFF)"
 BOUNDS_FACTOR = 0.75
 NEAR_360, FAR_360 = 0.45, 100.0  # at most, and at least: in units of the cameras' distance
 HALF_SIDE_360 = 1.2  # of the box that holds the content, likewise: at most
-NDC_WORLDSPACE_T_OPENGL = np.diag([1.0, 1.0, -1.0, 1.0])  # CONTRACT section 3
+NDC_WORLDSPACE_T_OPENGL = np.diag([1.0, 1.0, -1.0, 1.0])  # docs/format.md, "Coordinate frames"
 PICTURES = (".png", ".jpg", ".jpeg")
 
 

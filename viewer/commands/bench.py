@@ -1,4 +1,4 @@
-"""snerg-bench: the paper's measurement of frame times (CONTRACT section 4; SNeRG paper, appendix B)."""
+"""snerg-bench: the paper's measurement of frame times (docs/commands.md; SNeRG paper, appendix B)."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
 
 
 def figures(measurement: Measurement) -> dict[str, Any]:
-    """The measured part of the JSON that CONTRACT section 4 promises, and the ablations."""
+    """The measured part of the JSON that docs/commands.md promises, and the ablations."""
     ours, *others = measurement.contenders
     result: dict[str, Any] = {
         **ours.statistics(),

@@ -1,4 +1,4 @@
-"""snerg-render: offscreen pictures of a pack (CONTRACT section 4)."""
+"""snerg-render: offscreen pictures of a pack (docs/commands.md)."""
 
 from __future__ import annotations
 
