@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from console import UserError, run_command
+from console.atomic import write_file
 
 DESCRIPTION = "Size, quality and time of every codec on one pack, as a table."
 # Each codec as it comes, and what places them on one curve.
@@ -42,12 +43,12 @@ def codec_report(
     """Writes a pack with every codec and tabulates size, quality through OpenGL, and time.
 
     Args:
-        pack: The pack, a folder or a .zip; one that has lost nothing yet (png or webp).
+        pack: A lossless pack (png or webp), a folder or a .zip.
         scene: Folder of the photographs.
         downscale: Divide width and height of the photographs by this whole number.
-        split: Which photographs: test, train or val.
-        out: Markdown file to write; the figures go beside it as .json.
-        quick: Only each codec's default quality.
+        split: Which photographs to use: test, train or val.
+        out: Also write the table to this Markdown file, and the figures to a .json next to it.
+        quick: Measure only the default quality of each codec.
     """
     from training.scenes import load_scene
 
@@ -63,8 +64,8 @@ def codec_report(
     if out is not None:
         try:
             out.parent.mkdir(parents=True, exist_ok=True)
-            out.write_text(table + "\n", encoding="utf-8")
-            out.with_suffix(".json").write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+            write_file(out, table + "\n")
+            write_file(out.with_suffix(".json"), json.dumps(rows, indent=2) + "\n")
         except OSError as error:
             raise UserError(f"cannot be written: {error.strerror or error}", where=out) from error
 

@@ -91,7 +91,7 @@ def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
 
 def _child() -> SimpleNamespace:
     """A process that works on and on."""
-    report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0)
+    report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training")
     child = SimpleNamespace(stopping=False, killed=False, poll=lambda: None, report=lambda: report)
     child.stop = lambda: setattr(child, "stopping", True)
     child.kill = lambda: setattr(child, "killed", True)

@@ -206,7 +206,7 @@ def test_the_crop_box_is_drawn_around_the_picture_of_the_same_camera(window, xdo
     app = window.app
     app.interface.page = "crop"
     app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
-    app.crop.tool = "move"
+    app.crop_tool = "move"
     app.scene.rig.dolly(-4)
     app.scene.rig.settle()
     pump(window)
