@@ -208,7 +208,7 @@ def test_the_questions_how_to_make_a_scene_look_as_before(ui, app, compare, phot
 def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
     child = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
     job = app.making.job = Job(plan_of(photographs), child)
-    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0)
+    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training")
     job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
     with Image.open(photographs / "test" / "r_0.png") as opened:
         shown = np.asarray(opened.convert("RGB").resize((256, 256)))
