@@ -15,7 +15,7 @@ from unittest import mock
 
 import tyro
 
-from console.driven import ending_with_stdin
+from console.driven import Reporter, ending_with_stdin
 from console.errors import UserError, refusal
 from console.notices import plain_notices
 
@@ -62,6 +62,7 @@ def run_command(
         return DONE
     except Exception as error:
         line = _mendable(error)
+        Reporter().tell_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
         if line is None:
             traceback.print_exc()
             _say(prog, "this is a bug in snerg; please report the lines above")
@@ -116,7 +117,9 @@ def _parse(
     box = io.StringIO()
     with mock.patch.dict(os.environ, _WIDE), contextlib.redirect_stderr(box), contextlib.suppress(SystemExit):
         parse()
-    _say(prog, f"{unboxed(box.getvalue())}; see {prog} --help")
+    line = f"{unboxed(box.getvalue())}; see {prog} --help"
+    Reporter().tell_failure(prog, line)
+    _say(prog, line)
     return USER_CAN_MEND
 
 

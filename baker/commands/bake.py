@@ -98,7 +98,7 @@ def bake_to(
 
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
     """
-    from baker.baking.bake import Stages, bake, work_key
+    from baker.baking.bake import STAGE, Stages, bake, work_key
     from baker.baking.work_folder import AGAIN, WorkFolder, work_beside
     from scenepack import save_pack
 
@@ -108,7 +108,7 @@ def bake_to(
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
         pack = bake(run, config, work, stages)
-        with stages("writing"), progress("writing the pack", 1) as bar:
+        with stages("writing"), progress("writing the pack", 1, stage=STAGE) as bar:
             save_pack(pack, out, codec=codec, on_progress=lambda done, total: bar.update(done / total))
     except KeyboardInterrupt as interrupt:
         raise KeyboardInterrupt(AGAIN) from interrupt

@@ -23,8 +23,9 @@ from console.plots import Line, draw_plot
 from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp, pack_of_cube
-from viewer.benchmark.frames import Contender, measure
+from viewer.benchmark.frames import measure
 from viewer.rendering.camera import orbit_path
+from viewer.rendering.frame_times import Contender
 from viewer.rendering.settings import RenderSettings
 
 DESCRIPTION = "Plots frame time against grid resolution, picture size and opacity, on carved scenes."

@@ -14,7 +14,8 @@ from console.arguments import parse_size
 from console.atomic import write_file
 from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
-from viewer.benchmark.frames import PROTOCOLS, Contender, Measurement, measure
+from viewer.benchmark.frames import Measurement, measure
+from viewer.rendering.frame_times import PROTOCOLS, Contender
 from viewer.rendering.settings import RenderSettings
 
 NO_SPARSITY = "exact, no sparsity loss"

@@ -18,6 +18,7 @@ from viewer.app import preferences
 from viewer.app.application import App
 from viewer.app.comparison import How
 from viewer.app.files import kind_of
+from viewer.app.forward_facing import rig_for
 from viewer.app.pose import pose_from_text
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
@@ -162,7 +163,7 @@ def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
         raise UserError("is not a pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
     loaded = load_pack(chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
-    for written in fly_over(loaded, name_of(chosen), OUT, RenderSettings(mode=mode)):
+    for written in fly_over(loaded, name_of(chosen), OUT, rig_for(loaded).fov, RenderSettings(mode=mode)):
         print(written)
 
 
