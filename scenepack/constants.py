@@ -1,7 +1,7 @@
 """Numbers that Python and GLSL share, and numbers that rooms share which may import nothing else of one another.
 
 Python owns them; shaders receive them as #define (see viewer.rendering.shader_source).
-Source: CONTRACT sections 2 and 3; SNeRG paper sections 5.1-5.5 and appendices A and C.3.
+Source: docs/rendering.md and docs/format.md; SNeRG paper sections 5.1-5.5 and appendices A and C.3.
 """
 
 ALPHA_CONTRIBUTES = 0.5 / 255.0  # a sample contributes where its interpolated alpha exceeds this

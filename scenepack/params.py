@@ -1,4 +1,4 @@
-"""scene_params.json: checked values out of it, and a pack's values back into it (CONTRACT section 3).
+"""scene_params.json: checked values out of it, and a pack's values back into it (docs/format.md).
 
 Sizes are triples (x, y, z) = (width, height, depth). Reading keeps the whole JSON object, so that unknown
 keys and the exact spelling of unchanged numbers survive a load and a save.
@@ -62,7 +62,7 @@ def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> Params
             remedy="copy the pack again",
         ) from error
     if not isinstance(raw, dict):
-        raise UserError("is no JSON object", where=where, expected="{…}", found=_short(raw))
+        raise UserError("is not a JSON object", where=where, expected="{…}", found=_short(raw))
     return _Checker(raw, where, note).params()
 
 

@@ -4,7 +4,7 @@ What follows is for the published layout, PNG; other codecs store pieces (see sc
 part holds the atlas's z-planes 4k … 4k + 3, stacked vertically (see scenepack.codecs.png). Opening checks the JSON, the
 indirection grid and the header of every image, so that nothing large is allocated on the word of one file alone;
 decoding then runs in threads, straight into the atlas arrays.
-Untidy packs (CONTRACT section 3) are mended with one PackWarning each; the rest is refused with a UserError.
+Untidy packs (docs/format.md) are mended with one PackWarning each; the rest is refused with a UserError.
 """
 
 from __future__ import annotations
@@ -72,7 +72,9 @@ def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: 
         else:
             if _identity(path) == before:
                 return pack
-    raise UserError("keeps changing while it is read", where=path, remedy="wait until its writer is done")
+    raise UserError(
+        "keeps changing while it is read", where=path, remedy="wait until the other program has finished writing it"
+    )
 
 
 def open_pack(path: Path) -> PackReader:

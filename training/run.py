@@ -141,7 +141,7 @@ def _newest_checkpoint(path: Path) -> tuple[int, dict[str, np.ndarray]]:
                 where=path,
                 expected=f"step {first_step}",
                 found=f"step {step}",
-                remedy="the run's folder must be one that all hosts share",
+                remedy="use a folder that all hosts share",
             )
     return step, arrays
 

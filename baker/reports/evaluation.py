@@ -1,4 +1,4 @@
-"""How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (CONTRACT section 4, snerg-eval).
+"""How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (docs/commands.md, snerg-eval).
 
 Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
 pictures (section 6, real 360° scenes), since otherwise what lies outside of the box would decide: `by_alpha`.
@@ -63,7 +63,7 @@ def evaluate(
             scores.append(score(photograph, picture, truth))
             if images is not None:
                 save_comparison(images / f"{Path(photograph.name).stem}.png", picture, truth)
-            bar.advance(note=f"PSNR {np.mean([s.psnr for s in scores]):.2f} dB")
+            bar.advance(metrics={"psnr": float(np.mean([s.psnr for s in scores]))})
     return {
         **{key: _mean([getattr(s, key) for s in scores]) for key in ("psnr", "ssim", "lpips")},
         "views": [vars(s) for s in scores],

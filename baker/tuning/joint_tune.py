@@ -107,7 +107,7 @@ def gather(scene: Scene, voxels: jax.Array, dataset: RayDataset, ids: jax.Array,
 def shown(
     sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, background: tuple[float, ...], ndc: bool
 ) -> jax.Array:
-    """[R, 3] what the viewer makes of accumulated rays (CONTRACT section 2), above 1 not yet clamped."""
+    """[R, 3] what the viewer makes of accumulated rays (docs/rendering.md, "Shading"), above 1 not yet clamped."""
     diffuse, features, behind = over_background(sums, background, ndc)
     if head is None:
         return diffuse

@@ -1,4 +1,4 @@
-"""A baked pack as JAX arrays, marched as the viewer marches it (CONTRACT section 2).
+"""A baked pack as JAX arrays, marched as the viewer marches it (docs/rendering.md).
 
 Notation: B = block_size + 2; slots number the occupied macroblocks; `voxels` uint8 [slots B³, 8] holds their padded copies
 as rgb, alpha, features, each premultiplied by alpha. Grid coordinates g are in voxels from the grid's corner.
@@ -99,7 +99,7 @@ class Accumulated(NamedTuple):
 def over_background(
     sums: Accumulated, background: tuple[float, ...], ndc: bool
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Diffuse colour [N, 3] over the background, features [N, 4] and T [N] of what was accumulated (CONTRACT section 2)."""
+    """Diffuse colour [N, 3] over the background, features [N, 4] and T [N] of what was accumulated (docs/rendering.md)."""
     colour, features, behind = sums
     if ndc:  # forward-facing: partially un-premultiplied (appendix C.3)
         alpha = 1.0 - behind
@@ -174,7 +174,7 @@ def pack_rays(pack: Pack, dataset: RayDataset) -> GridFrameRays:
 
 
 def composite(samples: Samples, values: jax.Array, rays: int, per_ray: int) -> Accumulated:
-    """Front-to-back compositing of interpolated premultiplied values [S, 8] in [0, 1], by the rules of CONTRACT section 2."""
+    """Front-to-back compositing of interpolated premultiplied values [S, 8] in [0, 1], by the rules of docs/rendering.md."""
     alpha = jnp.where(samples.valid & (values[:, 3] > ALPHA_CONTRIBUTES), values[:, 3], 0.0)
     tau = -jnp.log1p(-jnp.minimum(alpha, MAX_ALPHA))
     before, _ = transmittance(samples, tau, rays, per_ray)

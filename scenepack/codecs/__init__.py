@@ -6,7 +6,7 @@ atlas as compresses best (`pieces`), and keep what they need to know under "sner
 - h264: the paper's video: the atlas's planes as frames (`h264`; needs PyAV).
 - webp: lossless, planes of the grid (`webp`).
 - avif: planes of the grid as frames of AV1, alpha and straight colours apart (`avif`).
-To add one, implement PieceCodec and list it in CODECS; docs/codecs.md has the figures.
+To add one, implement PieceCodec and list it in CODECS; docs/results.md has the figures.
 """
 
 from __future__ import annotations
@@ -57,9 +57,7 @@ def chosen_quality(codec: Codec, quality: int | None) -> int | None:
     if quality is None:
         return usual
     if usual is None:
-        raise UserError(
-            "loses nothing and takes no quality", where=f"--codec {codec.name}", remedy="leave --quality out"
-        )
+        raise UserError("is lossless and has no quality", where=f"--codec {codec.name}", remedy="leave out --quality")
     if not 1 <= quality <= 100:
         raise UserError("is out of range", where="--quality", expected="1 to 100", found=quality)
     return quality

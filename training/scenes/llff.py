@@ -28,7 +28,7 @@ LOOKED_FOR = "poses_bounds.npy with images or images_K (LLFF)"
 BOUNDS_FACTOR = 0.75
 NEAR_360, FAR_360 = 0.45, 100.0  # at most, and at least: in units of the cameras' distance
 HALF_SIDE_360 = 1.2  # of the box that holds the content, likewise: at most
-NDC_WORLDSPACE_T_OPENGL = np.diag([1.0, 1.0, -1.0, 1.0])  # CONTRACT section 3
+NDC_WORLDSPACE_T_OPENGL = np.diag([1.0, 1.0, -1.0, 1.0])  # docs/format.md, "Coordinate frames"
 PICTURES = (".png", ".jpg", ".jpeg")
 
 
@@ -145,7 +145,7 @@ def spherify(P: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     try:
         centre = focus_point(P)
     except np.linalg.LinAlgError as error:
-        raise UserError("the cameras all look the same way, at no point in common", where="poses_bounds.npy",
+        raise UserError("all cameras look the same way, so they have no common centre", where="poses_bounds.npy",
                         remedy="leave out --spherify") from error  # fmt: skip
     z = normalised((P[:, :3, 3] - centre).mean(0))
     x = normalised(np.cross([0.1, 0.2, 0.3], z))  # any direction across; this one is NeRF's

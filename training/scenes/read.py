@@ -1,4 +1,4 @@
-"""load_scene: recognises a folder's layout and reads it (CONTRACT section 5).
+"""load_scene: recognises a folder's layout and reads it (docs/scenes.md).
 
 A layout is a module with LOOKED_FOR (what to tell a user was looked for), recognises(path) and read(path,
 downscale).
@@ -27,9 +27,9 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
     """
     path, options = Path(path), _checked(replace(options, **changes))
     if not path.exists():
-        raise UserError("no such folder", where=path, expected="a scene: a folder of posed photographs")
+        raise UserError("no such folder", where=path, expected="a scene: a folder of photographs with camera poses")
     if not path.is_dir():
-        raise UserError("not a folder", where=path, expected="a scene: a folder of posed photographs")
+        raise UserError("not a folder", where=path, expected="a scene: a folder of photographs with camera poses")
     if not any(path.iterdir()):
         raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
     for layout in LAYOUTS:

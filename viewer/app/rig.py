@@ -144,7 +144,7 @@ class CameraRig:
     def take_over(self) -> None:
         """Leaves a held camera, from exactly there (but level): the next movement starts from what is seen."""
         if self.held is not None:
-            seen = 0.5 * max(self.held.height / self.held.fy, self.held.width / self.held.fx / self.aspect)
+            seen = 0.5 * max(self.held.height, self.held.width / self.aspect) / self.held.fy  # see fitted()
             self.fov = float(np.clip(np.degrees(2.0 * np.arctan(seen)), *FOVS))
             self._let_go()
 
