@@ -19,7 +19,7 @@ from console import Notice, UserError
 from scenepack.pack import Pack
 from viewer.app.comparison import Comparison
 from viewer.app.crop import CropEdits
-from viewer.app.files import FileRequest, kind_of, pack_in
+from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
 from viewer.app.loading import Loading
@@ -161,6 +161,7 @@ class App:
         self.touch()
 
     def _drop(self, path: Path) -> None:
+        path = scene_around(path)
         kind = kind_of(path)
         if kind == "scene" or kind == "run":
             self.making.offer(self, kind, path)

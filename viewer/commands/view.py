@@ -15,11 +15,12 @@ import tyro
 from console import UserError, run_command
 from console.arguments import join_negative_values
 from console.arguments import parse_size as parse_pixels
+from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
 from viewer.app import preferences
 from viewer.app.application import App
 from viewer.app.comparison import How
-from viewer.app.files import kind_of
+from viewer.app.files import kind_of, scene_around
 from viewer.app.pose import pose_from_text
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
@@ -29,6 +30,7 @@ from viewer.window.window import NoDisplay, Window, display_problem
 
 DEMO = "demo.zip"
 OUT = Path("out")
+SCRIPTED = ("--frames", "--screenshot")
 PageName = Literal["view", "camera", "crop", "photographs", "compare", "film", "performance", "log"]
 
 
@@ -167,6 +169,7 @@ def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
     chosen = path or demo_pack()
     if chosen is None:
         raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
+    chosen = scene_around(chosen)
     if kind_of(chosen) in ("scene", "run"):
         command = "snerg-make" if kind_of(chosen) == "scene" else "snerg-bake"
         raise UserError("is no pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
@@ -179,7 +182,8 @@ def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-view; returns the exit status."""
     words = join_negative_values(sys.argv[1:] if args is None else args, ("--pose",))
-    return run_command(view, prog="snerg-view", args=words)
+    scripted = any(word.startswith(SCRIPTED) for word in words)  # nobody is there to close a box
+    return run_command(view, prog="snerg-view", args=words, on_failure=None if scripted else tell_if_unseen)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from viewer.app.making import LOOKED_AT_EVERY_S
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.panels import theme
 from viewer.panels.ui import SystemClipboard, Ui
+from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.window.canvas import Canvas
 from viewer.window.presenting import awaited, present, unfinished
 
@@ -50,7 +51,10 @@ def display_problem() -> str | None:
 
 
 class Window:
-    """A window on `app`. Raises NoDisplay where GLFW cannot open one. size: width, height in screen units."""
+    """A window on `app`. Raises NoDisplay where there is no display, UserError where it lacks OpenGL.
+
+    size: width, height in screen units.
+    """
 
     def __init__(self, app: App, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
         problem = display_problem()
@@ -258,6 +262,17 @@ def _notices_logged(log: Callable[[str, str], None]) -> Iterator[None]:
         yield
 
 
+def _version_at_hand() -> str:
+    """What OpenGL a window may have here, where it is older than ours; "" where there is none."""
+    glfw.default_window_hints()
+    glfw.window_hint(glfw.VISIBLE, False)
+    handle = glfw.create_window(16, 16, "snerg", None, None)
+    if not handle:
+        return ""
+    glfw.make_context_current(handle)
+    return version_at(ctypes.cast(glfw.get_proc_address("glGetString"), ctypes.c_void_p).value)
+
+
 def _text(told: Any) -> str:
     return told.decode(errors="replace") if isinstance(told, bytes) else str(told)
 
@@ -281,8 +296,10 @@ def _open(size: tuple[int, int], visible: bool):
         glfw.window_hint(hint, value)
     handle = glfw.create_window(*size, "snerg", None, None)
     if not handle:
+        complaint = complaints[-1] if complaints else ""
+        version = _version_at_hand()
         glfw.terminate()
-        raise NoDisplay(f"no window can be opened: {complaints[-1] if complaints else 'no OpenGL 3.3'}")
+        raise opengl_refusal(version, complaint, window=True)
     glfw.set_window_size_limits(handle, *SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
     glfw.make_context_current(handle)
     glfw.swap_interval(1)
