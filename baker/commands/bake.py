@@ -33,6 +33,7 @@ def snerg_bake(
     seed: int = 0,
     processes: int | None = None,
     process_id: int | None = None,
+    pictures: int = 0,
 ) -> None:
     """Bakes a trained run into a pack.
 
@@ -50,6 +51,7 @@ def snerg_bake(
         processes: How many processes bake this pack together, each with the same line, on hosts that share the folders of
             run and pack (docs/distributed.md; Slurm and MPI tell it themselves).
         process_id: Which of them this one is, from 0, which writes the pack.
+        pictures: Bring the photographs along, at most this many pixels a side, for viewers on other computers; 0 for none.
     """
     from baker.baking.bake import BakeConfig  # JAX starts here, not for --help
     from scenepack import check_target
@@ -61,7 +63,7 @@ def snerg_bake(
     if share.helps:
         help_with(load_run(run), config, out, share)
     else:
-        bake_to(load_run(run), config, out, codec, share)
+        bake_to(load_run(run), config, out, codec, share, pictures)
 
 
 def share_of(processes: int | None, process_id: int | None) -> Share:
@@ -90,20 +92,21 @@ def help_with(run: Run, config: BakeConfig, out: Path, share: Share) -> None:
 
 
 def bake_to(
-    run: Run, config: BakeConfig, out: Path, codec: str = "png", share: Share | None = None
+    run: Run, config: BakeConfig, out: Path, codec: str = "png", share: Share | None = None, pictures: int = 0
 ) -> dict[str, float]:
     """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it.
 
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
     """
     from baker.baking.bake import Stages, bake, work_key
+    from baker.baking.pictures import with_pictures
     from baker.baking.work_folder import AGAIN, WorkFolder, work_beside
     from scenepack import save_pack
 
     stages = Stages()
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
-        pack = bake(run, config, work, stages)
+        pack = with_pictures(bake(run, config, work, stages), run.scene, pictures)
         with stages("writing"), progress("writing the pack", 1) as bar:
             save_pack(pack, out, codec=codec, on_progress=lambda done, total: bar.update(done / total))
     except KeyboardInterrupt as interrupt:

@@ -115,6 +115,10 @@ class App:
         self.scene, self.filming = None, Filming(size=self.filming.size, fps=self.filming.fps)
         self.touch()
 
+    def quit(self) -> None:
+        """Ends the program with the next turn of its loop, without a question."""
+        self.quitting = True
+
     def use(self, preferences: Preferences) -> None:
         """Takes over what was remembered."""
         self.preferences = preferences

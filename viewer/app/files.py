@@ -49,8 +49,7 @@ def kind_of(path: Path) -> Kind:
         return "scene"
     if any((path / folder / "config.json").is_file() for folder in ("", "run")):
         return "run"  # of snerg-train; or what snerg-make left when it was stopped
-    pictures = path.is_dir() and any(child.suffix.lower() in PICTURES for child in path.iterdir())
-    return "pictures" if pictures else "unknown"
+    return "pictures" if _holds_pictures(path) else "unknown"
 
 
 def pack_in(path: Path) -> Path:
@@ -62,9 +61,16 @@ def pack_in(path: Path) -> Path:
 
 
 def scene_around(path: Path) -> Path:
-    """`path`, or where it is a folder of pictures inside a scene (SCENE/images, SCENE/train), that scene."""
-    parent = path.resolve().parent
-    return parent if kind_of(path) == "pictures" and _is_scene(parent) else path
+    """`path`, or where it is a folder of pictures inside a scene (SCENE/images, SCENE/images/left), that scene."""
+    if not path.is_dir() or kind_of(path) not in ("pictures", "unknown"):
+        return path
+    if not any(_holds_pictures(folder) for folder in (path, *path.glob("*/"))):
+        return path
+    return next((parent for parent in path.resolve().parents[:2] if _is_scene(parent)), path)
+
+
+def _holds_pictures(folder: Path) -> bool:
+    return folder.is_dir() and any(child.suffix.lower() in PICTURES for child in folder.iterdir())
 
 
 def existing_folder(path: Path) -> Path:

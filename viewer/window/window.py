@@ -32,6 +32,7 @@ from viewer.window.presenting import awaited, present, unfinished
 
 import glfw  # isort: skip  (after imgui_bundle, which viewer.panels imports)
 
+PROGRAM = "snerg"
 SMALLEST = (480, 360)
 IDLE_WAIT_S = 1.0
 BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
@@ -72,7 +73,7 @@ class Window:
         self._listen()
         self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value)
         app.clipboard = SystemClipboard()
-        self._v_sync = True
+        self._v_sync, self._title = True, PROGRAM
         self._last = time.monotonic()
 
     def _listen(self) -> None:
@@ -102,11 +103,12 @@ class Window:
 
     # The loop
 
-    def run(self) -> None:
-        """Until the window is closed or the app quits."""
+    def run(self, each: Callable[[], None] = lambda: None) -> None:
+        """Until the window is closed or the app quits. each: called in every turn of the loop, at least once a second."""
         with _notices_logged(self.app.messages.log):
             while not self.app.quitting:
                 self.step()
+                each()
                 if glfw.window_should_close(self.handle):
                     glfw.set_window_should_close(self.handle, False)
                     self.app.making.ask_to_quit(self.app)
@@ -139,6 +141,7 @@ class Window:
         frame_ms = 1000.0 * (now - self._last)
         self._last = now
         self._follow_full_screen()
+        self._follow_title()
         if self.app.interface.v_sync != self._v_sync:
             self._v_sync = self.app.interface.v_sync
             glfw.swap_interval(int(self._v_sync))
@@ -181,6 +184,13 @@ class Window:
         self._placed = (*glfw.get_window_pos(self.handle), *glfw.get_window_size(self.handle))
         mode = glfw.get_video_mode(monitor)
         glfw.set_window_monitor(self.handle, monitor, 0, 0, *mode.size, mode.refresh_rate)
+
+    def _follow_title(self) -> None:
+        scene = self.app.scene
+        title = PROGRAM if scene is None else f"{scene.name} – {PROGRAM}"
+        if title != self._title:
+            self._title = title
+            glfw.set_window_title(self.handle, title)
 
     # Pictures of the window
 
@@ -230,6 +240,16 @@ class Window:
             return self._placed[2], self._placed[3]
         return glfw.get_window_size(self.handle)
 
+    @property
+    def layout(self) -> str:
+        """Where the pages are docked, to be remembered."""
+        return self.ui.layout if self.ui.scale else self.app.interface.layout
+
+    @property
+    def on_x11(self) -> bool:
+        """Whether it is an X server that shows it."""
+        return glfw.get_platform() == glfw.PLATFORM_X11
+
     def close(self) -> None:
         """Frees everything and closes the window."""
         self.app.making.end()
@@ -266,7 +286,7 @@ def _version_at_hand() -> str:
     """What OpenGL a window may have here, where it is older than ours; "" where there is none."""
     glfw.default_window_hints()
     glfw.window_hint(glfw.VISIBLE, False)
-    handle = glfw.create_window(16, 16, "snerg", None, None)
+    handle = glfw.create_window(16, 16, PROGRAM, None, None)
     if not handle:
         return ""
     glfw.make_context_current(handle)
@@ -294,7 +314,9 @@ def _open(size: tuple[int, int], visible: bool):
         (glfw.DEPTH_BITS, 0),
     ):
         glfw.window_hint(hint, value)
-    handle = glfw.create_window(*size, "snerg", None, None)
+    for hint in (glfw.X11_CLASS_NAME, glfw.X11_INSTANCE_NAME, glfw.WAYLAND_APP_ID):  # what desktops group windows by
+        glfw.window_hint_string(hint, PROGRAM)
+    handle = glfw.create_window(*size, PROGRAM, None, None)
     if not handle:
         complaint = complaints[-1] if complaints else ""
         version = _version_at_hand()

@@ -117,7 +117,7 @@ def test_real_events_move_the_camera_and_run_commands(window, xdotool):
 
 
 def test_the_window_follows_a_new_size(window, xdotool):
-    xdotool("search", "--name", "^snerg", "windowsize", "--sync", 1100, 700)
+    xdotool("search", "--class", "^snerg$", "windowsize", "--sync", 1100, 700)
     pump(window, 0.5)
     assert window.app.viewport.height > 640
     assert window.screenshot().shape == (700, 1100, 3)
