@@ -198,6 +198,8 @@ class App:
             self.touch(2)
         self.filming.tick(self, seconds)
         self.comparison.tick(self, seconds)
+        if self.messages.toast_changed():
+            self.touch()
 
     def touch(self, frames: int = FRAMES_AFTER_EVENT) -> None:
         """Something changed: the next frames must be drawn."""
@@ -205,7 +207,7 @@ class App:
 
     @property
     def wants_frame(self) -> bool:
-        return self.frames_owed > 0 or self.messages.toast_left > 0
+        return self.frames_owed > 0
 
     def drew(self) -> None:
         """The window drew a frame."""

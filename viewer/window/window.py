@@ -118,7 +118,7 @@ class Window:
         app = self.app
         if app.wants_frame or self._touched:
             glfw.poll_events()
-        elif awaited(app) or unfinished(self.app, self.canvas):
+        elif awaited(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
             glfw.wait_events_timeout(BUSY_WAIT_S)
         elif app.making.busy:
             glfw.wait_events_timeout(LOOKED_AT_EVERY_S)
@@ -130,7 +130,7 @@ class Window:
             app.touch()
         now = time.monotonic()
         app.tick(min(now - self._last, LONGEST_STEP_S))
-        if not (app.wants_frame or unfinished(self.app, self.canvas) or self.ui.typing):
+        if not (app.wants_frame or unfinished(self.app, self.canvas) or self.ui.typing or self.ui.fonts_coming):
             return False
         self._frame(now)
         return True
@@ -200,7 +200,7 @@ class Window:
             self.app.touch(1)
             self.step()
         for _ in range(SETTLE_ROUNDS):
-            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas))
+            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming)
             for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
                 self.app.touch(1)
                 self.step()
