@@ -12,6 +12,7 @@ _REFUSED = {errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, 
 _NOT_WRITTEN = {
     errno.ENOENT: ("there is no such folder, and none can be made", "choose a folder that is there"),
     errno.ENOTDIR: ("a part of the path is a file, not a folder", "choose another folder"),
+    errno.EEXIST: ("a part of the path is a file, not a folder", "choose another folder"),
     errno.EISDIR: ("a folder of that name is there", "choose another name"),
     errno.EACCES: ("writing there is not permitted", "choose a folder of your own"),
     errno.EPERM: ("writing there is not permitted", "choose a folder of your own"),
