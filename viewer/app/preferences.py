@@ -19,7 +19,7 @@ from typing import Any
 import platformdirs
 
 from console import not_written
-from scenepack.atomic import replacing
+from console.atomic import write_file
 
 try:
     import fcntl
@@ -89,8 +89,7 @@ def save(preferences: Preferences, file: Path, before: Preferences | None = None
                 others = _like(there.get("recent"), []) or []
                 wanted["recent"] = merged_recent(opened, others)
                 wanted = {name: value for name, value in wanted.items() if value != old[name]}
-            with replacing(file, folder=False) as aside:
-                aside.write_text(json.dumps({**there, **wanted}, indent=1), encoding="utf-8")
+            write_file(file, json.dumps({**there, **wanted}, indent=1))
         preferences.recent = list(wanted.get("recent", preferences.recent))
     except OSError as error:
         words, remedy = not_written(error)
