@@ -81,7 +81,7 @@ def save(preferences: Preferences, file: Path, before: Preferences | None = None
     try:
         file = file.resolve()  # what a link leads to
         file.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(file.with_name(f"{file.name}.lock")):
+        with _locked(file):
             there, wanted = _read(file), asdict(preferences)
             if before is not None and there:
                 old = asdict(before)
@@ -121,7 +121,10 @@ def _read(file: Path) -> dict[str, Any]:
 @contextmanager
 def _locked(file: Path) -> Iterator[None]:
     """Holds a lock while one viewer reads and writes; without it where another keeps it too long, or none is to be had."""
-    handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)
+    if fcntl is not None:
+        handle = os.open(file.parent, os.O_RDONLY)  # the folder: the file itself is another one after each save
+    else:
+        handle = os.open(file.with_name(f"{file.name}.lock"), os.O_RDWR | os.O_CREAT, 0o600)
     try:
         end = time.monotonic() + LOCK_PATIENCE_S
         while not _lock(handle) and time.monotonic() < end:
