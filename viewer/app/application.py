@@ -31,11 +31,11 @@ from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
 from viewer.app.projection import rays_through
 from viewer.app.ray_costs import CostMeter
-from viewer.app.resolution import Governor
 from viewer.app.rig import FOVS, CameraRig
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Stage, Viewport, name_of
 from viewer.app.timing import FrameTimes
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.rendering.settings import RenderSettings
 
 
@@ -46,7 +46,7 @@ class App:
     stage: Stage | None = None
     scene: OpenScene | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
-    governor: Governor = field(default_factory=Governor)
+    resolution: DynamicResolution = field(default_factory=DynamicResolution)
     times: FrameTimes = field(default_factory=FrameTimes)
     costs: CostMeter = field(default_factory=CostMeter)
     crop_tool: crop.Tool = "faces"  # what the mouse does to the crop box
@@ -136,8 +136,8 @@ class App:
         self.interface.page = preferences.page
         self.interface.moved, self.interface.layout = list(preferences.moved), preferences.layout
         self.settings = replace(self.settings, background=preferences.background)
-        self.governor.target_fps, self.governor.enabled = preferences.target_fps, preferences.dynamic_resolution
-        self.governor.rest_scale = preferences.rest_scale
+        self.resolution.target_fps, self.resolution.enabled = preferences.target_fps, preferences.dynamic_resolution
+        self.resolution.rest_scale = preferences.rest_scale
 
     def remembered(self) -> Preferences:
         """What is to be remembered."""
@@ -147,9 +147,9 @@ class App:
             moved=list(self.interface.moved),
             layout=self.interface.layout,
             background=self.settings.background,
-            target_fps=self.governor.target_fps,
-            dynamic_resolution=self.governor.enabled,
-            rest_scale=self.governor.rest_scale,
+            target_fps=self.resolution.target_fps,
+            dynamic_resolution=self.resolution.enabled,
+            rest_scale=self.resolution.rest_scale,
         )
 
     def open(

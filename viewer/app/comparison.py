@@ -171,7 +171,7 @@ class Comparison:
             return
         self._measured = key
         h, w = self.pixels.shape[:2]
-        speed = app.governor.pixels_per_ms or 1000.0
+        speed = app.resolution.pixels_per_ms or 1000.0
         scale = min(1.0, (PSNR_BUDGET_MS * speed / (w * h)) ** 0.5)
         size = max(1, round(w * scale)), max(1, round(h * scale))
         photograph = self.pixels

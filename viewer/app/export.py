@@ -18,8 +18,8 @@ from PIL import Image
 from console import UserError, not_written
 from console.atomic import Replacement
 from viewer.app.films import FilmWriter, films_possible
-from viewer.app.resolution import tiles
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.dynamic_resolution import tiles
 from viewer.rendering.settings import RenderSettings
 
 __all__ = ["Export", "films_possible"]

@@ -14,6 +14,7 @@ from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import chip, coloured, px
 from viewer.window.canvas import Canvas
+from viewer.window.presenting import present
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
 TOAST_WIDTH = 560.0
@@ -21,11 +22,14 @@ WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a 
 
 
 def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGizmo) -> None:
-    """Draws the picture into `box` and listens to the mouse there."""
+    """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
+    app.viewport.camera = app.camera()
+    present(app, canvas)
     with coloured(window_bg=theme.BASE):
-        layout.begin("##viewport", box, (0, 0), imgui.WindowFlags_.no_scroll_with_mouse)
+        still = imgui.WindowFlags_.no_scroll_with_mouse if app.scene is not None else 0  # the wheel is the camera's
+        layout.begin("##viewport", box, (0, 0), still)
     if app.scene is None:
         start_page.show(app, fonts)
     else:
@@ -81,6 +85,8 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
         if _hands.holds != "wipe":
             rig.remember()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
+    if imgui.is_item_activated():
+        dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
     if active and (dx or dy):
         _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
         _drag(app, box, dx, dy)

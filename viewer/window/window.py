@@ -29,7 +29,7 @@ from viewer.panels import theme
 from viewer.panels.ui import SystemClipboard, Ui
 from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.window.canvas import Canvas
-from viewer.window.presenting import awaited, present, unfinished
+from viewer.window.presenting import awaited, unfinished
 
 import glfw  # isort: skip  (after imgui_bundle, which viewer.panels imports)
 
@@ -38,6 +38,7 @@ SMALLEST = (480, 360)
 IDLE_WAIT_S = 1.0
 BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
 LONGEST_STEP_S = 0.1  # after a pause, movements go on from where they were
+PAUSE_MS = 500.0  # what takes longer is no frame of a movement: a pack was opened, shaders were compiled
 SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
 MODIFIERS = frozenset(
     getattr(glfw, f"KEY_{side}_{name}") for side in ("LEFT", "RIGHT") for name in ("CONTROL", "SHIFT", "ALT", "SUPER")
@@ -92,6 +93,7 @@ class Window:
         app.clipboard = SystemClipboard()
         self._v_sync, self._title = True, PROGRAM
         self._last = time.monotonic()
+        self._frame_began = time.perf_counter()  # what was waited for before a frame is none of its time
 
     def _listen(self) -> None:
         """Any event wakes the loop; imgui's own callbacks, set later, call these first."""
@@ -151,7 +153,8 @@ class Window:
     def step(self) -> bool:
         """Waits for something to do, and draws a frame if there is; True where it drew."""
         app = self.app
-        if app.wants_frame or self._touched or self.ui.hears:
+        waits = not (app.wants_frame or self._touched or self.ui.hears)
+        if not waits:
             glfw.poll_events()
         elif awaited(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
             glfw.wait_events_timeout(BUSY_WAIT_S)
@@ -160,23 +163,24 @@ class Window:
         else:
             glfw.wait_events_timeout(0.4 if self.ui.typing else IDLE_WAIT_S)
             self._last = max(self._last, time.monotonic() - 1 / 60)
+        if waits:
+            self._frame_began = time.perf_counter()
         if self._touched:
             self._touched = False
             app.touch()
         now = time.monotonic()
         app.tick(min(now - self._last, LONGEST_STEP_S))
+        self._last = now
         if not (
             app.wants_frame or unfinished(app, self.canvas) or self.ui.typing or self.ui.hears or self.ui.fonts_coming
         ):
             return False
-        self._frame(now)
+        self._frame()
         return True
 
-    def _frame(self, now: float) -> None:
-        """Picture first, then the panels over it, then the screen."""
+    def _frame(self) -> None:
+        """The panels, and the picture as they come to it; then the screen."""
         app = self.app
-        frame_ms = 1000.0 * (now - self._last)
-        self._last = now
         self._follow_full_screen()
         self._follow_title()
         if self.app.interface.v_sync != self._v_sync:
@@ -189,23 +193,28 @@ class Window:
             return
         self.canvas.sweep()
         self.ui.frame(app, self.canvas, scale=max(1.0, scale_x / (pixels[0] / units[0])))
-        if self._picture() and frame_ms < 500.0:
-            app.times.add(self.canvas.scene_ms, frame_ms, self.canvas.gpu_ms)
         self.ctx.screen.use()
         self.ctx.screen.viewport = (0, 0, *pixels)
         base = theme.rgb(theme.BASE)
         self.ctx.screen.clear(base.x, base.y, base.z, 1.0)
         self.ui.draw()
+        self.ctx.finish()
+        finished = time.perf_counter()
         glfw.swap_buffers(self.handle)
+        self._measure(finished, time.perf_counter())
         app.drew()
 
-    def _picture(self) -> bool:
-        """Draws as much of the picture as this frame has time for; True where it drew any."""
-        app = self.app
-        drawn = present(app, self.canvas)
-        if drawn:
-            app.touch(2)  # what was drawn just now is shown by the next frame
-        return drawn
+    def _measure(self, finished: float, shown: float) -> None:
+        """Notes how long the frame took: its drawing until `finished`, and with the swap until `shown` (s)."""
+        app, drawn = self.app, self.canvas.drawn
+        frame_ms, swap_ms = 1000.0 * (shown - self._frame_began), 1000.0 * (shown - finished)
+        self._frame_began = shown
+        if drawn is None:
+            return
+        app.resolution.frame_ended(frame_ms, swap_ms)
+        if frame_ms < PAUSE_MS:
+            app.times.add(drawn.scene_ms, frame_ms, drawn.gpu_ms)
+        app.touch(2)  # goes on at once; and the figures of the last frame are shown
 
     def _follow_full_screen(self) -> None:
         full = bool(glfw.get_window_monitor(self.handle))  # a null pointer where the window has a place of its own

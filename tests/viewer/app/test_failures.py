@@ -33,7 +33,7 @@ def shapes_folder(tmp_path_factory) -> Path:
 def ui(offscreen, app, shapes_folder, tmp_path):
     """The interface with a pack that was opened from a folder of its own."""
     folder = shutil.copytree(shapes_folder, tmp_path / "open")
-    app.governor.enabled = False
+    app.resolution.enabled = False
     ui = offscreen(app, size=(900, 560))
     app.open(folder)
     app.loading.wait(30)

@@ -166,12 +166,12 @@ def test_what_is_remembered_comes_back(tmp_path, pack_folder):
     app = App()
     app.preferences.opened(pack_folder)
     app.set(background=(0.0, 0.0, 0.0))
-    app.governor.target_fps = 48.0
+    app.resolution.target_fps = 48.0
     app.interface.page = "film"
     assert preferences.save(app.remembered(), file) is None
     other = App()
     other.use(preferences.load(file))
-    assert other.settings.background == (0.0, 0.0, 0.0) and other.governor.target_fps == 48.0
+    assert other.settings.background == (0.0, 0.0, 0.0) and other.resolution.target_fps == 48.0
     assert other.interface.page == "film" and other.preferences.recent_packs() == [pack_folder.resolve()]
 
 
