@@ -12,6 +12,7 @@ from typing import Any, Literal
 from console import UserError, run_command
 from console.arguments import parse_size
 from console.atomic import write_file
+from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
 from viewer.benchmark.frames import Measurement, measure
@@ -130,7 +131,7 @@ def figures(measurement: Measurement) -> dict[str, Any]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-bench; returns the exit status."""
-    return run_command(bench, prog="snerg-bench", description=DESCRIPTION, args=args)
+    return run_command(bench, prog="snerg-bench", description=DESCRIPTION, args=args, on_failure=tell_if_unseen)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from PIL import Image
 from console import UserError, progress, run_command
 from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
 from console.atomic import replacing
+from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from training.scenes import load_scene
 from viewer.app.films import require_video, write_film
@@ -215,7 +216,7 @@ def _write(out: Path, kind: str, views: list[View], pictures: Iterator[np.ndarra
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-render; returns the exit status."""
     words = join_negative_values(sys.argv[1:] if args is None else args, MAY_BE_NEGATIVE)
-    return run_command(render, prog="snerg-render", description=DESCRIPTION, args=words)
+    return run_command(render, prog="snerg-render", description=DESCRIPTION, args=words, on_failure=tell_if_unseen)
 
 
 if __name__ == "__main__":

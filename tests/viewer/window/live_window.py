@@ -114,7 +114,7 @@ def test_a_press_after_a_quick_move_leaves_the_camera_where_it_is(window, xdotoo
 
 
 def test_the_window_follows_a_new_size(window, xdotool):
-    xdotool("search", "--name", "^snerg", "windowsize", "--sync", 1100, 700)
+    xdotool("search", "--class", "^snerg$", "windowsize", "--sync", 1100, 700)
     pump(window, 0.5)
     assert window.app.viewport.height > 640
     assert window.screenshot().shape == (700, 1100, 3)
