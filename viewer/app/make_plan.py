@@ -28,7 +28,7 @@ OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
 DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
 KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
-PARTS = ("jax", "optax", "safetensors", "scipy")  # the extra `train`
+PARTS = ("jax", "matplotlib", "optax", "safetensors", "scipy")  # the extra `train`
 
 
 def trainer_missing() -> bool:

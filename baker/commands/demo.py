@@ -1,6 +1,6 @@
 """`make demo`: the bundled demo pack from nothing, through the real trainer and baker.
 
-    python -m baker.demo --out viewer/demo/demo.zip
+    python -m baker.commands.demo --out viewer/demo/demo.zip
 
 Renders the procedural still life (training.scenes.procedural), trains on it with the cpu preset, bakes, writes the zip.
 """
@@ -29,7 +29,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
         resolution: Voxels along the longest side of the content.
     """
     from baker.baking.bake import BakeConfig, bake
-    from baker.commands.bake import describe_pack
+    from baker.baking.to_pack import describe_pack
     from scenepack import check_target, save_pack
     from training.config import PRESETS
     from training.loop import train
@@ -53,7 +53,9 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(demo, prog="python -m baker.demo", description="Remakes the bundled demo pack.", args=args)
+    return run_command(
+        demo, prog="python -m baker.commands.demo", description="Remakes the bundled demo pack.", args=args
+    )
 
 
 if __name__ == "__main__":
