@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from baker.baking.bake import FINEST_PRUNED, STAGE, BakeConfig, Stages, bake, help_bake, work_key
+from baker.baking.pictures import with_pictures
 from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
 from console import UserError, progress
 from console.progress import duration
@@ -15,13 +16,13 @@ from training.run import Run
 
 
 def share_of(processes: int | None, process_id: int | None) -> Share:
-    """This process's share of the work, from the options or the launcher. UserError where they do not make a whole."""
+    """This process's share of the work, from the options or the launcher. UserError where they do not fit together."""
     told = launched() if processes is None and process_id is None else (processes, process_id)
     count, index = told or (1, 0)
     if count is None or index is None or not 0 <= index < count:
         raise UserError(
-            "do not make a whole", where="--processes, --process-id",
-            expected="how many there are, and which this is, from 0", found=f"{count}, {index}",
+            "do not fit together", where="--processes, --process-id",
+            expected="the number of processes, and the number of this one, from 0", found=f"{count}, {index}",
         )  # fmt: skip
     return Share(index, count)
 
@@ -34,7 +35,7 @@ def help_with(run: Run, config: BakeConfig, out: Path, share: Share) -> None:
 
 
 def bake_to(
-    run: Run, config: BakeConfig, out: Path, codec: str = "png", share: Share | None = None
+    run: Run, config: BakeConfig, out: Path, codec: str = "png", share: Share | None = None, pictures: int = 0
 ) -> dict[str, float]:
     """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it.
 
@@ -45,7 +46,7 @@ def bake_to(
     stages = Stages()
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
-        pack = bake(run, config, work, stages)
+        pack = with_pictures(bake(run, config, work, stages), run.scene, pictures)
         with stages("writing"), progress("writing the pack", 1, stage=STAGE) as bar:
             save_pack(pack, out, codec=codec, on_progress=lambda done, total: bar.update(done / total))
     except KeyboardInterrupt as interrupt:

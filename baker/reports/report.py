@@ -81,7 +81,7 @@ def open_study(
         require_bakeable(loaded)
     if other is not None and (other.scene.path.resolve() != run.scene.path.resolve() or other.options != run.options):
         raise UserError(
-            "is a run of another scene, or reads it otherwise", where=against,
+            "is a run of another scene, or reads the scene differently", where=against,
             expected=f"{run.scene.path}, {vars(run.options)}", found=f"{other.scene.path}, {vars(other.options)}",
         )  # fmt: skip
     photographs = run.scene.splits.get(split, ())

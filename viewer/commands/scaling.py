@@ -27,10 +27,10 @@ def scaling(
 
     Args:
         out: Folder for scaling-resolution.png, scaling-size.png, scaling-opacity.png and scaling.json.
-        frames: Of one orbit for each point.
-        resolutions: Voxels a side; 1000 takes about 4 GB of memory.
-        sizes: Pixels a side.
-        redraw: Draw the plots of the scaling.json that is there, and measure nothing.
+        frames: Number of frames of the orbit that measures each point.
+        resolutions: Voxels per side, separated by commas. 1000 takes about 4 GB of memory.
+        sizes: Width and height of the pictures in pixels, separated by commas.
+        redraw: Draw the plots from the scaling.json that is there, and measure nothing.
     """
     require_plots()
     figures = out / "scaling.json"
