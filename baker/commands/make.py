@@ -55,7 +55,7 @@ def snerg_make(
         no_view: Do not open the viewer at the end.
     """
     from baker.baking.bake import BakeConfig
-    from baker.commands.bake import bake_to
+    from baker.baking.to_pack import bake_to
     from scenepack import check_target
     from training.config import PRESETS as CONFIGS
     from training.loop import train

@@ -14,9 +14,9 @@ import pytest
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.baking.supersample import supersample
+from baker.baking.to_pack import share_of
 from baker.baking.work_folder import BakeEnded, Share, WorkFolder
 from baker.commands.bake import main as snerg_bake
-from baker.commands.bake import share_of
 from console import UserError
 from scenepack.blocks import fill_atlas
 from tests.baker.analytic import ball
