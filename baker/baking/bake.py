@@ -235,7 +235,7 @@ def cameras_of(run: Run) -> list[dict]:
 
 def _nothing_there(run: Run) -> UserError:
     return UserError(
-        "the trained field holds nothing that its cameras see",
+        "the trained field contains nothing that its cameras see",
         where=run.path,
         remedy="train for more steps, then bake again",
     )

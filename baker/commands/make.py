@@ -71,20 +71,19 @@ def snerg_make(
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
     started = time.monotonic()
-    resume = is_run(run_path)
-    if resume:
-        stored = read_description(run_path)
+    stored = read_description(run_path) if is_run(run_path) else None
+    if stored is not None:
         if stored.scene != scene.resolve():
             raise UserError("holds a run of another scene", where=run_path, expected=scene, found=stored.scene,
                             remedy="choose another --out")  # fmt: skip
         if box is not None and box != stored.options.aabb:
-            raise UserError("a run cannot change what it is trained on", where=OPTION, expected=stored.options.aabb or "none",
+            raise UserError("a run cannot change how its scene is read", where=OPTION, expected=stored.options.aabb or "none",
                             found=box, remedy="leave it out, or choose another --out")  # fmt: skip
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
     else:
         downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
     options = SceneOptions(downscale or 1, spherify or None, masks, box)
-    run = train(scene, run_path, config, **vars(options), resume=resume)
+    run = train(scene, run_path, config, options, resume=stored or False)
     trained = time.monotonic()
     voxels = resolution or PRESETS[preset].resolution
     bake_to(run, BakeConfig(resolution=voxels, fine_tune=fine_tune), pack_path)

@@ -19,7 +19,7 @@ from console import Notice, UserError
 from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.comparison import Comparison
-from viewer.app.files import FileRequest, kind_of, pack_in
+from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
 from viewer.app.keyboard import Keyboard
@@ -126,6 +126,10 @@ class App:
         self.scene, self.filming = None, Filming(size=self.filming.size, fps=self.filming.fps)
         self.touch()
 
+    def quit(self) -> None:
+        """Ends the program with the next turn of its loop, without a question."""
+        self.quitting = True
+
     def use(self, preferences: Preferences) -> None:
         """Takes over what was remembered."""
         self.preferences = preferences
@@ -172,6 +176,7 @@ class App:
         self.touch()
 
     def _drop(self, path: Path) -> None:
+        path = scene_around(path)
         kind = kind_of(path)
         if kind == "scene" or kind == "run":
             self.making.offer(self, kind, path)
@@ -204,6 +209,8 @@ class App:
             self.touch(2)
         self.filming.tick(self, seconds)
         self.comparison.tick(self, seconds)
+        if self.messages.toast_changed():
+            self.touch()
 
     def touch(self, frames: int = FRAMES_AFTER_EVENT) -> None:
         """Something changed: the next frames must be drawn."""
@@ -211,7 +218,7 @@ class App:
 
     @property
     def wants_frame(self) -> bool:
-        return self.frames_owed > 0 or self.messages.toast_left > 0
+        return self.frames_owed > 0
 
     def drew(self) -> None:
         """The window drew a frame."""

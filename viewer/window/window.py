@@ -27,11 +27,13 @@ from viewer.app.making import LOOKED_AT_EVERY_S
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.panels import theme
 from viewer.panels.ui import SystemClipboard, Ui
+from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.window.canvas import Canvas
 from viewer.window.presenting import awaited, unfinished
 
 import glfw  # isort: skip  (after imgui_bundle, which viewer.panels imports)
 
+PROGRAM = "snerg"
 SMALLEST = (480, 360)
 IDLE_WAIT_S = 1.0
 BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
@@ -67,7 +69,10 @@ def display_problem() -> str | None:
 
 
 class Window:
-    """A window on `app`. Raises NoDisplay where GLFW cannot open one. size: width, height in screen units."""
+    """A window on `app`. Raises NoDisplay where there is no display, UserError where it lacks OpenGL.
+
+    size: width, height in screen units.
+    """
 
     def __init__(self, app: App, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
         problem = display_problem()
@@ -86,7 +91,7 @@ class Window:
         self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value)
         self.ui.keyboard.local_name = _local_name
         app.clipboard = SystemClipboard()
-        self._v_sync = True
+        self._v_sync, self._title = True, PROGRAM
         self._last = time.monotonic()
         self._frame_began = time.perf_counter()  # what was waited for before a frame is none of its time
 
@@ -135,11 +140,12 @@ class Window:
 
     # The loop
 
-    def run(self) -> None:
-        """Until the window is closed or the app quits."""
+    def run(self, each: Callable[[], None] = lambda: None) -> None:
+        """Until the window is closed or the app quits. each: called in every turn of the loop, at least once a second."""
         with _notices_logged(self.app.messages.log):
             while not self.app.quitting:
                 self.step()
+                each()
                 if glfw.window_should_close(self.handle):
                     glfw.set_window_should_close(self.handle, False)
                     self.app.making.ask_to_quit(self.app)
@@ -150,7 +156,7 @@ class Window:
         waits = not (app.wants_frame or self._touched or self.ui.hears)
         if not waits:
             glfw.poll_events()
-        elif awaited(app) or unfinished(self.app, self.canvas):
+        elif awaited(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
             glfw.wait_events_timeout(BUSY_WAIT_S)
         elif app.making.busy:
             glfw.wait_events_timeout(LOOKED_AT_EVERY_S)
@@ -165,7 +171,9 @@ class Window:
         now = time.monotonic()
         app.tick(min(now - self._last, LONGEST_STEP_S))
         self._last = now
-        if not (app.wants_frame or unfinished(self.app, self.canvas) or self.ui.typing or self.ui.hears):
+        if not (
+            app.wants_frame or unfinished(app, self.canvas) or self.ui.typing or self.ui.hears or self.ui.fonts_coming
+        ):
             return False
         self._frame()
         return True
@@ -174,6 +182,7 @@ class Window:
         """The panels, and the picture as they come to it; then the screen."""
         app = self.app
         self._follow_full_screen()
+        self._follow_title()
         if self.app.interface.v_sync != self._v_sync:
             self._v_sync = self.app.interface.v_sync
             glfw.swap_interval(int(self._v_sync))
@@ -222,6 +231,13 @@ class Window:
         mode = glfw.get_video_mode(monitor)
         glfw.set_window_monitor(self.handle, monitor, 0, 0, *mode.size, mode.refresh_rate)
 
+    def _follow_title(self) -> None:
+        scene = self.app.scene
+        title = PROGRAM if scene is None else f"{scene.name} – {PROGRAM}"
+        if title != self._title:
+            self._title = title
+            glfw.set_window_title(self.handle, title)
+
     # Pictures of the window
 
     def draw_frames(self, frames: int) -> None:
@@ -230,7 +246,7 @@ class Window:
             self.app.touch(1)
             self.step()
         for _ in range(SETTLE_ROUNDS):
-            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas))
+            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming)
             for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
                 self.app.touch(1)
                 self.step()
@@ -270,6 +286,16 @@ class Window:
             return self._placed[2], self._placed[3]
         return glfw.get_window_size(self.handle)
 
+    @property
+    def layout(self) -> str:
+        """Where the pages are docked, to be remembered."""
+        return self.ui.layout if self.ui.scale else self.app.interface.layout
+
+    @property
+    def on_x11(self) -> bool:
+        """Whether it is an X server that shows it."""
+        return glfw.get_platform() == glfw.PLATFORM_X11
+
     def close(self) -> None:
         """Frees everything and closes the window."""
         self.app.making.end()
@@ -300,6 +326,17 @@ def _notices_logged(log: Callable[[str, str], None]) -> Iterator[None]:
 
         warnings.showwarning = show
         yield
+
+
+def _version_at_hand() -> str:
+    """What OpenGL a window may have here, where it is older than ours; "" where there is none."""
+    glfw.default_window_hints()
+    glfw.window_hint(glfw.VISIBLE, False)
+    handle = glfw.create_window(16, 16, PROGRAM, None, None)
+    if not handle:
+        return ""
+    glfw.make_context_current(handle)
+    return version_at(ctypes.cast(glfw.get_proc_address("glGetString"), ctypes.c_void_p).value)
 
 
 def _name(key: int, scancode: int) -> str:
@@ -338,10 +375,14 @@ def _open(size: tuple[int, int], visible: bool):
         (glfw.DEPTH_BITS, 0),
     ):
         glfw.window_hint(hint, value)
-    handle = glfw.create_window(*size, "snerg", None, None)
+    for hint in (glfw.X11_CLASS_NAME, glfw.X11_INSTANCE_NAME, glfw.WAYLAND_APP_ID):  # what desktops group windows by
+        glfw.window_hint_string(hint, PROGRAM)
+    handle = glfw.create_window(*size, PROGRAM, None, None)
     if not handle:
+        complaint = complaints[-1] if complaints else ""
+        version = _version_at_hand()
         glfw.terminate()
-        raise NoDisplay(f"no window can be opened: {complaints[-1] if complaints else 'no OpenGL 3.3'}")
+        raise opengl_refusal(version, complaint, window=True)
     glfw.set_window_size_limits(handle, *SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
     glfw.make_context_current(handle)
     glfw.swap_interval(1)

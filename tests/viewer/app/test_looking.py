@@ -89,6 +89,7 @@ def test_a_click_on_a_frustum_stands_in_it(ui, app):
 
 def test_a_photograph_that_is_not_there_is_told_and_the_camera_stays(app, scene_pack, pack_folder, tmp_path):
     app.stage = FakeStage()
+    (tmp_path / "gone").mkdir()  # the folder is there, but not what was in it
     app.show(scene_pack.with_metadata(provenance={"scene": str(tmp_path / "gone")}), pack_folder)
     with pytest.raises(UserError):
         app.comparison.stand_in(app, 0)

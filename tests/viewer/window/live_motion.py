@@ -171,7 +171,7 @@ def test_a_window_that_is_resized_shows_one_picture_and_no_tiles_of_another(wind
     for i in range(GRABS):
         width, height = 900 + round(200 * np.sin(0.7 * i)), 600 + round(150 * np.cos(0.5 * i))
         if i % 3 != 2:
-            xdotool("search", "--name", "^snerg", "windowsize", width, height)
+            xdotool("search", "--class", "^snerg$", "windowsize", width, height)
         for _ in range(3):
             window.app.touch(1)
             window.step()

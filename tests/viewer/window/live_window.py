@@ -125,7 +125,7 @@ def test_a_drag_whose_last_way_and_release_come_in_one_frame_is_whole(window, xd
 
 
 def test_the_window_follows_a_new_size(window, xdotool):
-    xdotool("search", "--name", "^snerg", "windowsize", "--sync", 1100, 700)
+    xdotool("search", "--class", "^snerg$", "windowsize", "--sync", 1100, 700)
     pump(window, 0.5)
     assert window.app.viewport.height > 640
     assert window.screenshot().shape == (700, 1100, 3)
