@@ -98,7 +98,7 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
     if hovered and io.mouse_wheel:
         if rig.flying:
             rig.faster(io.mouse_wheel)
-            app.messages.say(f"Speed {rig.speed:.3g} units a second")
+            app.messages.say(f"Speed {rig.speed:.3g} units per second")
         else:
             x, y = 2.0 * (io.mouse_pos.x - box[0]) - box[2], 2.0 * (io.mouse_pos.y - box[1]) - box[3]
             rig.remember()
