@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import inspect
 import io
 import os
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
-from unittest import mock
 
 import tyro
 
-from console.driven import ending_with_stdin
-from console.errors import UserError, refusal
+from console.driven import Reporter, ending_with_stdin
+from console.errors import UserError, missing_extra, refusal
 from console.notices import plain_notices
 
 DONE, BUG, USER_CAN_MEND, INTERRUPTED = 0, 1, 2, 130
 
 Command = Callable[..., Any]
 _FLAGS = (tyro.conf.FlagCreatePairsOff,)  # --resume, and no --no-resume beside it
-_WIDE = {"COLUMNS": "4000"}
+_HELP = {"-h", "--help"}
 
 
 def run_command(
@@ -31,12 +31,14 @@ def run_command(
     prog: str,
     description: str | None = None,
     args: Sequence[str] | None = None,
+    on_failure: Callable[[str, str], None] | None = None,
 ) -> int:
     """Parses `args` (default: sys.argv) into a call of `command`; what that raises becomes an exit status.
 
     command: a function whose parameters become options (`max_steps` is --max-steps, a bool is a flag, a
     positional-only parameter is an argument; the docstring's Args give the help), or several of them by name,
-    which become subcommands. A whole number that it returns is the exit status.
+    which become subcommands. A whole number that it returns is the exit status. on_failure: called with `prog` and the
+    line of a failure, status 1 or 2, after it was printed.
     Returns 0 done, 2 the user can mend it (one line on stderr), 1 a bug (with its traceback), 130
     interrupted. `--debug` anywhere on the command line shows tracebacks for status 2 as well.
     """
@@ -61,14 +63,13 @@ def run_command(
         return DONE
     except Exception as error:
         line = _mendable(error)
-        if line is None:
+        Reporter().tell_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
+        if line is None or debug:
             traceback.print_exc()
-            _say(prog, "this is a bug in snerg, not in your input; please report the lines above")
-            return BUG
-        if debug:
-            traceback.print_exc()
-        _say(prog, line)
-        return USER_CAN_MEND
+        _say(prog, line or "this is a bug in snerg; please report the lines above")
+        if on_failure is not None:
+            on_failure(prog, line or f"This is a bug in snerg: {type(error).__name__}: {error}")
+        return BUG if line is None else USER_CAN_MEND
 
 
 def _say(prog: str, line: str) -> None:
@@ -84,7 +85,7 @@ def _print_any_character() -> None:
 
 def _mendable(error: Exception) -> str | None:
     """The line for an error that the user can mend, None for a bug."""
-    return str(error) if isinstance(error, UserError) else refusal(error)
+    return str(error) if isinstance(error, UserError) else refusal(error) or missing_extra(error)
 
 
 def _parse(
@@ -105,18 +106,31 @@ def _parse(
         return tyro.cli(_deferred(command), prog=prog, description=description, args=words, config=_FLAGS)
 
     box = io.StringIO()
+    # Help is for the screen as it is; a complaint is read by us, so no line of it should be broken in two.
+    screen = contextlib.nullcontext() if _HELP & set(words) else _wide_screen()
     try:
-        with contextlib.redirect_stderr(box):
+        with screen, contextlib.redirect_stderr(box):
             return parse()
     except SystemExit as stop:  # --help, or arguments that do not fit
         if stop.code in (None, DONE):
             return DONE
-    # Once more, on a screen so wide that no line of the box is broken in two.
-    box = io.StringIO()
-    with mock.patch.dict(os.environ, _WIDE), contextlib.redirect_stderr(box), contextlib.suppress(SystemExit):
-        parse()
-    _say(prog, f"{unboxed(box.getvalue())}; see {prog} --help")
+    line = f"{unboxed(box.getvalue())}; see {prog} --help"
+    Reporter().tell_failure(prog, line)
+    _say(prog, line)
     return USER_CAN_MEND
+
+
+@contextlib.contextmanager
+def _wide_screen() -> Iterator[None]:
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "4000"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["COLUMNS"]
+        else:
+            os.environ["COLUMNS"] = before
 
 
 def _deferred(function: Command) -> Command:
@@ -124,7 +138,20 @@ def _deferred(function: Command) -> Command:
     def remember(*args: Any, **kwargs: Any) -> Callable[[], Any]:
         return functools.partial(function, *args, **kwargs)
 
+    if function.__doc__:  # tyro reads that of the function itself
+        function.__doc__ = _unwrapped(function.__doc__)
     return remember
+
+
+def _unwrapped(docstring: str) -> str:
+    """A docstring whose Args are one line each: tyro keeps their line breaks, wherever the terminal's are."""
+    lines: list[str] = []
+    for line in inspect.cleandoc(docstring).splitlines():
+        if line.startswith(" " * 8) and lines:  # below a parameter's name, which is indented by four
+            lines[-1] += f" {line.strip()}"
+        else:
+            lines.append(line)
+    return "\n".join(lines)
 
 
 def unboxed(text: str) -> str:

@@ -49,7 +49,7 @@ def test_each_part_is_what_its_program_takes_longer_than_the_one_before():
 
 
 def test_profiling_trains_on_with_the_very_steps_of_training(procedural_scene: Scene):
-    method = make_method(TINY, procedural_scene, make_dataset(procedural_scene))
+    method = make_method(TINY, make_dataset(procedural_scene))
     trained, profiled = (method.start(jax.random.PRNGKey(0)) for _ in range(2))
     kept: list[np.ndarray] = []
 
@@ -64,7 +64,7 @@ def test_profiling_trains_on_with_the_very_steps_of_training(procedural_scene: S
 
 
 def test_the_program_up_to_the_gradient_has_the_steps_own_gradient(procedural_scene: Scene):
-    method = make_method(TINY, procedural_scene, make_dataset(procedural_scene))
+    method = make_method(TINY, make_dataset(procedural_scene))
     state = method.start(jax.random.PRNGKey(0))
     gradient, loss, _ = profile_step._programs(method, state)["variation"](state, 0)
     gradient = np.asarray(gradient.rows)

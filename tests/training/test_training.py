@@ -8,12 +8,14 @@ import json
 import os
 import shutil
 import signal
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from console import Notice, UserError
+from console.driven import PROGRESS, read_report
 from training.arrays import to_arrays
 from training.commands.train import main
 from training.config import PRESETS, TINY, TrainConfig, from_json, to_json
@@ -75,7 +77,10 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_repeats_the_unbroken_one_exactly(
         train(procedural_path, out, MINUTE)
     assert signal.getsignal(signal.SIGINT) is before
     monkeypatch.undo()
+    monkeypatch.setenv(PROGRESS, str(tmp_path / "progress.json"))
     run = train(procedural_path, out, MINUTE, resume=True)
+    report = read_report(tmp_path / "progress.json")
+    assert report is not None and (report.begun, report.done, report.total) == (7, 12, 12)  # its place in the whole
     assert run.step == 12 and losses(out) == losses(unbroken)
     ours, theirs = to_arrays(run.state), to_arrays(load_run(unbroken).state)
     for name in theirs:
@@ -184,6 +189,51 @@ def test_a_finished_run_can_be_given_more_steps(unbroken: Path, procedural_path:
     assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "14"]) == 0
     assert "14 of 14 steps" in capsys.readouterr().out
     assert load_run(longer).step == 14 and load_run(longer).config.steps == 14
+
+
+def test_a_resumed_runs_description_is_read_once(unbroken: Path, procedural_path: Path, tmp_path: Path, monkeypatch):
+    longer = Path(shutil.copytree(unbroken, tmp_path / "longer"))
+    read: list[str] = []
+    read_text = Path.read_text
+
+    def listening(path: Path, *arguments, **options):
+        read.append(path.name)
+        return read_text(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "read_text", listening)
+    assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "13"]) == 0
+    assert read.count("config.json") == 1
+
+
+@pytest.mark.parametrize("way", ["started", "resumed", "resumed before its first checkpoint", "loaded"])
+def test_a_method_that_cannot_be_made_stops_all_processes_together(
+    unbroken: Path, procedural_path: Path, tmp_path: Path, monkeypatch, way: str
+):
+    out, met = tmp_path / "run", []
+    if way != "started":
+        shutil.copytree(unbroken, out)
+    if "before" in way:
+        shutil.rmtree(out / "checkpoints")
+
+    @contextmanager
+    def together():
+        try:
+            yield
+        except UserError as error:
+            met.append(error)
+            raise
+
+    def refuse(*arguments):
+        raise UserError("cannot be made")
+
+    monkeypatch.setattr("training.run.together", together)
+    monkeypatch.setattr("training.run.make_method", refuse)
+    with pytest.raises(UserError, match="cannot be made"):
+        if way == "loaded":
+            load_run(out)
+        else:
+            train(procedural_path, out, MINUTE, resume=way != "started")
+    assert [str(error) for error in met] == ["cannot be made"]
 
 
 @pytest.mark.parametrize("spoil", ["missing", "no config", "no JSON", "unknown field", "wrong type"])

@@ -6,9 +6,10 @@ import argparse
 import contextlib
 import dataclasses
 import sys
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import tyro
 
@@ -18,11 +19,13 @@ from training.config import PRESETS, TrainConfig
 from training.presets import PresetName, names_with_about
 from training.scenes import SceneOptions
 from training.scenes.box import OPTION, parse_box
-from training.scenes.scene import Box
+
+if TYPE_CHECKING:
+    from training.run import RunDescription
 
 DEFAULT_PRESET = "cpu"
-PRESET_HELP = f"Named settings, whose numbers are shown below as defaults: {names_with_about(PresetName)}."
-DESCRIPTION = "Trains a deferred NeRF on posed photographs. The run can be stopped and resumed at any time."
+PRESET_HELP = f"Named settings. The defaults below are those of the chosen preset. {names_with_about(PresetName)}."
+DESCRIPTION = "Trains a deferred NeRF on photographs with camera poses. You can stop and resume a run at any time."
 FREE = (
     "steps",
     "minutes",
@@ -46,12 +49,11 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
     Bad values of --preset and --out are not complained of here: the parser and the command do that.
     """
     name, out, resuming = _look_ahead(args)
+    describe = cache(_describe)  # of an --out with --resume
     defaults = PRESETS.get(cast(PresetName, name), PRESETS[DEFAULT_PRESET])
     if resuming and out is not None:
-        from training.run import read_description
-
         with contextlib.suppress(UserError):  # the command meets it again, and tells
-            defaults = read_description(out).config
+            defaults = describe(out).config
 
     def snerg_train(
         scene: Path,
@@ -68,60 +70,63 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         processes: int | None = None,
         process_id: int | None = None,
     ) -> None:
-        """Trains a deferred NeRF on posed photographs. A run can be stopped and resumed at any time.
+        """Trains a deferred NeRF on photographs with camera poses. You can stop and resume a run at any time.
 
         Args:
-            scene: Folder of posed photographs.
-            out: Folder of the run: config, checkpoints, metrics, validation pictures.
-            config: Every setting of the preset can be changed on its own.
-            downscale: Divide width and height of the pictures by this whole number (1 where not given).
-            spherify: Read an LLFF or COLMAP capture as one from all around, also where its cameras look forward.
-            masks: Cut the object out by the masks beside the pictures.
-            aabb: The box that holds the content, as x0,y0,z0,x1,y1,z1 in the scene's training frame, in place of the one that
-                is found (which is printed when training begins); not for forward-facing scenes, which are in NDC.
-            resume: Go on with the run in --out from its newest checkpoint, with the run's own settings.
-            coordinator: HOST:PORT of process 0, for a run of several processes whose launcher says nothing of them (see
-                docs/distributed.md; Slurm, MPI and Kubernetes mostly need none of these three).
-            processes: How many processes train together.
-            process_id: Which of them this one is, from 0.
+            scene: Folder of photographs with camera poses. docs/scenes.md lists the layouts.
+            out: Folder of the run: configuration, checkpoints, metrics, validation pictures.
+            config: Every setting of the preset is also an option.
+            downscale: Divide width and height of the photographs by this whole number. The default is 1.
+            spherify: Read an LLFF or COLMAP scene as a 360 degree scene although its cameras look forward.
+            masks: Cut the object out with the masks next to the pictures.
+            aabb: Box of the content, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box that is printed when
+                training starts. Not for forward-facing scenes, which are in NDC.
+            resume: Continue the run in --out from its newest checkpoint, with its own settings.
+            coordinator: HOST:PORT of process 0, if several processes train together and their launcher does not provide it.
+                Slurm, MPI and Kubernetes usually need none of these three options. See docs/distributed.md.
+            processes: Number of processes that train together.
+            process_id: Number of this process, from 0.
         """
         from training.devices import join_processes  # JAX starts here, not for --help
 
         join_processes(coordinator, processes, process_id)
         from training.devices import is_writer
         from training.loop import train
-        from training.run import read_description
 
         box = None if aabb is None else parse_box(aabb)
         if resume:
-            stored = read_description(out)
+            stored = describe(out)
             _refuse_changes(stored.config, config)
-            options = _stored_options(stored.options, downscale, spherify or None, masks or None, box)
+            asked = {"downscale": downscale, "spherify": spherify or None, "masks": masks or None, "aabb": box}
+            _refuse_another_reading(stored.options, asked)
+            run = train(scene, out, config, resume=stored)
         else:
             options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks, box)
-        run = train(scene, out, config, **vars(options), resume=resume)
+            run = train(scene, out, config, options)
         if is_writer():
             print(f"{out}: {run.step} of {config.steps} steps done; bake it with: snerg-bake {out} --out PACK")
 
     return snerg_train
 
 
-def _stored_options(
-    stored: SceneOptions, downscale: int | None, spherify: bool | None, masks: bool | None, aabb: Box | None
-) -> SceneOptions:
-    """A resumed run reads the same pictures in the same way; options that say otherwise are refused."""
-    asked = {"downscale": downscale, "spherify": spherify, "masks": masks, "aabb": aabb}
+def _describe(out: Path) -> RunDescription:
+    from training.run import read_description
+
+    return read_description(out)
+
+
+def _refuse_another_reading(stored: SceneOptions, asked: Mapping[str, object]) -> None:
+    """A resumed run reads the same pictures in the same way; options that say otherwise are refused. None says nothing."""
     for name, value in asked.items():
         before = getattr(stored, name)
         if value is not None and value != before:
             raise UserError(
-                "a run cannot change what it is trained on",
+                "a run cannot change how its scene is read",
                 where=f"--{name}",
                 expected="none" if before is None else before,
                 found=value,
                 remedy="leave it out with --resume",
             )
-    return stored
 
 
 def _refuse_changes(stored: TrainConfig, config: TrainConfig) -> None:

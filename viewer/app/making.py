@@ -6,7 +6,6 @@ machine it may take minutes, for JAX has steps under way that must end first. Th
 
 from __future__ import annotations
 
-import re
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +16,7 @@ from PIL import Image
 
 from console.driven import Report
 from viewer.app.child import Child
-from viewer.app.files import FileRequest
+from viewer.app.files import FileRequest, existing_folder
 from viewer.app.log import Dialog
 from viewer.app.make_plan import Plan, Subject
 
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 LOOKED_AT_EVERY_S = 0.2
 PARTING_S = 30.0  # for the child to save in, where the program ends in a way that leaves no window to wait in
-PSNR = re.compile(r"PSNR ([\d.]+)")
 KEPT_FIGURES = 400
 PICTURE_SIDE = 512  # pixels of the longer side, at most
 
@@ -56,7 +54,7 @@ class Job:
         """0 nothing heard yet, 1 training, 2 baking."""
         if self.report is None:
             return 0
-        return 1 if self.report.title == "training" else 2
+        return 1 if self.report.stage == "training" else 2
 
     def look(self) -> bool:
         """Takes in what the child has done since; True where there is something new to show."""
@@ -64,8 +62,8 @@ class Job:
         changed = report is not None and report != self.report
         if changed and report is not None:
             self.report = report
-            if match := PSNR.search(report.note):
-                self.figures = [*self.figures[-KEPT_FIGURES + 1 :], float(match[1])]
+            if "psnr" in report.metrics:
+                self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
         return self._look_at_picture() or changed
 
     def _look_at_picture(self) -> bool:
@@ -132,7 +130,7 @@ class Making:
             plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
             app.touch()
 
-        app.file_request = FileRequest("Where shall it be made?", "folder", then)
+        app.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
 
     def copy_command(self, app: App) -> None:
         """Puts the command line that does the same on the clipboard, for another machine, say."""
@@ -143,7 +141,7 @@ class Making:
     def start(self, app: App) -> None:
         """Begins. UserError where the plan cannot be carried out, with the question left open."""
         plan = self.plan
-        if plan is None or plan.problem() is not None:
+        if plan is None or plan.problem() is not None or plan.place_problem is not None:
             return
         self.job = Job(plan, Child(plan.command(), plan.log))
         self.plan = None
@@ -167,7 +165,7 @@ class Making:
             return
         title = f"{self.job.plan.name} is still being made"
         if not self.quit_after and all(dialog.title != title for dialog in app.messages.dialogs):
-            text = "Quitting stops it. What is done so far is kept, and making it again goes on there."
+            text = "Quitting stops it. Finished work is kept. Make the scene again to continue."
             buttons = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
             app.messages.dialogs.append(Dialog(title, text, buttons=buttons))
         app.touch()
@@ -206,13 +204,13 @@ class Making:
     def _ended(self, app: App, job: Job, status: int) -> None:
         name = job.plan.name
         if status == 0:
-            app.messages.say(f"{name} is made")
+            app.messages.say(f"{name} is ready")
             app.open(job.plan.pack)
         elif job.stopping:
-            app.messages.say(f"{name} was stopped; make it again to go on where it was")
+            app.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
-            text = f"{job.child.error_line()}\n\nAll that it said is in {job.plan.log}"
+            text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
             app.messages.fail(f"{name} could not be made", text, buttons=(("OK", ""), ("Try again", "make-again")))
         if self.quit_after:
             app.quitting = True

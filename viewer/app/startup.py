@@ -81,12 +81,15 @@ class Startup:
         if self.photographs is not None:
             photographs.look_in(self.photographs)
         if not len(photographs):
-            raise UserError("this pack does not tell where its photographs were taken", where=self.pack)
+            raise UserError("this pack has no camera poses", where=self.pack)
         comparison.frusta = True
         if self.photograph is not None:
             comparison.stand_in(app, photographs.named(self.photograph))
         elif self.look is not None:
             comparison.step(app, 1)
+        if (self.photograph is not None or self.look is not None) and comparison.pixels is None:
+            remedy = "name the scene's folder: --photographs SCENE"
+            raise UserError("its photographs are not on this computer", where=self.pack, remedy=remedy)
 
     def _export(self, app: App) -> None:
         if self.export is not None:

@@ -62,7 +62,7 @@ def draw(app: App, canvas: Canvas, box: Box) -> int | None:
 
 def _placed(app: App, box: Box) -> list[_Frustum]:
     """What of the frusta is to be seen, the farthest first."""
-    camera, comparison, scene = app.camera(), app.comparison, app.scene
+    camera, comparison, scene = app.viewport.camera, app.comparison, app.scene
     assert camera is not None and comparison.photographs is not None and scene is not None
     visible = comparison.visible()
     depth = comparison.frusta_size * (DEPTH_BOUNDED if scene.rig.bounded else DEPTH * scene.rig.radius)
@@ -149,5 +149,5 @@ def _tooltip(app: App, index: int, sheet: int | None) -> None:
         imgui.image(imgui.ImTextureRef(sheet), ImVec2(scale * w, scale * h), *uv)
     imgui.text_unformatted(shot.name)
     with font(None, theme.SMALL), coloured(text=theme.MUTED):
-        imgui.text_unformatted(f"{shot.split}   click to stand in it")
+        imgui.text_unformatted(f"{shot.split}   click to go there")
     imgui.end_tooltip()

@@ -25,16 +25,16 @@ MODE_TITLES = {
     "atlas": "Atlas",
 }
 MODE_HINTS = {
-    "normal": "What the camera would see.",
-    "diffuse": "Without the view-dependent residual.",
-    "features": "The first three accumulated features, what the view MLP is told.",
+    "normal": "What a camera sees.",
+    "diffuse": "Without the view-dependent part.",
+    "features": "The first three features, inputs of the view MLP.",
     "view-dependent": "Only what the view MLP adds.",
-    "alpha": "White where the ray was stopped.",
+    "alpha": "White is opaque.",
     "depth": "Near is bright.",
     "samples": "How many voxels each ray fetched.",
-    "jumps": "How many leaps over empty space each ray made.",
-    "macroblocks": "A colour for each block of voxels first hit.",
-    "atlas": "All blocks of voxels as they lie in memory.",
+    "jumps": "How many jumps over empty space each ray made.",
+    "macroblocks": "One colour for each macroblock that a ray hits first.",
+    "atlas": "All macroblocks as they lie in memory.",
 }
 RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
 
@@ -48,27 +48,27 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             app.set(mode=picked)
         hint(MODE_HINTS.get(app.settings.mode, ""))
         if app.settings.mode in ("samples", "jumps"):
-            label("Brightest at")
+            label("Maximum")
             changed, value = imgui.slider_float("##cost", app.settings.cost_scale, 4.0, 512.0, "%.0f")
             if changed:
                 app.set(cost_scale=value)
         _background(app)
     with card("resolution", fonts, "Resolution"):
-        picked = segments("rest", list(RESOLUTIONS), str(app.governor.rest_scale), RESOLUTIONS)
+        picked = segments("rest", list(RESOLUTIONS), str(app.resolution.rest_scale), RESOLUTIONS)
         if picked:
-            app.governor.rest_scale = float(picked)
+            app.resolution.rest_scale = float(picked)
             app.touch()
-        label("Drop to keep pace")
-        app.governor.enabled = switch("dynamic", app.governor.enabled)
-        if app.governor.enabled:
+        label("Dynamic resolution")
+        app.resolution.enabled = switch("dynamic", app.resolution.enabled)
+        if app.resolution.enabled:
             label("Target")
-            changed, fps = imgui.slider_float("##target", app.governor.target_fps, 10.0, 120.0, "%.0f fps")
+            changed, fps = imgui.slider_float("##target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
             if changed:
-                app.governor.target_fps = fps
-        hint("Fewer pixels while the camera moves; all of them once it rests.")
+                app.resolution.target_fps = fps
+        hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
     with card("time", fonts, "Frame time"):
         headline(app, fonts)
-        time_plots.rolling(app.times, app.governor.target_ms, px(84))
+        time_plots.rolling(app.times, app.resolution.target_ms, px(84))
         width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
 
@@ -100,11 +100,11 @@ def _background(app: App) -> None:
 
 
 def headline(app: App, fonts: Fonts) -> None:
-    """The figures that matter: the usual time of a frame, and frames per second."""
+    """The figures that matter: the mean time of a frame, and the frames per second that follow from it."""
     summary = app.times.summary()
     with font(fonts.bold, 26.0):
-        imgui.text_unformatted(f"{summary['p50']:.1f}")
+        imgui.text_unformatted(f"{summary.mean:.1f}")
     imgui.same_line(0, px(5))
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
     with coloured(text=theme.MUTED):
-        imgui.text_unformatted(f"ms      {summary['fps']:.0f} fps")
+        imgui.text_unformatted(f"ms      {summary.fps:.0f} fps")

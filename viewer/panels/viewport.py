@@ -14,17 +14,22 @@ from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import chip, coloured, px
 from viewer.window.canvas import Canvas
+from viewer.window.presenting import present
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
+TOAST_WIDTH = 560.0
 WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
 def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGizmo) -> None:
-    """Draws the picture into `box` and listens to the mouse there."""
+    """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
+    app.viewport.camera = app.camera()
+    present(app, canvas)
     with coloured(window_bg=theme.BASE):
-        layout.begin("##viewport", box, (0, 0), imgui.WindowFlags_.no_scroll_with_mouse)
+        still = imgui.WindowFlags_.no_scroll_with_mouse if app.scene is not None else 0  # the wheel is the camera's
+        layout.begin("##viewport", box, (0, 0), still)
     if app.scene is None:
         start_page.show(app, fonts)
     else:
@@ -54,12 +59,13 @@ def _buttons() -> int:
 
 @dataclass
 class _Hands:
-    """What the mouse holds since its button went down: "" the camera, "wipe" the edge, a crop face's number, or a shot.
+    """What the mouse holds since its `button` went down: "" the camera, "wipe" the edge, a crop face's number, or a shot.
 
     travelled: window units since then, to tell a click from a drag. walking: keys move the camera.
     """
 
     holds: str = ""
+    button: int = LEFT
     face: int = 0
     shot: int | None = None
     travelled: float = 0.0
@@ -77,10 +83,13 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
     if imgui.is_item_activated():
         _hands.holds = "face" if face is not None else "wipe" if overlays.wipe_edge_hovered(app, box) else ""
         _hands.face, _hands.shot, _hands.travelled = face or 0, shot, 0.0
+        _hands.button = next((b for b in (LEFT, RIGHT, MIDDLE) if imgui.is_mouse_clicked(b)), LEFT)
         if _hands.holds != "wipe":
             rig.remember()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
-    if active and (dx or dy):
+    if imgui.is_item_activated():
+        dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
+    if (active or imgui.is_item_deactivated()) and (dx or dy):  # the last way and the release may come in one frame
         _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
         _drag(app, box, dx, dy)
         app.touch()
@@ -89,7 +98,7 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
     if hovered and io.mouse_wheel:
         if rig.flying:
             rig.faster(io.mouse_wheel)
-            app.messages.say(f"Speed {rig.speed:.3g} units a second")
+            app.messages.say(f"Speed {rig.speed:.3g} units per second")
         else:
             x, y = 2.0 * (io.mouse_pos.x - box[0]) - box[2], 2.0 * (io.mouse_pos.y - box[1]) - box[3]
             rig.remember()
@@ -113,9 +122,8 @@ def _drag(app: App, box: layout.Box, dx: float, dy: float) -> None:
             moved = (dx * camera.height, dy * camera.height)
             app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, _hands.face, camera, moved))
     else:
-        left = imgui.is_mouse_down(LEFT)
-        sliding = imgui.is_mouse_down(MIDDLE) or (imgui.is_mouse_down(RIGHT) != rig.bounded and not left)
-        if sliding or (left and (rig.bounded or io.key_shift)):
+        sides = (LEFT, MIDDLE) if rig.bounded else (RIGHT, MIDDLE)
+        if _hands.button in sides or (_hands.button == LEFT and io.key_shift):
             rig.pan(dx, dy)
         else:
             rig.orbit(dx, dy)
@@ -169,9 +177,22 @@ def _corner(app: App, box: layout.Box) -> None:
 
 
 def _toast(app: App, box: layout.Box) -> None:
-    if app.messages.toast_left > 0:
-        width = imgui.calc_text_size(app.messages.toast).x
-        chip(app.messages.toast, box[0] + 0.5 * (box[2] - width) - px(12), box[1] + box[3] - px(52))
+    """What was said just now, at the foot of the picture, in as many lines as it takes; a stripe marks a warning."""
+    text, warning = app.messages.toast, app.messages.toast_level != "info"
+    if app.messages.toast_left <= 0:
+        return
+    draw, room = imgui.get_window_draw_list(), min(px(TOAST_WIDTH), box[2] - px(64))
+    size = imgui.calc_text_size(text, wrap_width=room)
+    x, y = box[0] + 0.5 * (box[2] - size.x), box[1] + box[3] - px(36) - size.y
+    low, high = ImVec2(x - px(14), y - px(8)), ImVec2(x + size.x + px(14), y + size.y + px(8))
+    draw.add_rect_filled(low, high, theme.packed(theme.BASE, 0.88), px(10))
+    if warning:
+        draw.add_rect_filled(
+            ImVec2(low.x + px(4), low.y + px(7)), ImVec2(low.x + px(7), high.y - px(7)), theme.packed(theme.WARN)
+        )
+    draw.add_text(
+        imgui.get_font(), imgui.get_font_size(), ImVec2(x, y), theme.packed(theme.TEXT), text, wrap_width=room
+    )
 
 
 def _progress(app: App, box: layout.Box, fonts: Fonts) -> None:

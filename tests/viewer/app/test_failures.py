@@ -33,7 +33,7 @@ def shapes_folder(tmp_path_factory) -> Path:
 def ui(offscreen, app, shapes_folder, tmp_path):
     """The interface with a pack that was opened from a folder of its own."""
     folder = shutil.copytree(shapes_folder, tmp_path / "open")
-    app.governor.enabled = False
+    app.resolution.enabled = False
     ui = offscreen(app, size=(900, 560))
     app.open(folder)
     app.loading.wait(30)
@@ -195,6 +195,38 @@ def test_an_old_picture_stays_when_the_new_one_does_not_fit(ui, small_disk):
     assert np.asarray(Image.open(small_disk / "still.png"))[0, 0].tolist() == [1, 2, 3]
 
 
+# A place that cannot be written
+
+
+@pytest.mark.parametrize(
+    ("place", "code", "words"),
+    [
+        ("/proc/nope/x.png", None, "there is no such folder"),
+        ("file/x.png", None, "a part of the path is a file"),
+        ("x.png", errno.EROFS, "that disk is read-only"),
+        ("x.png", errno.EACCES, "writing there is not permitted"),
+        ("x.png", errno.ENOSPC, "make room"),
+    ],
+)
+def test_why_a_picture_cannot_be_written_is_told_by_the_systems_own_reason(
+    ui, tmp_path, monkeypatch, place, code, words
+):
+    app = ui.app
+    (tmp_path / "file").touch()
+    if code is not None:
+
+        def refuse(self, picture) -> None:
+            raise OSError(code, "whatever the system says")
+
+        monkeypatch.setattr(export_module._Still, "add", refuse)
+    app.filming.size = (32, 32)
+    app.filming.still(app, tmp_path / place)
+    told = wait_for_dialog(ui)
+    assert words in told and str(tmp_path / place) in told and ("make room" in told) == (code == errno.ENOSPC)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "open"]
+    still_alive(ui)
+
+
 # A card too small
 
 
@@ -288,5 +320,5 @@ def test_a_bug_is_told_as_one_with_its_traceback_in_the_log(tmp_path):
         _ = 1 // len([])
     except ZeroDivisionError as error:
         app.messages.fail("It failed", error)
-    assert app.messages.dialogs[0].text.startswith("That is a bug in snerg")
+    assert app.messages.dialogs[0].text.startswith("This is a bug in snerg")
     assert any("test_failures.py" in line.text for line in app.messages.lines)

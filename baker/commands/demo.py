@@ -1,6 +1,6 @@
 """`make demo`: the bundled demo pack from nothing, through the real trainer and baker.
 
-    python -m baker.demo --out viewer/demo/demo.zip
+    python -m baker.commands.demo --out viewer/demo/demo.zip
 
 Renders the procedural still life (training.scenes.procedural), trains on it with the cpu preset, bakes, writes the zip.
 """
@@ -20,16 +20,17 @@ SIZE, VIEWS, STEPS, RESOLUTION = 200, 60, 4000, 210
 
 
 def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: int = RESOLUTION) -> None:
-    """Remakes the bundled demo pack.
+    """Makes the bundled demo pack again.
 
     Args:
         out: The .zip to write.
-        work: Folder for the scene and the run, kept; by default a temporary one, removed.
-        steps: Training steps.
+        work: Folder for the scene and the run, which stay there. The default is a temporary folder, which is removed.
+        steps: Number of training steps.
         resolution: Voxels along the longest side of the content.
     """
     from baker.baking.bake import BakeConfig, bake
-    from baker.commands.bake import describe_pack
+    from baker.baking.pictures import with_pictures
+    from baker.baking.to_pack import describe_pack
     from scenepack import check_target, save_pack
     from training.config import PRESETS
     from training.loop import train
@@ -40,8 +41,9 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
     try:
         scene = write_procedural_scene(folder / "scene", size=SIZE, views=VIEWS)
         config = dataclasses.replace(PRESETS["cpu"], steps=steps)
-        pack = bake(train(scene, folder / "run", config), BakeConfig(resolution=resolution))
-        # The photographs do not travel with the demo: say what they were, not where.
+        run = train(scene, folder / "run", config)
+        pack = with_pictures(bake(run, BakeConfig(resolution=resolution)), run.scene, SIZE)
+        # The files of the photographs do not travel with the demo, only their copies: say what they were, not where.
         provenance = {**pack.metadata["provenance"], "scene": "training.scenes.procedural", "run": "baker.demo"}
         out.parent.mkdir(parents=True, exist_ok=True)
         save_pack(pack.with_metadata(provenance=provenance), out, png_level=9)
@@ -53,7 +55,9 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(demo, prog="python -m baker.demo", description="Remakes the bundled demo pack.", args=args)
+    return run_command(
+        demo, prog="python -m baker.commands.demo", description="Makes the bundled demo pack again.", args=args
+    )
 
 
 if __name__ == "__main__":
