@@ -170,7 +170,7 @@ def load_path(file: Path, training_T_grid: np.ndarray) -> CameraPath:
         raise UserError("cannot be read", where=file, found=error.strerror) from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise UserError(
-            "is no camera path", where=file, expected="nerfstudio's camera_path.json with keyframes", found=error
+            "is not a camera path", where=file, expected="nerfstudio's camera_path.json with keyframes", found=error
         ) from error
 
 
@@ -181,7 +181,7 @@ def _keyframe(entry: dict[str, Any], grid_T_training: np.ndarray, default: float
     else:
         matrix = np.array(numbers, np.float64).reshape(4, 4)
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:
-        raise ValueError("a keyframe's matrix is no pose")
+        raise ValueError("a keyframe's matrix is not a pose")
     seconds = float(entry.get("override_transition_sec") or default)
     fov = float(entry.get("fov", 50.0))
     if not 0 < seconds < 1e5 or not 1 <= fov <= 170:

@@ -148,7 +148,7 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
             raise ValueError
     except (KeyError, TypeError, ValueError):
         raise ValueError(
-            'this is no pose: expected {"eye": [x, y, z], "target": [x, y, z]} with "up" and "fov" if wanted, '
+            'this is not a pose: expected {"eye": [x, y, z], "target": [x, y, z]} with "up" and "fov" if wanted, '
             "or six numbers x,y,z,x,y,z"
         ) from None
     return camera.grid_T_camera, fov
