@@ -160,9 +160,9 @@ def _corner(app: App, box: layout.Box) -> None:
         notes.append(app.settings.mode.replace("-", " "))
     if app.scene is not None and app.scene.rig.flying:
         notes.append("flying")
-    comparison = app.comparison
-    if comparison.against == "photograph" and comparison.photographs is not None and comparison.photograph is not None:
-        name = comparison.photographs.shots[comparison.photograph].name
+    comparison, gallery = app.comparison, app.gallery
+    if comparison.against == "photograph" and gallery.photographs is not None and gallery.chosen is not None:
+        name = gallery.photographs.shots[gallery.chosen].name
         known = comparison.psnr_db is not None
         notes.append(f"{name}   {comparison.psnr_db:.2f} dB" if known else name)
     sides = comparison.sides(app)

@@ -84,6 +84,6 @@ def unfinished(app: App, canvas: Canvas) -> bool:
 
 def awaited(app: App) -> bool:
     """Whether a thread is at work on something that will be seen."""
-    thumbnails = app.comparison.thumbnails
+    thumbnails = app.gallery.thumbnails
     asked_about = app.making.plan is not None and app.making.busy
     return app.loading is not None or asked_about or (thumbnails is not None and thumbnails.coming)

@@ -98,7 +98,7 @@ def label_at(picture: np.ndarray, columns: slice, rows: slice) -> bool:
 
 
 def test_both_sides_of_the_wipe_are_named(ui, app):
-    app.comparison.stand_in(app, 1)
+    app.gallery.stand_in(app, 1)
     assert app.comparison.sides(app) == ("Rendered", "Photograph")
     for split in (0.5, 0.3):
         app.comparison.split = split

@@ -150,12 +150,12 @@ def _plan(subject: str, **changes: object) -> Prepare:
 
 def _compare(app: App, scenes: Scenes) -> None:
     stage, app.stage = app.stage, None if app.stage.other is not None else app.stage
-    app.comparison.with_pack(app, scenes.other, scenes.path)
+    app.compare_with(scenes.other, scenes.path)
     app.stage, app.comparison.how = stage, "difference"
 
 
 def _stand_in(app: App, scenes: Scenes) -> None:
-    app.comparison.stand_in(app, 1)
+    app.gallery.stand_in(app, 1)
     app.comparison.how = "difference"
 
 
