@@ -1,7 +1,7 @@
 """The viewer without its window: all state, and everything it can do.
 
 Panels read it and call it; the window calls `tick` once a frame and draws while `wants_frame`. What needs OpenGL (the
-picture itself) is behind `viewer.app.state.Stage`, which viewer.window.canvas implements.
+picture itself) is behind `viewer.app.stage.Stage`, which viewer.window.canvas implements.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from viewer.app.preferences import Preferences
 from viewer.app.projection import rays_through
 from viewer.app.ray_costs import CostMeter
 from viewer.app.rig import FOVS, CameraRig
-from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Stage, Viewport, name_of
+from viewer.app.stage import Stage
+from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
 from viewer.app.timing import FrameTimes
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution

@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import Protocol
 
 from viewer.app.log import Messages
-from viewer.app.state import FRAMES_AFTER_EVENT, OpenScene, Stage, Viewport
+from viewer.app.stage import Stage
+from viewer.app.state import FRAMES_AFTER_EVENT, OpenScene, Viewport
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.rendering.settings import RenderSettings

@@ -19,6 +19,7 @@ from PIL import Image
 from console.driven import Report
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
+from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.pictures import AMPLIFIED, FAILURES, GOLDEN, skip
 from training.scenes.procedural import write_procedural_scene
 from viewer.app import crop
@@ -28,7 +29,6 @@ from viewer.app.make_plan import Plan, Survey
 from viewer.app.making import Job
 from viewer.app.timing import FrameTimes
 from viewer.panels.layout import PAGES
-from viewer.panels.offscreen_ui import OffscreenUi
 
 FOLDER = GOLDEN / "ui"
 SIZE = (900, 640)

@@ -28,6 +28,7 @@ from viewer.app.application import App
 from viewer.app.make_plan import Plan, Survey
 from viewer.app.making import Job
 from viewer.panels.layout import NARROW, PAGES
+from viewer.panels.ui import Ui
 from viewer.rendering.settings import RenderSettings
 from viewer.window.window import Window
 
@@ -53,7 +54,7 @@ def opened(display) -> Iterator[tuple[Window, Watch]]:
     with pytest.MonkeyPatch.context() as patch, watch() as seen:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Window(App(), SIZES[-1]) as window:
+        with Window(App(), Ui, SIZES[-1]) as window:
             window.ui.file_dialogs.native = False
             yield window, seen
 
