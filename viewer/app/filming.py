@@ -108,7 +108,7 @@ class Filming:
         rig = host.scene.rig
         rig.take_over()
         if rig.bounded:
-            raise UserError("a forward-facing pack cannot be walked around")
+            raise UserError("a turntable does not work with a forward-facing pack")
         keys = []
         for i in range(TURNTABLE_KEYS):
             pose = replace(rig.goal, azimuth=rig.goal.azimuth + 360.0 * i / TURNTABLE_KEYS)
@@ -147,11 +147,11 @@ class Filming:
 
     def _start(self, host: Host, cameras: list[ViewCamera], target: Path) -> None:
         if self.export is not None:
-            raise UserError("another export is still running", remedy="cancel it, or wait for its end")
+            raise UserError("another export is still running", remedy="cancel it or wait for it")
         if host.stage is None or host.scene is None:
             return
         if not host.scene.whole:
-            raise UserError("the scene is still being read", remedy="wait until it is all there")
+            raise UserError("the scene is still being read", remedy="wait until it is complete")
         side = host.resolution.tile_side()
         self.export = Export(cameras, host.settings, target, host.stage.snapshot, self.fps, side)
         self.playing = False

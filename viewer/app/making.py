@@ -140,7 +140,7 @@ class Making:
             plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
             host.touch()
 
-        host.file_request = FileRequest("Where shall it be made?", "folder", then, start=existing_folder(plan.out))
+        host.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
 
     def copy_command(self, host: MakingHost) -> None:
         """Puts the command line that does the same on the clipboard, for another machine, say."""
@@ -175,7 +175,7 @@ class Making:
             return
         title = f"{self.job.plan.name} is still being made"
         if not self.quit_after and all(dialog.title != title for dialog in host.messages.dialogs):
-            text = "Quitting stops it. What is done so far is kept, and making it again goes on there."
+            text = "Quitting stops it. Finished work is kept. Make the scene again to continue."
             buttons = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
             host.messages.dialogs.append(Dialog(title, text, buttons=buttons))
         host.touch()
@@ -214,13 +214,13 @@ class Making:
     def _ended(self, host: MakingHost, job: Job, status: int) -> None:
         name = job.plan.name
         if status == 0:
-            host.messages.say(f"{name} is made")
+            host.messages.say(f"{name} is ready")
             host.open(job.plan.pack)
         elif job.stopping:
-            host.messages.say(f"{name} was stopped; make it again to go on where it was")
+            host.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
-            text = f"{job.child.error_line()}\n\nAll that it said is in {job.plan.log}"
+            text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
             host.messages.fail(f"{name} could not be made", text, buttons=(("OK", ""), ("Try again", "make-again")))
         if self.quit_after:
             host.quitting = True
