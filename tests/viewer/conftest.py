@@ -15,8 +15,8 @@ import pytest
 from scenepack import Pack, ViewMlp, save_pack
 from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
+from tests.viewer.offscreen_ui import OffscreenUi
 from viewer.app.application import App
-from viewer.panels.offscreen_ui import OffscreenUi
 from viewer.rendering.offscreen import create_context
 
 SIDE, BLOCK = 44, 14
