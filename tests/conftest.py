@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hypothesis
 import pytest
 from hypothesis import settings
 
 settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
 settings.load_profile("busy machine")
-
-hypothesis.settings.register_profile("patient", deadline=None)  # on a busy machine a deadline only tells how busy
-hypothesis.settings.load_profile("patient")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
