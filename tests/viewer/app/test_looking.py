@@ -115,7 +115,9 @@ def test_psnr_is_the_fields():
 def test_two_packs_are_compared_under_one_camera(ui, app, pack_folder):
     ui.settle()
     alone = ui.picture()
+    app.gallery.chosen = 1
     app.compare_with(toy_pack(view_mlp=False), pack_folder)
+    assert app.gallery.chosen is None  # it is not what the picture is compared with
     app.comparison.how = "difference"
     ui.settle()
     assert np.abs(ui.picture().astype(int) - alone)[200:500, 200:600].mean() > 20
