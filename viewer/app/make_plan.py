@@ -29,7 +29,7 @@ DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
 KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
 MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may have masks beside them
-PARTS = ("jax", "optax", "safetensors", "scipy")  # the extra `train`
+PARTS = ("jax", "matplotlib", "optax", "safetensors", "scipy")  # the extra `train`
 
 
 def trainer_missing() -> bool:
