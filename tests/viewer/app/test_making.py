@@ -163,7 +163,7 @@ def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
     app.drop([folder / "run"])
     assert app.making.plan.subject == "run" and app.making.plan.out == folder / "pack"
     (folder / "run" / "checkpoints" / "step_00006000.safetensors").touch()
-    assert "it is baked" in Plan.of("run", folder).attempt_text()
+    assert "It is baked" in Plan.of("run", folder).attempt_text()
     other = Plan("scene", tmp_path / "elsewhere", folder)
     assert "another scene" in other.problem()
 
