@@ -130,19 +130,18 @@ def _morton(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 @njit(nogil=True, cache=True, inline="always")
-def row_of(bricks, x, y, z):
-    """int32: the row of padded voxel (x, y, z); 0 where it is absent."""
-    slot = bricks.slots[((z >> 2) * bricks.shape[1] + (y >> 2)) * bricks.shape[0] + (x >> 2)]
-    if slot < 0:
+def row_in(bits, base, local):
+    """int32: the row of voxel `local` of a brick with these presence bits and first row; 0 where it is absent."""
+    bit = np.uint64(1) << np.uint64(local)
+    if bits & bit == np.uint64(0):
         return np.int32(0)
-    return row_in(bricks, slot, ((z & 3) * 4 + (y & 3)) * 4 + (x & 3))
+    return np.int32(base + population_count(bits & (bit - np.uint64(1))))
 
 
 @njit(nogil=True, cache=True, inline="always")
-def row_in(bricks, slot, local):
-    """int32: the row of voxel `local` of a brick; 0 where it is absent."""
-    bit = np.uint64(1) << np.uint64(local)
-    bits = bricks.bits[slot]
-    if bits & bit == np.uint64(0):
+def row_of(slots, bits, base, width, height, x, y, z):
+    """int32: the row of padded voxel (x, y, z) in `height` × `width` bricks a layer; 0 where it is absent."""
+    slot = slots[((z >> 2) * height + (y >> 2)) * width + (x >> 2)]
+    if slot < 0:
         return np.int32(0)
-    return np.int32(bricks.base[slot] + population_count(bits & (bit - np.uint64(1))))
+    return row_in(bits[slot], base[slot], ((z & 3) * 4 + (y & 3)) * 4 + (x & 3))

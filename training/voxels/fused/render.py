@@ -86,69 +86,73 @@ def make_scratch(room: int) -> Scratch:
 
 
 @njit(nogil=True, cache=True)
-def gather(bricks: Bricks, slot, x, y, z, fx, fy, fz, ids, weights, n):
-    """Rows and trilinear weights of the 8 voxels around a point of cell (x, y, z), which lies in brick `slot`."""
-    one = np.float32(1.0)
-    if (x & 3) < 3 and (y & 3) < 3 and (z & 3) < 3:
-        local = ((z & 3) * 4 + (y & 3)) * 4 + (x & 3)
-        for corner in range(8):
-            ids[n, corner] = row_in(bricks, slot, local + (corner >> 2) * 16 + (corner >> 1 & 1) * 4 + (corner & 1))
-    else:
-        for corner in range(8):
-            ids[n, corner] = row_of(bricks, x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2))
-    for corner in range(8):
-        wx = fx if corner & 1 else one - fx
-        wy = fy if corner >> 1 & 1 else one - fy
-        wz = fz if corner >> 2 else one - fz
-        weights[n, corner] = wz * wy * wx
+def march_chunk(bricks: Bricks, batch: Batch, low, high, step, horizon, offset, room, ids, weights, t, first):
+    """Lists the samples of rays low … high - 1 that have support, from `offset` on; rays that did not fit.
 
-
-@njit(nogil=True, cache=True)
-def march_ray(bricks: Bricks, batch: Batch, ray, step, horizon, ids, weights, t, offset, begin, end):
-    """Lists the samples of a ray that have support, at offset + begin …; their number, or -1 where `end` is too near.
-
-    Samples lie at start + (phase + k) step. Empty blocks and bricks are jumped over by whole steps; the march ends behind
-    `horizon` units of remembered optical depth. t [room] is the chunk's own; ids, weights are the step's.
+    Samples lie at start + (phase + k) step. Empty blocks and bricks are jumped over by whole steps; a ray ends behind
+    `horizon` units of remembered optical depth. t [room] and first [CHUNK + 1] are the chunk's own; ids and weights
+    [., 8] are the step's. Tables are taken out of their tuples once: passing these on costs more than the march.
     """
-    ox, oy, oz = batch.origins[ray, 0], batch.origins[ray, 1], batch.origins[ray, 2]
-    dx, dy, dz = batch.directions[ray, 0], batch.directions[ray, 1], batch.directions[ray, 2]
-    start, stop, phase = batch.start[ray], batch.end[ray], batch.phase[ray]
-    half = np.float32(0.5)
-    k, deep, count = np.int64(0), np.int64(0), begin
-    while True:
-        along = start + (phase + np.float32(k)) * step
-        if not along < stop:
-            break
-        gx, gy, gz = ox + along * dx - half, oy + along * dy - half, oz + along * dz - half
-        lx, ly, lz = np.floor(gx), np.floor(gy), np.floor(gz)
-        x = min(max(np.int64(lx) + 1, 0), np.int64(bricks.dims[0]))
-        y = min(max(np.int64(ly) + 1, 0), np.int64(bricks.dims[1]))
-        z = min(max(np.int64(lz) + 1, 0), np.int64(bricks.dims[2]))
-        bx, by, bz = x >> 2, y >> 2, z >> 2
-        slot = bricks.slots[(bz * bricks.shape[1] + by) * bricks.shape[0] + bx]
-        if slot < 0 or bricks.supported[slot] == 0:
-            shape = bricks.block_shape
-            side = np.int64(2)
-            if bricks.blocks[((bz >> 2) * shape[1] + (by >> 2)) * shape[0] + (bx >> 2)] == 0:
-                side = np.int64(4)
-            out = leaving(ox, dx, x, side)
-            out = min(out, leaving(oy, dy, y, side))
-            out = min(out, leaving(oz, dz, z, side))
-            k = max(k + 1, np.int64((out - start) / step - phase - np.float32(CLOSE)) + 1)
-            continue
-        code = np.int64(bricks.support[slot, ((z & 3) * 4 + (y & 3)) * 4 + (x & 3)])
-        k += 1
-        if code == 0:
-            continue
-        if deep >= horizon:
-            break
-        if count >= end:
-            return np.int64(-1)
-        gather(bricks, slot, x, y, z, gx - lx, gy - ly, gz - lz, ids, weights, offset + count)
-        t[count] = along
-        count += 1
-        deep += code - 1
-    return count - begin
+    slots, blocks, base, bits = bricks.slots, bricks.blocks, bricks.base, bricks.bits
+    support, supported = bricks.support, bricks.supported
+    most_x, most_y, most_z = np.int64(bricks.dims[0]), np.int64(bricks.dims[1]), np.int64(bricks.dims[2])
+    width, height = np.int64(bricks.shape[0]), np.int64(bricks.shape[1])
+    blocks_wide, blocks_high = np.int64(bricks.block_shape[0]), np.int64(bricks.block_shape[1])
+    one, half = np.float32(1.0), np.float32(0.5)
+    lost, count = 0, 0
+    first[0] = 0
+    for ray in range(low, high):
+        ox, oy, oz = batch.origins[ray, 0], batch.origins[ray, 1], batch.origins[ray, 2]
+        dx, dy, dz = batch.directions[ray, 0], batch.directions[ray, 1], batch.directions[ray, 2]
+        start, stop, phase = batch.start[ray], batch.end[ray], batch.phase[ray]
+        k, deep, begin = np.int64(0), np.int64(0), count
+        along = start + phase * step
+        while along < stop:
+            gx, gy, gz = ox + along * dx - half, oy + along * dy - half, oz + along * dz - half
+            lx, ly, lz = np.floor(gx), np.floor(gy), np.floor(gz)
+            x = min(max(np.int64(lx) + 1, 0), most_x)
+            y = min(max(np.int64(ly) + 1, 0), most_y)
+            z = min(max(np.int64(lz) + 1, 0), most_z)
+            slot = slots[((z >> 2) * height + (y >> 2)) * width + (x >> 2)]
+            if slot < 0 or supported[slot] == 0:
+                empty_block = blocks[((z >> 4) * blocks_high + (y >> 4)) * blocks_wide + (x >> 4)] == 0
+                side = 4 if empty_block else 2
+                out = min(leaving(ox, dx, x, side), leaving(oy, dy, y, side), leaving(oz, dz, z, side))
+                k = max(k + 1, np.int64((out - start) / step - phase - np.float32(CLOSE)) + 1)
+                along = start + (phase + np.float32(k)) * step
+                continue
+            code = np.int64(support[slot, ((z & 3) * 4 + (y & 3)) * 4 + (x & 3)])
+            k += 1
+            along_now, along = along, start + (phase + np.float32(k)) * step
+            if code == 0:
+                continue
+            if deep >= horizon:
+                break
+            if count >= room:
+                lost += 1
+                count = begin
+                break
+            n = offset + count
+            if (x & 3) < 3 and (y & 3) < 3 and (z & 3) < 3:
+                here, local, lowest = bits[slot], ((z & 3) * 4 + (y & 3)) * 4 + (x & 3), base[slot]
+                for corner in range(8):
+                    shift = (corner >> 2) * 16 + (corner >> 1 & 1) * 4 + (corner & 1)
+                    ids[n, corner] = row_in(here, lowest, local + shift)
+            else:
+                for corner in range(8):
+                    ids[n, corner] = row_of(slots, bits, base, width, height, x + (corner & 1),
+                                            y + (corner >> 1 & 1), z + (corner >> 2))  # fmt: skip
+            fx, fy, fz = gx - lx, gy - ly, gz - lz
+            ex, ey, ez = one - fx, one - fy, one - fz
+            weights[n, 0], weights[n, 1] = ez * ey * ex, ez * ey * fx
+            weights[n, 2], weights[n, 3] = ez * fy * ex, ez * fy * fx
+            weights[n, 4], weights[n, 5] = fz * ey * ex, fz * ey * fx
+            weights[n, 6], weights[n, 7] = fz * fy * ex, fz * fy * fx
+            t[count] = along_now
+            count += 1
+            deep += code - 1
+        first[ray - low + 1] = count
+    return lost
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -186,98 +190,102 @@ def render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shadi
     offset = chunk * room
     metrics = work.metrics[chunk]
     metrics[:] = 0.0
-    work.lost[chunk] = 0
     first = scratch.first
-    first[0] = 0
-    for ray in range(low, high):
-        begin = first[ray - low]
-        found = march_ray(
-            bricks, batch, ray, numbers.step, numbers.horizon, work.ids, work.weights, scratch.t, offset, begin, room
-        )
-        if found < 0:
-            work.lost[chunk] += 1
-            found = 0
-        first[ray - low + 1] = begin + found
+    work.lost[chunk] = march_chunk(
+        bricks, batch, low, high, numbers.step, numbers.horizon, offset, room, work.ids, work.weights, scratch.t, first
+    )
     count = first[high - low]
     work.counts[chunk] = count
     metrics[SAMPLES] = count
 
-    values = work.slopes[offset : offset + count]  # raw values, then their activations, then their slopes
-    for n in range(count):
-        blend(rows, work.ids, work.weights, offset + n, work.slopes)
-        values[n, 0] += numbers.shift
-        scratch.pre[n] = values[n, 0]
-    sigmoid_in_place(values.reshape(-1), count * 8)
-    for ray in range(low, high):
-        composite_ray(ray, ray - low, batch, values, numbers, scratch, shading, metrics)
+    fetch_chunk(offset, count, rows, work.ids, work.weights, work.slopes, numbers.shift, scratch.pre)
+    composite_chunk(low, high, offset, batch.length, work.slopes, numbers, scratch, shading.sums, metrics)
     shade_chunk(low, high, batch, head, scratch, numbers.shaded_below, shading, metrics, COLOUR, SQUARED, RAYS)
-    for ray in range(low, high):
-        slope_ray(ray, ray - low, batch, values, numbers, scratch, shading, metrics)
+    slope_chunk(low, high, offset, batch.length, work.slopes, numbers, scratch, shading.slopes, metrics)
 
 
 @njit(nogil=True, cache=True)
-def composite_ray(ray, r, batch, values, numbers, scratch, shading, metrics):
-    """Density, weights and sums of a ray: T before each sample, colours and features accumulated into shading.sums [7, CHUNK]."""
-    transmitted, product = np.float32(1.0), 1.0
-    sums = shading.sums
-    for c in range(7):
-        sums[c, r] = 0.0
-    thickness = numbers.step * batch.length[ray]
+def fetch_chunk(offset, count, rows, ids, weights, values, shift, pre):
+    """values [., 8]: sigmoids of the raw values at a chunk's samples; pre [.]: their raw density, before its activation."""
+    for n in range(count):
+        blend(rows, ids, weights, offset + n, values)
+        values[offset + n, 0] += shift
+        pre[n] = values[offset + n, 0]
+    sigmoid_in_place(values[offset : offset + count].reshape(-1), count * 8)
+
+
+@njit(nogil=True, cache=True)
+def composite_chunk(low, high, offset, length, values, numbers, scratch, sums, metrics):
+    """Density, weights and T of each sample; colours and features of each ray, accumulated into sums [7, CHUNK]."""
+    pre, sigmas, befores, weights, first = scratch.pre, scratch.sigma, scratch.before, scratch.weight, scratch.first
+    reference, scale = numbers.reference, np.float64(numbers.sparsity_scale)
+    total = np.empty(7, np.float32)
     penalty = 0.0
-    for n in range(scratch.first[r], scratch.first[r + 1]):
-        x = scratch.pre[n]
-        sigma = np.float32((max(x, 0.0) + np.log1p(np.exp(-abs(x)))) / numbers.reference)
-        alpha = np.float32(-np.expm1(-sigma * thickness))
-        weight = transmitted * alpha
-        scratch.sigma[n], scratch.before[n], scratch.weight[n] = sigma, transmitted, weight
-        transmitted -= weight
+    for r in range(high - low):
+        transmitted, product = np.float32(1.0), 1.0
+        thickness = numbers.step * length[low + r]
+        total[:] = np.float32(0.0)
+        for n in range(first[r], first[r + 1]):
+            x = np.float64(pre[n])
+            sigma = np.float32((max(x, 0.0) + np.log1p(np.exp(-abs(x)))) / reference)
+            weight = transmitted * np.float32(-np.expm1(-np.float64(sigma * thickness)))
+            sigmas[n], befores[n], weights[n] = sigma, transmitted, weight
+            transmitted -= weight
+            for c in range(7):
+                total[c] += weight * values[offset + n, c + 1]
+            product *= 1.0 + np.float64(sigma) * sigma / scale
+            if product > LOG_LATER:
+                penalty += np.log(product)
+                product = 1.0
+        scratch.behind[r] = transmitted
+        penalty += np.log(product)
         for c in range(7):
-            sums[c, r] += weight * values[n, c + 1]
-        product *= 1.0 + np.float64(sigma) * sigma / numbers.sparsity_scale
-        if product > LOG_LATER:
-            penalty += np.log(product)
-            product = 1.0
-    scratch.behind[r] = transmitted
-    metrics[PENALTY] += penalty + np.log(product)
+            sums[c, r] = total[c]
+    metrics[PENALTY] = penalty
 
 
 @njit(nogil=True, cache=True)
-def slope_ray(ray, r, batch, values, numbers, scratch, shading, metrics):
-    """dL/draw of each sample of a ray, into `values`, where their activations were; and the distortion loss."""
-    begin, end = scratch.first[r], scratch.first[r + 1]
-    if begin == end:
-        return
-    thickness = numbers.step * batch.length[ray]
-    slopes = shading.slopes  # dL/d sums [7, CHUNK], and of what is behind in row 7
-    one, origin = np.float32(1.0), scratch.t[begin]
-    ahead, ahead_t = 0.0, 0.0  # weights of samples behind n, and weights times t
-    inside, inside_t = 0.0, 0.0  # of all samples up to n
-    if numbers.scatter > 0:
-        for n in range(begin, end):
-            inside += scratch.weight[n]
-            inside_t += scratch.weight[n] * (scratch.t[n] - origin)
-    behind = scratch.behind[r] * slopes[7, r]
+def slope_chunk(low, high, offset, length, values, numbers, scratch, slopes, metrics):
+    """dL/draw of each sample into `values`, where their activations were, from dL/d sums and dL/d behind [8, CHUNK]."""
+    ts, sigmas, befores, weights, first = scratch.t, scratch.sigma, scratch.before, scratch.weight, scratch.first
+    reference, step, scatter = numbers.reference, numbers.step, np.float64(numbers.scatter)
+    sparsity, scale = np.float32(2.0) * numbers.sparsity, numbers.sparsity_scale
+    one = np.float32(1.0)
+    slope = np.empty(8, np.float32)
     scattered = 0.0
-    for n in range(end - 1, begin - 1, -1):
-        weight, sigma = scratch.weight[n], scratch.sigma[n]
-        g = np.float32(0.0)
-        for c in range(7):
-            g += slopes[c, r] * values[n, c + 1]
-        if numbers.scatter > 0:
-            t = scratch.t[n] - origin
-            inside -= weight
-            inside_t -= weight * t
-            before = t * inside - inside_t
-            scattered += 2.0 * weight * before + weight * weight / 3.0
-            g += np.float32(numbers.scatter * (2.0 * (before + ahead_t - t * ahead) + 2.0 * weight / 3.0))
-            ahead += weight
-            ahead_t += weight * t
-        tau_slope = (scratch.before[n] - weight) * g - behind
-        behind += weight * g
-        sigma_slope = tau_slope * thickness
-        sigma_slope += numbers.sparsity * np.float32(2.0) * sigma / (numbers.sparsity_scale + sigma * sigma)
-        values[n, 0] = sigma_slope * values[n, 0] / numbers.reference
-        for c in range(7):
-            s = values[n, c + 1]
-            values[n, c + 1] = weight * slopes[c, r] * s * (one - s)
-    metrics[SCATTER] += scattered
+    for r in range(high - low):
+        begin, end = first[r], first[r + 1]
+        if begin == end:
+            continue
+        thickness = step * length[low + r]
+        for c in range(8):
+            slope[c] = slopes[c, r]
+        origin = ts[begin]
+        inside, inside_t = 0.0, 0.0  # weights of the samples up to n, and weights times t
+        for n in range(begin, end):
+            inside += weights[n]
+            inside_t += weights[n] * (ts[n] - origin)
+        ahead, ahead_t = 0.0, 0.0  # of those behind n
+        behind = scratch.behind[r] * slope[7]
+        for n in range(end - 1, begin - 1, -1):
+            weight, sigma, m = weights[n], sigmas[n], offset + n
+            g = np.float32(0.0)
+            for c in range(7):
+                g += slope[c] * values[m, c + 1]
+            if scatter > 0:
+                t = np.float64(ts[n] - origin)
+                inside -= weight
+                inside_t -= weight * t
+                before = t * inside - inside_t
+                scattered += 2.0 * weight * before + weight * weight / 3.0
+                g += np.float32(scatter * (2.0 * (before + ahead_t - t * ahead) + 2.0 * weight / 3.0))
+                ahead += weight
+                ahead_t += weight * t
+            tau_slope = (befores[n] - weight) * g - behind
+            behind += weight * g
+            sigma_slope = tau_slope * thickness + sparsity * sigma / (scale + sigma * sigma)
+            values[m, 0] = sigma_slope * values[m, 0] / reference
+            for c in range(7):
+                s = values[m, c + 1]
+                values[m, c + 1] = weight * slope[c] * s * (one - s)
+    metrics[SCATTER] = scattered

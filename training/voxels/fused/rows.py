@@ -33,17 +33,17 @@ class Variation(NamedTuple):
 @njit(nogil=True, cache=True)
 def variation(bricks: Bricks, rows, picked, weights, part, variation, low, high):
     """Total variation of picked voxels low … high - 1 and its slopes: weights [8] per channel, of the sum of norms."""
+    slots, bits, base = bricks.slots, bricks.bits, bricks.base
+    width, height = np.int64(bricks.shape[0]), np.int64(bricks.shape[1])
     density, colours = 0.0, 0.0
     for p in range(low, high):
         row = picked[p]
         x, y, z = bricks.coordinates[row, 0], bricks.coordinates[row, 1], bricks.coordinates[row, 2]
         near = variation.near[p]
         near[0] = row
-        near[1], near[2], near[3] = (
-            row_of(bricks, x + 1, y, z),
-            row_of(bricks, x, y + 1, z),
-            row_of(bricks, x, y, z + 1),
-        )
+        near[1] = row_of(slots, bits, base, width, height, x + 1, y, z)
+        near[2] = row_of(slots, bits, base, width, height, x, y + 1, z)
+        near[3] = row_of(slots, bits, base, width, height, x, y, z + 1)
         for c in range(8):
             total = np.float32(1e-6)
             for axis in range(1, 4):
@@ -72,18 +72,19 @@ def gather_slopes(work, room, variation, scale, slopes, marks, low, high):
     scale: of the variation's slopes, which are a mean where the samples' are a sum over rays.
     """
     width = np.uint32(high - low)
+    ids, weights, values, near, rough = work.ids, work.weights, work.slopes, variation.near, variation.slopes
     for chunk in range(work.counts.shape[0]):
         for n in range(chunk * room, chunk * room + work.counts[chunk]):
             for corner in range(8):
-                row = work.ids[n, corner]
+                row = ids[n, corner]
                 if np.uint32(row - low) < width and row > 0:
-                    add_scaled(slopes, row, work.weights[n, corner], work.slopes, n)
+                    add_scaled(slopes, row, weights[n, corner], values, n)
                     marks[row >> 6] |= np.uint64(1) << np.uint64(row & 63)
-    for p in range(variation.near.shape[0]):
+    for p in range(near.shape[0]):
         for k in range(4):
-            row = variation.near[p, k]
+            row = near[p, k]
             if np.uint32(row - low) < width and row > 0:
-                add_scaled(slopes, row, scale, variation.slopes, 4 * p + k)
+                add_scaled(slopes, row, scale, rough, 4 * p + k)
                 marks[row >> 6] |= np.uint64(1) << np.uint64(row & 63)
 
 
@@ -106,6 +107,8 @@ def adam_rows(rows, first, second, slopes, marks, rates, scale, low, high):
 @njit(nogil=True, cache=True)
 def remember(bricks: Bricks, rows, shift, reference, thickness, units, deepest, low, high):
     """Writes the optical depth of a step into the support of slots low … high - 1, as sparse_grid.with_depths does."""
+    slots, bits, base = bricks.slots, bricks.bits, bricks.base
+    width, height = np.int64(bricks.shape[0]), np.int64(bricks.shape[1])
     for slot in range(low, high):
         if bricks.supported[slot] == 0:
             continue
@@ -116,8 +119,8 @@ def remember(bricks: Bricks, rows, shift, reference, thickness, units, deepest, 
             x, y, z = brick[0] + (local & 3), brick[1] + (local >> 2 & 3), brick[2] + (local >> 4)
             total = np.float32(0.0)
             for corner in range(8):
-                row = row_of(bricks, x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2))
-                total += rows[row, 0]
+                right, down, deeper = x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)
+                total += rows[row_of(slots, bits, base, width, height, right, down, deeper), 0]
             value = total * np.float32(0.125) + shift
             sigma = (max(value, np.float32(0.0)) + np.log1p(np.exp(-abs(value)))) / reference
             bricks.support[slot, local] = np.uint8(1 + min(max(np.int64(sigma * thickness * units), 0), deepest))
