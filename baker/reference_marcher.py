@@ -1,6 +1,6 @@
 """The picture a pack must give, worked out slowly and plainly: NumPy in float64, every sample taken.
 
-This is CONTRACT section 2 written down as code; the fast renderer is tested against it, and it shares nothing with it.
+This is docs/rendering.md written down as code; the fast renderer is tested against it, and it shares nothing with it.
 Notation: R rays; g = (p - min_xyz) / voxel_size is a grid position in voxels; bs = block_size; B = bs + 2.
 Sample k of a ray is at t0 + 0.5 + k, where t0 is the distance in voxels at which the ray enters the grid's box.
 Like merf's `baked_render.py`, it is kept beside the fast renderer for as long as that one changes.

@@ -10,12 +10,13 @@ from console.errors import UserError
 MAX_SIDE = 16384
 
 
-def parse_size(text: str, where: str = "--size") -> tuple[int, int]:
-    """ "800x600" as (width, height). UserError for anything else."""
+def parse_size(text: str, where: str = "--size", *, least: int = 1) -> tuple[int, int]:
+    """ "800x600" as (width, height), both at least `least`. UserError for anything else."""
     match = re.fullmatch(r"(\d+)[x×](\d+)", text.strip())
     size = (int(match[1]), int(match[2])) if match else (0, 0)
-    if not all(1 <= side <= MAX_SIDE for side in size):
-        raise UserError("is no size in pixels", where=where, expected="WxH such as 800x600", found=repr(text))
+    if not all(least <= side <= MAX_SIDE for side in size):
+        sides = f", sides of {least} to {MAX_SIDE}" if match else ""
+        raise UserError("is no size in pixels", where=where, expected=f"WxH such as 800x600{sides}", found=repr(text))
     return size
 
 

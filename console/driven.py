@@ -20,6 +20,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from console.atomic import replacing
+
 PROGRESS, ENDS_WITH_STDIN = "SNERG_PROGRESS", "SNERG_ENDS_WITH_STDIN"
 WRITTEN_EVERY_S = 0.25
 
@@ -70,10 +72,8 @@ class Reporter:
             return
         if not at_once:  # what comes soon after a beginning is told as well
             self._written = now
-        with contextlib.suppress(OSError):
-            aside = self._file.with_name(f".{self._file.name}.part")
-            aside.write_text(json.dumps(asdict(report)), encoding="utf-8")
-            aside.replace(self._file)
+        with contextlib.suppress(OSError), replacing(self._file, durable=False) as new:
+            new.write_text(json.dumps(asdict(report)), encoding="utf-8")
 
 
 @contextlib.contextmanager

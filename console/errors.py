@@ -1,4 +1,4 @@
-"""The error a user can mend (CONTRACT section 4: exit status 2, one line on stderr)."""
+"""The error a user can mend (docs/commands.md: exit status 2, one line on stderr)."""
 
 from __future__ import annotations
 

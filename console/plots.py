@@ -14,6 +14,8 @@ from typing import Literal
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from console.atomic import replacing
+
 OVERSAMPLED = 3  # drawn larger, then shrunk: Pillow's lines are jagged
 LEFT, RIGHT, TOP, BOTTOM = 62, 20, 58, 48  # margins, pixels
 INK, FAINT, GRID, PAPER = (36, 41, 47), (101, 109, 118), (225, 228, 232), (255, 255, 255)
@@ -63,12 +65,8 @@ def draw_plots(path: Path, plots: Sequence[Plot], size: tuple[int, int] = (720, 
     for i, plot in enumerate(plots):
         sheet.paste(_Drawing(plot, size).finished(), (0, i * size[1]))
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}.part")
-    try:
-        sheet.quantize(128).save(aside, format="PNG", optimize=True)
-        aside.replace(path)
-    finally:
-        aside.unlink(missing_ok=True)
+    with replacing(path) as new:
+        sheet.quantize(128).save(new, format="PNG", optimize=True)
 
 
 class _Drawing:

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from console.atomic import write_file
 from console.errors import UserError
 
 
@@ -22,7 +23,7 @@ def write_json(path: Path | None, value: dict[str, Any]) -> bool:
         return True
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n", encoding="utf-8")
+        write_file(path, text + "\n")
     except OSError as error:
         raise UserError(f"cannot be written: {error.strerror or error}", where=path) from error
     return False

@@ -1,4 +1,4 @@
-"""The frame around every command: arguments in, exit status out (CONTRACT section 4)."""
+"""The frame around every command: arguments in, exit status out (docs/commands.md)."""
 
 from __future__ import annotations
 

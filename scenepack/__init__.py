@@ -1,4 +1,4 @@
-"""The pack: a baked scene in memory and on disk (CONTRACT section 3; SNeRG paper section 5.1).
+"""The pack: a baked scene in memory and on disk (docs/format.md; SNeRG paper section 5.1).
 
 One reader (`load_pack`, `open_pack`), one writer (`save_pack`), cutting volumes into macroblocks
 (`blocks`), a validation report (`check_pack`), and the constants that Python and GLSL share (`constants`).

@@ -10,13 +10,14 @@ copy. Slots are handed out x fastest, then y, then z, both in the grid and in th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import ceil, sqrt
 
 import numpy as np
 
 from scenepack.constants import EMPTY_BLOCK, MAX_BLOCK_INDEX, PLANES_PER_IMAGE
 from scenepack.pack import Pack
+from scenepack.padding import restore_padding
 
 MAX_SLICE_SIDE = 2048  # voxels; every OpenGL 3.3 driver in use takes 3D textures of this side
 MAX_DENSE_BYTES = 4 << 30
@@ -75,16 +76,41 @@ def occupied_blocks(alpha: np.ndarray, block_size: int, *, halo: bool = False) -
     return np.any(full.reshape(nz, block_size, ny, block_size, nx, block_size), axis=(1, 3, 5))
 
 
-def padding_mask(occupied: np.ndarray, block_zyx: Triple, block_size: int) -> np.ndarray:
-    """bool [B, B, B]: voxels of a macroblock's padded copy that lie in the grid's occupied macroblocks."""
-    near = np.zeros((3, 3, 3), bool)
-    low = [max(b - 1, 0) for b in block_zyx]
-    high = [min(b + 2, n) for b, n in zip(block_zyx, occupied.shape, strict=True)]
-    at = tuple(slice(lo - b + 1, hi - b + 1) for lo, hi, b in zip(low, high, block_zyx, strict=True))
-    near[at] = occupied[tuple(slice(lo, hi) for lo, hi in zip(low, high, strict=True))]
-    for axis in range(3):
-        near = np.repeat(near, (1, block_size, 1), axis=axis)
-    return near
+def atlas_layout(occupied: np.ndarray, atlas_blocks: Triple) -> np.ndarray:
+    """atlas_indices uint8 [blocks z, y, x, 3] that hand slots to the macroblocks of `occupied`, in the grid's order.
+
+    ValueError where the atlas is too small.
+    """
+    across, down, layers = atlas_blocks
+    count = int(occupied.sum())
+    if count > across * down * layers or max(atlas_blocks) > MAX_BLOCK_INDEX + 1:
+        raise ValueError(f"{count} macroblocks do not fit in an atlas of {atlas_blocks}")
+    indices = np.full((*occupied.shape, 3), EMPTY_BLOCK, np.uint8)
+    slots = np.arange(count)
+    indices[occupied] = np.stack([slots % across, slots // across % down, slots // (across * down)], -1)
+    return indices
+
+
+def fill_atlas(
+    blocks: Iterable[tuple[tuple[int, ...], np.ndarray]], kept: np.ndarray, block_size: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """atlas_indices, atlas_rgba and atlas_features (as Pack has them) of macroblocks (place z, y, x; uint8 [bs, bs, bs, 8]).
+
+    kept: bool [blocks z, y, x], all places. Only data voxels are written: scenepack.padding does the rest.
+    """
+    atlas_blocks = choose_atlas_blocks(int(kept.sum()), block_size)
+    shape = (*atlas_shape(atlas_blocks, block_size), 4)
+    indices, rgba, features = atlas_layout(kept, atlas_blocks), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    for place, voxels in blocks:
+        at = data_voxels(indices[place], block_size)
+        rgba[at], features[at] = voxels[..., :4], voxels[..., 4:]
+    return indices, rgba, features
+
+
+def data_voxels(slot_xyz: np.ndarray, block_size: int) -> tuple[slice, ...]:
+    """Where in the atlas (z, y, x) the data voxels of the macroblock in a slot (x, y, z) lie."""
+    side = block_size + 2
+    return tuple(slice(i * side + 1, (i + 1) * side - 1) for i in slot_xyz.tolist()[::-1])
 
 
 def atlas_from_volume(
@@ -99,37 +125,31 @@ def atlas_from_volume(
 
     read_box((z0, y0, x0), (z1, y1, x1)) gives uint8 rgba [z1-z0, y1-y0, x1-x0, 4], premultiplied, and
     features of the same shape, or None in their place; it is only asked for boxes within the grid, one per
-    occupied macroblock, at most B a side. grid_size: voxels (x, y, z). occupied: bool [blocks z, blocks y,
+    occupied macroblock, at most bs a side. grid_size: voxels (x, y, z). occupied: bool [blocks z, blocks y,
     blocks x]. Returns atlas_indices uint8 [blocks z, y, x, 3], atlas_rgba uint8 [D, H, W, 4], and
     atlas_features likewise or None. ValueError where `atlas_blocks` (x, y, z) is too small or no layout is
     large enough.
     """
     if occupied.shape != grid_block_counts(grid_size, block_size)[::-1]:
         raise ValueError(f"occupied is {occupied.shape}, the grid {grid_size} needs another shape at {block_size}")
-    blocks = np.argwhere(occupied)
-    atlas_blocks = atlas_blocks or choose_atlas_blocks(len(blocks), block_size)
-    across, down, layers = atlas_blocks
-    if len(blocks) > across * down * layers or max(atlas_blocks) > MAX_BLOCK_INDEX + 1:
-        raise ValueError(f"{len(blocks)} macroblocks do not fit in an atlas of {atlas_blocks}")
-    side = block_size + 2
-    indices = np.full((*occupied.shape, 3), EMPTY_BLOCK, np.uint8)
+    atlas_blocks = atlas_blocks or choose_atlas_blocks(int(occupied.sum()), block_size)
+    indices = atlas_layout(occupied, atlas_blocks)
     rgba = np.zeros((*atlas_shape(atlas_blocks, block_size), 4), np.uint8)
     features: np.ndarray | None = None
-    for slot, (bz, by, bx) in enumerate(blocks.tolist()):
-        sx, sy, sz = slot % across, slot // across % down, slot // (across * down)
-        indices[bz, by, bx] = sx, sy, sz
-        start = [b * block_size - 1 for b in (bz, by, bx)]  # of the padded copy, in the grid; may be -1
-        low = [max(s, 0) for s in start]
-        high = [min(s + side, n) for s, n in zip(start, grid_size[::-1], strict=True)]
-        inside = tuple(slice(lo - s, hi - s) for lo, hi, s in zip(low, high, start, strict=True))
-        mask = padding_mask(occupied, (bz, by, bx), block_size)[inside]
+    for block in np.argwhere(occupied).tolist():
+        low = [b * block_size for b in block]
+        high = [min(lo + block_size, n) for lo, n in zip(low, grid_size[::-1], strict=True)]
+        inside = tuple(slice(hi - lo) for lo, hi in zip(low, high, strict=True))
+        at = data_voxels(indices[tuple(block)], block_size)
         box_rgba, box_features = read_box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
-        copy = np.s_[sz * side : (sz + 1) * side, sy * side : (sy + 1) * side, sx * side : (sx + 1) * side]
-        rgba[copy][inside] = box_rgba * mask[..., None]
+        rgba[at][inside] = box_rgba
         if box_features is not None:
             if features is None:
                 features = np.zeros_like(rgba)
-            features[copy][inside] = box_features * mask[..., None]
+            features[at][inside] = box_features
+    for atlas in (rgba, features):
+        if atlas is not None:
+            restore_padding(atlas, indices, block_size)
     return indices, rgba, features
 
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 
 from scenepack.constants import EMPTY_BLOCK
 from scenepack.pack import Pack
+from scenepack.padding import shells
 
 Severity = Literal["ok", "note", "warning", "error"]
 CHUNK_BYTES = 64 << 20  # of atlas voxels looked at together
@@ -111,33 +111,20 @@ def _check_premultiplied(pack: Pack) -> Finding:
 def _check_padding(pack: Pack, part: str, atlas: np.ndarray) -> Finding:
     """Compares the shells with what the neighbours hold, direction by direction."""
     copied = wrong_copy = blank = wrong_blank = worst = repeated = 0
-    side, size = pack.padded_block_size, pack.block_size
-    occupied, indices = pack.occupied, pack.atlas_indices
-    # Along one axis: where that part of the shell lies in the copy, and where the neighbour keeps the
-    # original.
-    own = {-1: slice(0, 1), 0: slice(1, -1), 1: slice(side - 1, side)}
-    origin = {-1: np.array([size]), 0: np.arange(1, side - 1), 1: np.array([1])}
+    size = pack.block_size
     edge = {-1: slice(1, 2), 0: slice(1, -1), 1: slice(size, size + 1)}  # the macroblock's own border
     for blocks, copies in block_chunks(pack, atlas):
-        for step in product((-1, 0, 1), repeat=3):
-            if step == (0, 0, 0):
-                continue
-            shell = copies[:, own[step[0]], own[step[1]], own[step[2]]]
-            near = blocks + step
-            inside = np.all((near >= 0) & (near < occupied.shape), axis=1)
-            inside[inside] = occupied[tuple(near[inside].T)]
-            is_repeat = np.all(shell == copies[:, edge[step[0]], edge[step[1]], edge[step[2]]], axis=-1)
+        for part_of in shells(pack.atlas_indices, size, blocks):
+            z, y, x = part_of.step
+            shell, inside = copies[:, *np.ix_(*part_of.offsets)], part_of.inside
+            is_repeat = np.all(shell == copies[:, edge[z], edge[y], edge[x]], axis=-1)
             stray = np.any(shell[~inside], axis=-1)
             repeated += int(np.sum(stray & is_repeat[~inside]))
             blank += stray.size
             wrong_blank += int(stray.sum())
             if not inside.any():
                 continue
-            sx, sy, sz = (indices[tuple(near[inside].T)].astype(np.intp) * side).T
-            z = (sz[:, None] + origin[step[0]])[:, :, None, None]
-            y = (sy[:, None] + origin[step[1]])[:, None, :, None]
-            x = (sx[:, None] + origin[step[2]])[:, None, None, :]
-            difference = np.abs(shell[inside].astype(np.int16) - atlas[z, y, x]).max(axis=-1)
+            difference = np.abs(shell[inside].astype(np.int16) - atlas[part_of.originals]).max(axis=-1)
             copied += difference.size
             wrong_copy += int(np.sum(difference > 0))
             repeated += int(np.sum((difference > 0) & is_repeat[inside]))

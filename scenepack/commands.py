@@ -1,4 +1,4 @@
-"""`snerg-pack info|check|convert`: look into packs, validate and transcode them (CONTRACT section 4).
+"""`snerg-pack info|check|convert`: look into packs, validate and transcode them (docs/commands.md).
 
 `compare`, which needs the renderer, is added in baker.commands.pack, where all of `snerg-pack` is put together.
 """

@@ -1,7 +1,7 @@
-"""Numbers that Python and GLSL share.
+"""Numbers that Python and GLSL share, and numbers that rooms share which may import nothing else of one another.
 
 Python owns them; shaders receive them as #define (see viewer.rendering.shader_source).
-Source: CONTRACT sections 2 and 3; SNeRG paper sections 5.1-5.5 and appendices A and C.3.
+Source: docs/rendering.md and docs/format.md; SNeRG paper sections 5.1-5.5 and appendices A and C.3.
 """
 
 ALPHA_CONTRIBUTES = 0.5 / 255.0  # a sample contributes where its interpolated alpha exceeds this
@@ -9,6 +9,9 @@ TRANSMITTANCE_STOP = 1.0 / 255.0  # the march stops at T <= this
 TRANSMITTANCE_SHADED = 254.0 / 255.0  # the view MLP is asked where T <= this
 UNPREMULTIPLY_GAIN = 1.5  # forward-facing packs: times min(1, 1.5 A) / A (appendix C.3)
 NDC_NEAR = 1.0  # near plane of the NDC warp, in scene units
+# Width, height and focal length (pixels) that the published viewer assumes where a forward-facing pack has no input_focal:
+# the camera of the paper's own LLFF captures.
+PUBLISHED_NDC_CAMERA = (1006.0, 756.0, 755.644059435)
 
 FEATURES = 4  # channels of the feature vector v_s
 VIEW_FREQUENCIES = 4  # sin(2^0 v) ... sin(2^3 v)

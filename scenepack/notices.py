@@ -1,4 +1,4 @@
-"""What is mended while a pack is opened, told in one line each (CONTRACT section 3, the untidy cases)."""
+"""What is mended while a pack is opened, told in one line each (docs/format.md, "Untidy packs")."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Pack:
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """Our own additional keys (CONTRACT section 3): version, codec, cameras, provenance."""
+        """Our own additional keys (docs/format.md, "Additional keys"): version, codec, cameras, provenance."""
         entries = self.params.get("snerg")
         return entries if isinstance(entries, Mapping) else {}
 

@@ -1,4 +1,4 @@
-"""scene_params.json: checked values out of it, and a pack's values back into it (CONTRACT section 3).
+"""scene_params.json: checked values out of it, and a pack's values back into it (docs/format.md).
 
 Sizes are triples (x, y, z) = (width, height, depth). Reading keeps the whole JSON object, so that unknown
 keys and the exact spelling of unchanged numbers survive a load and a save.
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from scenepack.constants import PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
+from scenepack.constants import PLANES_PER_IMAGE, PUBLISHED_NDC_CAMERA, VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp
 
 MAX_GRID_SIDE = 32768  # voxels
@@ -24,8 +24,6 @@ MAX_ATLAS_BYTES = 16 << 30  # of one part, decoded
 AXES = ("width", "height", "depth")
 LAYERS = (0, 1, 2)
 INPUT_KEYS = ("input_width", "input_height", "input_focal")
-# What the published viewer assumes where input_focal is absent: the camera of the paper's own LLFF captures.
-PUBLISHED_NDC_CAMERA = (1006.0, 756.0, 755.644059435)
 
 Triple = tuple[int, int, int]
 _ABSENT = object()

@@ -16,9 +16,10 @@ import numpy as np
 
 from console import UserError
 from scenepack.codecs import CodecError, PieceCodec
-from scenepack.codecs.pieces import Piece, cut, follows_grid, restore_padding
+from scenepack.codecs.pieces import Piece, cut, follows_grid
 from scenepack.files import PackFiles
 from scenepack.pack import Pack
+from scenepack.padding import restore_padding
 
 SETTINGS = "codec_settings"
 MOST_PLANES = 4096
@@ -117,7 +118,7 @@ class PieceFiles:
         if self._padding_is_stale():
             for atlas in (rgba, features):
                 if atlas is not None:
-                    restore_padding(self.outline, atlas)
+                    restore_padding(atlas, self.outline.atlas_indices, self.outline.block_size)
 
     def _padding_is_stale(self) -> bool:
         """Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam."""

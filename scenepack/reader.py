@@ -4,7 +4,7 @@ What follows is for the published layout, PNG; other codecs store pieces (see sc
 part holds the atlas's z-planes 4k … 4k + 3, stacked vertically (see scenepack.codecs.png). Opening checks the JSON, the
 indirection grid and the header of every image, so that nothing large is allocated on the word of one file alone;
 decoding then runs in threads, straight into the atlas arrays.
-Untidy packs (CONTRACT section 3) are mended with one PackWarning each; the rest is refused with a UserError.
+Untidy packs (docs/format.md) are mended with one PackWarning each; the rest is refused with a UserError.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from scenepack.atomic import recover_interrupted_write
+from console.atomic import recover_interrupted_write
 from scenepack.blocks import grid_block_counts
 from scenepack.coarse import coarse_pack, order_of_groups
 from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, probe_png

@@ -1,4 +1,4 @@
-"""Packs to disk: `save_pack`, atomically, as a folder or as one .zip (CONTRACT section 3)."""
+"""Packs to disk: `save_pack`, atomically, as a folder or as one .zip (docs/format.md)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from scenepack.atomic import recover_interrupted_write, replacing
+from console.atomic import recover_interrupted_write, replacing
 from scenepack.blocks import grid_block_counts
 from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named, encode_png
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
@@ -64,6 +64,7 @@ def save_pack(
     try:
         recover_interrupted_write(path)
         _require_replaceable(path, as_zip)
+        path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path, folder=not as_zip) as new:
             files = _files(pack, chosen, quality, png_level, on_progress)
             with closing(files):

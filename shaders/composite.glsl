@@ -1,4 +1,4 @@
-// Front-to-back compositing of samples (CONTRACT section 2; SNeRG paper, section 5.2 and appendix C.3).
+// Front-to-back compositing of samples (docs/rendering.md, "Compositing"; SNeRG paper, section 5.2 and appendix C.3).
 //
 // Content is premultiplied: with the sample's colour c, features f and opacity a, and transmittance T so far,
 //   C += T c,   F += T f,   T *= 1 - a     where a > ALPHA_CONTRIBUTES, until T <= TRANSMITTANCE_STOP.

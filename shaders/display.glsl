@@ -1,6 +1,6 @@
 // What is shown of a marched ray: the picture itself, or one of its ingredients.
 //
-// Source: CONTRACT section 2 for the picture; the published viewer and three.js for the choice of views.
+// Source: docs/rendering.md ("Shading") for the picture; the published viewer and three.js for the choice of views.
 // Options: MODE: MODE_NORMAL the picture; MODE_DIFFUSE without the view-dependent residual; MODE_FEATURES the first three
 //   features; MODE_VIEW_DEPENDENT the residual alone; MODE_ALPHA opacity; MODE_DEPTH mean depth, near bright;
 //   MODE_SAMPLES and MODE_JUMPS what the pixel cost; MODE_MACROBLOCKS a colour for each macroblock first hit;

@@ -1,6 +1,6 @@
 // Takes every sample, skipping nothing: what `exact` must equal. For tests.
 //
-// Source: CONTRACT section 2. Inputs: ray.glsl, grid.glsl, composite.glsl.
+// Source: docs/rendering.md, "Samples". Inputs: ray.glsl, grid.glsl, composite.glsl.
 
 Marched march(Ray ray) {
     Marched marched = nothing_yet();

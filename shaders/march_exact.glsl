@@ -1,6 +1,6 @@
 // Takes exactly the samples that could contribute, and jumps over all others in whole steps.
 //
-// Source: CONTRACT section 2. Where the paper tests one byte of raw opacity before each fetch (appendix A), this reads
+// Source: docs/rendering.md. Where the paper tests one byte of raw opacity before each fetch (appendix A), this reads
 // one byte that says how far the nearest content is, so that it both decides the fetch and gives the length of a jump,
 // and needs no indirection: see viewer/rendering/skip_grid.py, which also shows why no cell without content can hide any.
 // Inputs: skip_grid: per cell of the whole grid the Chebyshev distance in cells to the nearest one with content (0: this

@@ -4,7 +4,7 @@
 //   grid_R_camera (camera axes: x right, y up, z back); camera_position; near_plane (along the optical axis);
 //   box_min, box_max: the grid, or the part of it that a crop box leaves;
 //   training_R_camera: for the view direction of the view MLP.
-//   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray. DISTORTION: distortion; see undistorted.
+//   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray. DISTORTION: distortion, lens_reach; see undistorted.
 #ifndef TINY
 #define TINY 1e-8
 #endif
@@ -69,24 +69,29 @@ bool ndc_ray(vec3 direction, float nearest, out vec3 origin, out vec3 warped, ou
 #endif
 
 #ifdef DISTORTION
-uniform vec4 distortion;  // k1, k2, p1, p2 of OpenCV's model, on image coordinates with y down
+uniform vec4 distortion;   // k1, k2, p1, p2 of OpenCV's model, on image coordinates with y down
+uniform float lens_reach;  // how far from the axis the model holds, image coordinates; see viewer/rendering/ray_frame.py
 #define NEWTON_STEPS 6
+#define LENS_TOLERANCE 1e-3  // image coordinates
 
 // The image coordinates that the lens moved to `seen`: the inverse of
 //   seen = p (1 + k1 r^2 + k2 r^4) + 2 (p1, p2) p.x p.y + (p2, p1) (r^2 + 2 p^2),  r = |p|,  by Newton's method.
-vec2 undistorted(vec2 seen) {
+// `sees`: false where there are none. Beyond a photograph's edges the polynomial may fold over, and names no ray there.
+vec2 undistorted(vec2 seen, out bool sees) {
     vec2 k = distortion.xy, s = distortion.zw;
     vec2 p = seen;
+    vec2 error = vec2(0.0);
     for (int i = 0; i < NEWTON_STEPS; ++i) {
         float r2 = dot(p, p);
         float radial = 1.0 + r2 * (k.x + r2 * k.y);
         float slope = 2.0 * (k.x + 2.0 * r2 * k.y);
-        vec2 error = p * radial + 2.0 * s * p.x * p.y + s.yx * (r2 + 2.0 * p * p) - seen;
+        error = p * radial + 2.0 * s * p.x * p.y + s.yx * (r2 + 2.0 * p * p) - seen;
         float across = slope * p.x * p.y + 2.0 * dot(s, p);
         vec2 along = radial + slope * p * p + 6.0 * s.yx * p + 2.0 * s * p.yx;
         float determinant = along.x * along.y - across * across;
         if (abs(determinant) > 1e-6) p -= (along.yx * error - across * error.yx) / determinant;
     }
+    sees = dot(p, p) < lens_reach * lens_reach && dot(error, error) < LENS_TOLERANCE * LENS_TOLERANCE;
     return p;
 }
 #endif
@@ -96,17 +101,17 @@ Ray camera_ray(vec2 fragment) {
     vec2 pixel = fragment - viewport_origin;
     pixel.y = picture_size.y - pixel.y;
     vec2 image = (pixel - intrinsics.zw) / intrinsics.xy;
+    bool runs = true;
 #ifdef DISTORTION
-    image = undistorted(image);
+    image = undistorted(image, runs);
 #endif
     vec3 in_camera = normalize(vec3(image.x, -image.y, -1.0));
     float first = near_plane / -in_camera.z;
     ray.viewdir = normalize(training_R_camera * in_camera);
     vec3 origin = camera_position;
     vec3 direction = normalize(grid_R_camera * in_camera);
-    bool runs = true;
 #ifdef NDC
-    runs = ndc_ray(ray.viewdir, first, origin, direction, first);
+    runs = ndc_ray(ray.viewdir, first, origin, direction, first) && runs;
 #endif
     ray.direction = without_zeros(direction);
     ray.inverse = 1.0 / ray.direction;

@@ -1,6 +1,6 @@
 // The view MLP with its weights as constants: vector arithmetic only, which compilers fold and schedule freely.
 //
-// Source: SNeRG paper, section 4 and appendix A; inputs in the order of CONTRACT section 2: the view direction v,
+// Source: SNeRG paper, section 4 and appendix A; inputs in the order of docs/rendering.md, "Shading": the view direction v,
 // sin(2^i v), sin(2^i v + pi / 2) for i = 0 .. 3, colour, features; 34 -> 16 -> 16 -> 3, ReLU, ReLU, sigmoid.
 // The include "view_mlp_weights" is generated from the pack (viewer/rendering/view_mlp_source.py). It holds
 //   vec4 layer_0_J(v, s1, s2, s4, s8, c1, c2, c4, c8, rgb, features), vec4 layer_1_J(h0, h1, h2, h3) for J = 0 .. 3,

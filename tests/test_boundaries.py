@@ -14,9 +14,9 @@ ROOMS = {"console", "scenepack", "training", "baker", "viewer"}
 MAY_IMPORT = {
     "console": set(),
     "scenepack": {"console"},
-    "training": {"console"},
+    "training": {"console", "scenepack.constants"},
     "baker": {"console", "scenepack", "training", "viewer"},
-    "viewer": {"console", "scenepack", "training.scenes"},
+    "viewer": {"console", "scenepack", "training.scenes", "training.presets"},
 }
 JAX = {"jax", "jaxlib", "optax"}
 
@@ -60,6 +60,7 @@ def test_no_jax_where_the_viewer_can_reach(room: str) -> None:
         "console",
         "scenepack",
         "training.scenes",
+        "training.presets",
         "viewer.rendering.offscreen",
         "viewer.commands.bench",
         "viewer.commands.view",
@@ -83,3 +84,41 @@ def test_one_file_imports_glfw_one_folder_imgui_and_only_the_renderers_room_mode
 
 def test_shaders_is_glsl_only() -> None:
     assert {path.suffix for path in (ROOT / "shaders").iterdir() if path.is_file()} <= {".glsl", ".vert", ".frag"}
+
+
+def decoders_left_to_guess(tree: ast.AST) -> list[int]:
+    """Lines that open pictures with Pillow or films with PyAV and leave it to the content which format that is."""
+    guarded = {
+        id(node.func)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and (
+            {keyword.arg for keyword in node.keywords} & {"formats", "format"}
+            or any(isinstance(value, ast.Constant) and value.value == "w" for value in node.args[1:2])
+        )
+    }
+    return [
+        node.lineno
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and node.attr == "open"
+        and ast.unparse(node.value) in ("Image", "PIL.Image", "av", "_av()", "self._av")
+        and id(node) not in guarded
+    ]
+
+
+def test_whoever_opens_a_picture_or_a_film_names_the_formats_it_expects() -> None:
+    """Pillow starts Ghostscript for PostScript, and FFmpeg opens sockets for session descriptions, whatever the name."""
+    for room in (*sorted(ROOMS), "scripts"):
+        for path in modules(room):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            assert not decoders_left_to_guess(tree), path.relative_to(ROOT)
+            imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+            names = {(node.module, alias.name, alias.asname) for node in imported for alias in node.names}
+            renamed = {name for name in names if name[:2] in {("PIL", "Image"), ("PIL.Image", "open"), ("av", "open")}}
+            assert renamed <= {("PIL", "Image", None)}, f"{path.relative_to(ROOT)} hides where it opens pictures"
+
+
+@pytest.mark.parametrize("code", ["Image.open(path)", "map(Image.open, paths)", "_av().open(file)", "av.open(p, 'r')"])
+def test_a_decoder_left_to_guess_is_found(code: str) -> None:
+    assert decoders_left_to_guess(ast.parse(code)) == [1]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from baker.baking.bake import BakeConfig
 from baker.commands.bake import main as snerg_bake
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.make import main as snerg_make
@@ -69,6 +70,39 @@ def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene:
     assert load_pack(made / "pack").grid_size[0] <= 60
     assert before <= (made / "run" / "config.json").stat().st_mtime_ns
     assert snerg_bake([str(made / "run"), "--out", str(made / "pack"), "--resolution", "64"]) == 0
+
+
+@pytest.mark.parametrize("command", ["snerg-bake", "snerg-make"])
+def test_above_the_finest_grid_that_is_pruned_no_voxel_is_unless_that_is_asked_for(
+    made: Path, scene: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    assert (BakeConfig(512).least_weight, BakeConfig(513).least_weight) == (0.02, 0.0)
+    assert (
+        BakeConfig(1000, tau_weight=0.02).least_weight == 0.02 and BakeConfig(256, tau_weight=0.0).least_weight == 0.0
+    )
+    monkeypatch.setattr("baker.baking.bake.FINEST_PRUNED", 40)  # a bake above 512 takes minutes
+    out = tmp_path / "out"
+    shutil.copytree(made / "run", out / "run")
+    lines = {
+        "snerg-bake": (snerg_bake, [str(out / "run"), "--out", str(out / "pack")]),
+        "snerg-make": (snerg_make, [str(scene), "--out", str(out), "--preset", "tiny", "--no-view"]),
+    }
+    main, line = lines[command]
+
+    def voxels(resolution: int, *options: str) -> tuple[str, dict[str, int] | None]:
+        capsys.readouterr()
+        assert main([*line, "--resolution", str(resolution), "--fine-tune", "none", *options]) == 0
+        return capsys.readouterr().out, load_pack(out / "pack").metadata["provenance"].get("voxels")
+
+    said, pruned = voxels(40)
+    assert "--tau-weight 0.02: " in said and pruned and pruned["after"] < pruned["before"]
+    said, pruned = voxels(41)
+    assert "--tau-weight 0: above 40 voxels a side no faint voxels" in said and pruned is None
+    if command == "snerg-bake":
+        said, pruned = voxels(41, "--tau-weight", "0.02")
+        assert "--tau-weight" not in said and pruned and pruned["after"] < pruned["before"]
+        said, pruned = voxels(40, "--tau-weight", "0")
+        assert "--tau-weight" not in said and pruned is None
 
 
 def test_a_view_can_be_rendered_and_timed(made: Path, scene: Path, tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ A reader that finds the newest damaged goes back to the one before it, and says 
 from __future__ import annotations
 
 import errno
-import os
 import re
 import warnings
 import zlib
@@ -19,6 +18,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from console import Notice, UserError
+from console.atomic import write_file
 
 KEPT = 2
 FORMAT = "1"
@@ -51,32 +51,12 @@ def write_checkpoint(folder: Path, step: int, arrays: Mapping[str, np.ndarray]) 
     path = checkpoint_path(folder, step)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_aside(path, save(arrays, metadata))
+        write_file(path, save(arrays, metadata))
     except OSError as error:
         raise cannot_write(path, error) from error
     for _, old in list_checkpoints(folder)[:-KEPT]:
         old.unlink(missing_ok=True)
     return path
-
-
-def write_aside(path: Path, data: bytes) -> None:
-    """Puts data at path in one move: whoever looks sees the old file or the new one, also after a power cut."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with open(temporary, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        if os.name == "posix":  # make the rename itself durable
-            directory = os.open(path.parent, os.O_RDONLY)
-            try:
-                os.fsync(directory)
-            finally:
-                os.close(directory)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def read_checkpoint(path: Path) -> tuple[int, dict[str, np.ndarray]]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from console import UserError
+from training.presets import PresetName
 from training.voxels.config import VoxelConfig
 
 
@@ -139,10 +140,6 @@ FAST = TrainConfig(
     voxels=VoxelConfig(resolutions=(128, 256, 512), samples_per_step=1 << 20),
 )  # fmt: skip
 
-# --preset of snerg-make: what a pack can hold; and of snerg-train: the paper's baselines, too
-BakeablePreset = Literal["cpu", "fast", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
-PresetName = Literal[BakeablePreset, "jaxnerf", "jaxnerf-plus", "tinyview"]
-
 PRESETS: Mapping[PresetName, TrainConfig] = {
     "cpu": CPU,
     "fast": FAST,
@@ -170,6 +167,9 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
     if cls is NerfConfig and "view_dependence" in values:  # runs of 0.1.0's first weeks
         values = {**values, "view": "deferred" if values["view_dependence"] else "none"}
         values.pop("view_dependence")
+    if cls is VoxelConfig and "horizon" in values:  # runs of 0.1.0, before it was called by the field's word
+        values = {**values, "early_termination": values["horizon"]}
+        values.pop("horizon")
     unknown = sorted(set(values) - set(names))
     if unknown:
         raise UserError(

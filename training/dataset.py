@@ -22,11 +22,12 @@ import numpy as np
 from jax.sharding import Mesh
 
 from console import UserError
+from scenepack.constants import NDC_NEAR
 from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
-from training.scenes.rays import NDC_NEAR, camera_rays, ndc_rays
-from training.voxels.config import Kind
+from training.scenes.rays import camera_rays, ndc_rays
+from training.scenes.scene import Kind
 
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
 MOST_RAYS = 2**31 - 1  # ids are int32

@@ -94,11 +94,6 @@ def split(tree: Tree, mesh: Mesh) -> Tree:
     return tree if mesh.size == 1 else jax.lax.with_sharding_constraint(tree, NamedSharding(mesh, SPLIT))
 
 
-def whole(tree: Tree, mesh: Mesh) -> Tree:
-    """Arrays that every device is to have."""
-    return tree if mesh.size == 1 else jax.lax.with_sharding_constraint(tree, NamedSharding(mesh, WHOLE))
-
-
 # --- between programs --------------------------------------------------------------------------------------------------
 
 

@@ -13,8 +13,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from scenepack.constants import VIEW_FREQUENCIES
+
 POINT_DEGREES = 10  # sin(2^0 x) ... sin(2^9 x)
-VIEW_DEGREES = 4  # sin(2^0 v) ... sin(2^3 v)
 
 
 def encoded_width(coordinates: int, degrees: int) -> int:
@@ -38,4 +39,4 @@ def encode_points(points: jax.Array) -> jax.Array:
 
 def encode_viewdirs(viewdirs: jax.Array) -> jax.Array:
     """gamma(v) of unit directions in the training frame, [..., 3] -> [..., 27]."""
-    return encode(viewdirs, VIEW_DEGREES)
+    return encode(viewdirs, VIEW_FREQUENCIES)

@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from training.checkpoints import cannot_write, write_aside
+from console.atomic import write_file
+from training.checkpoints import cannot_write
 
 
 class Journal:
@@ -26,7 +27,7 @@ class Journal:
         self.training_seconds = float(last.get("training_seconds", self.seconds))
         if writes:
             try:
-                write_aside(path, "".join(json.dumps(record) + "\n" for record in self.records).encode())
+                write_file(path, "".join(json.dumps(record) + "\n" for record in self.records))
             except OSError as error:
                 raise cannot_write(path, error) from error
 

@@ -72,6 +72,12 @@ class Method(Protocol):
         """The field at points [N, 3] of the training frame (NDC space for forward-facing scenes)."""
         ...
 
+    def may_hold(self, state: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
+        """bool [N]: which boxes of the training frame, from low to high [N, 3], may hold density; None where only `query` can
+        tell, as of an MLP.
+        """
+        ...
+
     def view_mlp(self, state: Any) -> ViewMlpParams | None:
         """The deferred head; None for a diffuse model."""
         ...

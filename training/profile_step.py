@@ -3,8 +3,8 @@
     python -m training.profile_step RUN                        (a trained run, as its newest checkpoint left it)
     python -m training.profile_step SCENE --preset cpu --steps 300   (photographs, trained that long first)
 
-The step (training.voxels.method.update) is compiled up to each of its parts. These programs take turns, round by round,
-with the whole step, which goes on training; a part's time is the median over rounds of the difference between its program
+The step (training.voxels.step.parts) is compiled up to each of its parts. These programs take turns, round by round, with
+the whole step, which goes on training; a part's time is the median over rounds of the difference between its program
 and the one before, so that a machine that slows down slows all alike. What a compiler may fuse across the border of two
 parts is counted with the later one.
 """
@@ -19,13 +19,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from console import UserError, progress, run_command, write_json
 
+if TYPE_CHECKING:
+    from training.voxels.method import VoxelMethod
+    from training.voxels.state import VoxelState
+
 DESCRIPTION = "Times the parts of one training step of the fast method."
 PARTS = {
-    "draw": "random rays and their pixels",
+    "draw": "random rays and their pixels, and what else is random",
     "march": "which samples of each ray lie in stored voxels",
     "look up": "which rows hold the 8 voxels around each sample",
     "gather": "these rows, fetched and blended",
@@ -74,41 +78,30 @@ class Profile:
 
 
 def profile(
-    method: Any, state: Any, step: int, rounds: int, on_share: Callable[[float], None] = lambda _: None
+    method: VoxelMethod, state: VoxelState, step: int, rounds: int, on_share: Callable[[float], None] = lambda _: None
 ) -> Profile:
-    """Times `rounds` rounds at a VoxelState, whose trainable values are given away. step: how many were done before."""
+    """Times `rounds` rounds at a state, whose trainable values are given away. step: how many were done before."""
     import jax
     import numpy as np
 
-    from training.voxels.method import REMEMBER_EVERY, compiled_remembering, compiled_update
+    from training.voxels.method import REMEMBER_EVERY
 
-    programs = _prefixes(method, state)
-    names = [*programs, WHOLE_STEP, "remember"]
-    times: dict[str, list[float]] = {name: [] for name in names}
+    programs = _programs(method, state)
+    times: dict[str, list[float]] = {name: [] for name in [*programs, WHOLE_STEP, "remember"]}
     metrics: dict[str, Any] = {}
     for turn in range(rounds + 1):  # the first compiles, and is not counted
         at = step + turn
-        for name in names:
-            moments = (state.first, state.second, state.updates) if name == WHOLE_STEP else ()
-            shared = (
-                state.layout, state.cells, state.hits, state.hit_count, method.dataset, method.key, np.int32(at)
-            )  # fmt: skip
+        for name, taken in times.items():
             began = time.perf_counter()
-            if name == "remember":
-                depths = compiled_remembering(method.dataset.mesh)(state.trainable.rows, state.layout, method.settings)
-                jax.block_until_ready(depths.support)
-            elif name == WHOLE_STEP:
-                share = np.float32(min(at / max(method.config.steps, 1), 1.0))
-                *new, metrics = compiled_update(method.dataset.mesh)(
-                    state.trainable, *moments, *shared, share,
-                    sizes=state.sizes, rays=state.rays, settings=method.settings,
-                )  # fmt: skip
-                jax.block_until_ready(new)
-                state = state._replace(trainable=new[0], first=new[1], second=new[2], updates=new[3])
+            if name == WHOLE_STEP:
+                state, metrics = method.engine.step(state, at, min(at / max(method.config.steps, 1), 1.0))
+                jax.block_until_ready(state.optimised)
+            elif name == "remember":
+                jax.block_until_ready(method.engine.remember(state).layout.support)
             else:
-                jax.block_until_ready(programs[name](state.trainable, *shared))
+                jax.block_until_ready(programs[name](state, at))
             if turn:
-                times[name].append(1000 * (time.perf_counter() - began))
+                taken.append(1000 * (time.perf_counter() - began))
         on_share((turn + 1) / (rounds + 1))
     parts = _differences({name: np.array(values) for name, values in times.items()}, REMEMBER_EVERY)
     facts = {
@@ -131,53 +124,30 @@ def _differences(times: dict[str, Any], every: int) -> dict[str, float]:
     return {**parts, "remember": float(np.median(times["remember"])) / every}
 
 
-def _prefixes(method: Any, state: Any) -> dict[str, Callable[..., Any]]:
-    """The step up to each part, jitted, without its optimiser; those before `variation` look at one window of voxels only."""
+def _programs(method: VoxelMethod, state: VoxelState) -> dict[str, Callable[[VoxelState, int], Any]]:
+    """The step up to each part but the optimiser, jitted: (state, number of the step) -> what that part leaves.
+
+    Those before `variation` look at one window of voxels only; `variation` is all up to the gradient with every window.
+    """
     import jax
+    import numpy as np
 
-    quiet = method.settings._replace(variation_share=0.0)
-    return {
-        name: jax.jit(
-            partial(
-                _up_to,
-                name,
-                sizes=state.sizes,
-                rays=state.rays,
-                settings=method.settings if name == "variation" else quiet,
-            )
-        )
-        for name in PARTS
-        if name not in ("adam", "remember")
-    }
+    from training.voxels.step import JaxEngine, parts
 
+    engine = method.engine
+    assert isinstance(engine, JaxEngine)
 
-def _up_to(
-    part: str, trainable: Any, layout: Any, cells: Any, hits: Any, hit_count: Any, dataset: Any, key: Any, step: Any,
-    *, sizes: Any, rays: int, settings: Any,
-) -> Any:  # fmt: skip
-    """training.voxels.method.update as far as `part`; returns what the next part would take, so that nothing is left out."""
-    import jax
+    def up_to(part: str, trainable: Any, stage: Any, dataset: Any, key: Any, step: Any, *, share: float) -> Any:
+        settings = engine.settings._replace(variation_share=share)
+        made = parts(trainable, stage, dataset, key, step, sizes=state.sizes, rays=state.rays, settings=settings)
+        return next(left for name, left in made if name == part)
 
-    from training.voxels.method import addressed, draw, fetched, losses, marched
+    def program(name: str) -> Callable[[VoxelState, int], Any]:
+        part, share = ("backward", engine.settings.variation_share) if name == "variation" else (name, 0.0)
+        jitted = jax.jit(partial(up_to, part, share=share))
+        return lambda now, step: jitted(now.trainable, now.stage, engine.dataset, engine.key, np.int32(step))
 
-    ray_key, phase_key, voxel_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 4)
-    batch = draw(hits, hit_count, dataset, ray_key, colour_key, rays, settings)
-    if part == "draw":
-        return batch
-    grid_rays, samples = marched(batch, layout, phase_key, sizes, settings, dataset.mesh)
-    if part == "march":
-        return batch, grid_rays, samples
-    rows = addressed(trainable, layout, cells, samples, voxel_key, settings)
-    if part == "look up":
-        return batch, grid_rays, samples, rows
-    if part == "gather":
-        return batch, grid_rays, samples, fetched(trainable, rows)
-
-    def loss_of(trainable: Any) -> Any:
-        values = fetched(trainable, rows)
-        return losses(trainable, values, rows, batch, grid_rays, samples, layout, sizes, settings)
-
-    return loss_of(trainable) if part == "forward" else jax.value_and_grad(loss_of, has_aux=True)(trainable)
+    return {name: program(name) for name in PARTS if name not in ("adam", "remember")}
 
 
 def profile_step(
@@ -211,11 +181,12 @@ def profile_step(
         measured = profile(method, state, step, rounds, bar.update)
     measured = dataclasses.replace(measured, facts={"scene": name, **measured.facts})
     if markdown is not None:
-        from training.checkpoints import cannot_write, write_aside
+        from console.atomic import write_file
+        from training.checkpoints import cannot_write
 
         try:
             markdown.parent.mkdir(parents=True, exist_ok=True)
-            write_aside(markdown, measured.to_markdown().encode())
+            write_file(markdown, measured.to_markdown())
         except OSError as error:
             raise cannot_write(markdown, error) from error
     if not write_json(json, measured.to_json()):
@@ -241,10 +212,11 @@ def _trained(
     from training.config import PRESETS
     from training.dataset import make_dataset
     from training.methods import make_method
+    from training.presets import PRESETS as KINDS
     from training.scenes import load_scene
-    from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
+    from training.scenes.downscale import suggested_downscale
 
-    scene = load_scene(path, downscale=downscale or suggested_downscale(path, LONGEST_SIDE.get(preset)))
+    scene = load_scene(path, downscale=downscale or suggested_downscale(path, KINDS[preset].longest_side))
     config = dataclasses.replace(PRESETS[preset], steps=steps)
     method = make_method(config, scene, make_dataset(scene))
     state = method.start(jax.random.PRNGKey(config.seed))

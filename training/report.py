@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from console.atomic import write_file
 from console.progress import duration
-from training.checkpoints import cannot_write, write_aside
+from training.checkpoints import cannot_write
 from training.config import to_json
 from training.curves import draw_psnr_over_minutes, series
 from training.run import Run, read_description
@@ -29,7 +30,7 @@ def write_report(run: Run, records: Records) -> Path:
     figures = report_figures(run, records)
     try:
         folder.mkdir(exist_ok=True)
-        write_aside(folder / "report.json", (json.dumps(figures, indent=2) + "\n").encode())
+        write_file(folder / "report.json", json.dumps(figures, indent=2) + "\n")
         if figures["validation"]:
             draw_psnr_over_minutes(
                 {"held out": records}, folder / "psnr-minutes.png", f"{run.scene.path.name}: PSNR against minutes"
@@ -37,7 +38,7 @@ def write_report(run: Run, records: Records) -> Path:
         for source in (run.path / "curves.png", run.path / "validation" / "latest.png"):
             if source.is_file():
                 shutil.copyfile(source, folder / source.name)
-        write_aside(folder / "report.md", report_text(run, figures, folder).encode())
+        write_file(folder / "report.md", report_text(run, figures, folder))
     except OSError as error:
         raise cannot_write(folder, error) from error
     return folder / "report.md"

@@ -19,7 +19,8 @@ import jax
 import numpy as np
 
 from console import UserError
-from training.checkpoints import cannot_write, list_checkpoints, read_newest_checkpoint, write_aside
+from console.atomic import write_file
+from training.checkpoints import cannot_write, list_checkpoints, read_newest_checkpoint
 from training.config import TrainConfig, from_json, to_json
 from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
@@ -179,7 +180,7 @@ def write_description(path: Path, description: RunDescription) -> None:
     }
     try:
         path.mkdir(parents=True, exist_ok=True)
-        write_aside(path / "config.json", (json.dumps(document, indent=2) + "\n").encode())
+        write_file(path / "config.json", json.dumps(document, indent=2) + "\n")
     except OSError as error:
         raise cannot_write(path, error) from error
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import jax
 import numpy as np
 from PIL import Image
 
+from console.atomic import replacing, write_file
 from training.dataset import RayDataset
 from training.method import Method
 from training.metrics import psnr
@@ -62,13 +62,12 @@ def validate(
         if len(scores) == 1:
             picture.parent.mkdir(parents=True, exist_ok=True)
             save_side_by_side([truth, rendered], picture)
-            aside = picture.with_name(".latest.png")
-            shutil.copyfile(picture, aside)
-            aside.replace(picture.with_name("latest.png"))
+            write_file(picture.with_name("latest.png"), picture.read_bytes())
     return scores
 
 
 def save_side_by_side(pictures: Sequence[np.ndarray], path: Path) -> None:
     """Writes pictures float [H, W, 3] of one height next to each other as a PNG."""
     row = np.rint(np.clip(np.concatenate(pictures, axis=1), 0, 1) * 255).astype(np.uint8)
-    Image.fromarray(row).save(path)
+    with replacing(path) as new:
+        Image.fromarray(row).save(new, format="PNG")

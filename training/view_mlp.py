@@ -13,19 +13,18 @@ from itertools import pairwise
 import jax
 import jax.numpy as jnp
 
-from training.encoding import VIEW_DEGREES, encode_viewdirs, encoded_width
+from scenepack.constants import VIEW_MLP_WIDTHS
+from training.encoding import encode_viewdirs
 from training.method import ViewMlpParams
-
-FEATURES = 4  # channels of the feature vector
-WIDTHS = (encoded_width(3, VIEW_DEGREES) + 3 + FEATURES, 16, 16, 3)  # 34 -> 16 -> 16 -> 3
 
 
 def init_view_mlp(key: jax.Array) -> ViewMlpParams:
     """Glorot-uniform weights [34, 16], [16, 16], [16, 3] and zero biases, as in JAXNeRF."""
     glorot = jax.nn.initializers.glorot_uniform()
     keys = jax.random.split(key, 3)
-    first, second, last = (glorot(k, shape) for k, shape in zip(keys, pairwise(WIDTHS), strict=True))
-    return ViewMlpParams((first, second, last), (jnp.zeros(WIDTHS[1]), jnp.zeros(WIDTHS[2]), jnp.zeros(WIDTHS[3])))
+    first, second, last = (glorot(k, shape) for k, shape in zip(keys, pairwise(VIEW_MLP_WIDTHS), strict=True))
+    b0, b1, b2 = (jnp.zeros(width) for width in VIEW_MLP_WIDTHS[1:])
+    return ViewMlpParams((first, second, last), (b0, b1, b2))
 
 
 def apply_view_mlp(

@@ -19,10 +19,11 @@ from baker.baking.field_query import FieldQuery, Occupied
 from baker.baking.grid import BakeGrid, to_training
 from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
 from training.dataset import RayDataset
-from training.method import Rays
-from training.voxels.march import MarchSizes, march, to_grid, transmittance
-from training.voxels.sparse_grid import BRICK, DEPTH_UNITS, GridLayout, build_layout, cell_means, with_depths
-from training.voxels.stages import dilate
+from training.marching.batches import until_complete
+from training.marching.layout import COARSE, depth_where, segments_across
+from training.marching.march import MarchSizes, march, transmittance
+from training.marching.rays import in_grid_frame, to_grid
+from training.voxels.sparse_grid import GridLayout, build_layout, cell_means, dilate, with_depths
 
 TAU_ALPHA = 0.005
 TAU_VIS = 0.01
@@ -31,7 +32,7 @@ BOX_MARGIN = 1.0  # probe cells added on every side of it
 BOX_TAIL, BOX_GROWTH = 0.0005, 1.1  # share of the opacity cut off at either end of an axis; what the rest is grown by
 VISIBILITY_RAYS = 1_000_000  # training rays marched; with 100 views of 200 × 200 every fourth
 CHUNK_RAYS, CHUNK_SAMPLES = 4096, 131_072
-HORIZON = 1e-3  # rays end where cells behind get less light than this, well below any tau_vis: dense scenes stay cheap
+EARLY_TERMINATION = 1e-3  # transmittance at which rays end, well below any tau_vis: dense scenes stay cheap
 DILATION = 2  # cells: what lies this near to a visible cell counts as visible
 
 Tick = Callable[[float], None]
@@ -151,7 +152,8 @@ def _opacity(
     if occupied is not None:
         corners = np.argwhere(holds)[:, ::-1] * size
         ends = grid.training_points(corners), grid.training_points(corners + size)
-        holds = np.asarray(occupied(np.minimum(*ends), np.maximum(*ends))).reshape(bz, by, bx)
+        told = occupied(np.minimum(*ends), np.maximum(*ends))
+        holds = holds if told is None else told.reshape(bz, by, bx)
     opaque = np.zeros((bz, by, bx), bool)
     density = np.zeros((bz * per_block, by * per_block, bx * per_block), np.float32)
     total, done = max(int(holds.sum()), 1), 0
@@ -210,42 +212,35 @@ def _visibility(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: 
     layout = build_layout(present, grid.min_xyz, grid.voxel_size * grid.cell)
     rows = jnp.asarray(np.concatenate([[0.0], density[present]]).astype(np.float32))
     layout = with_depths(layout, cell_means(layout, rows) * (grid.voxel_size * grid.cell))
-    segments = int(np.ceil(np.linalg.norm(density.shape) / BRICK)) + 1
-    sizes = MarchSizes(segments, CHUNK_SAMPLES // BRICK * 2, CHUNK_SAMPLES, segments * BRICK)
+    segments = segments_across(density.shape)
+    sizes = MarchSizes(segments, CHUNK_SAMPLES // COARSE * 2, CHUNK_SAMPLES, segments * COARSE)
     ids = np.random.default_rng(0).permutation(dataset.count)[:VISIBILITY_RAYS].astype(np.int32)
-    best, done = jnp.zeros(len(rows)), 0
+    best = jnp.zeros(len(rows))
     grid_T_training = jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32)
-    while done < len(ids):
-        part = jnp.asarray(np.resize(ids[done : done + CHUNK_RAYS], CHUNK_RAYS))
-        best, complete = _reach(best, rows, layout, dataset, part, grid_T_training, sizes)
-        ready = np.asarray(complete)
-        done += CHUNK_RAYS if ready.all() else max(int(ready.argmin()), 1)
+
+    def march_some(places: np.ndarray) -> tuple[None, jax.Array]:
+        nonlocal best
+        part = jnp.asarray(ids[places])
+        best, complete = _raise_transmittance(best, rows, layout, dataset, part, grid_T_training, sizes)
+        return None, complete
+
+    for _, done, _ in until_complete(len(ids), CHUNK_RAYS, march_some):
         if tick:
-            tick(min(done, len(ids)) / len(ids))
+            tick(done / len(ids))
     visible = np.zeros(density.shape, np.float32)
     visible[present] = np.asarray(best)[1:]
     return visible
 
 
 @partial(jax.jit, static_argnames="sizes")
-def _reach(
+def _raise_transmittance(
     best: jax.Array, rows: jax.Array, layout: GridLayout, dataset: RayDataset, ids: jax.Array,
     grid_T_training: jax.Array, sizes: MarchSizes,
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
-    """Raises best [V + 1] to the transmittance of rays `ids` at the voxels they meet."""
-    rays = in_grid_frame(dataset.rays_at(ids)[0], grid_T_training)
+    """Raises best [V + 1] to the transmittance of rays `ids` at the voxels they meet; also which rays were marched whole."""
+    rays = in_grid_frame(dataset.geometry_at(ids), grid_T_training)
     grid_rays = to_grid(layout, rays)
-    horizon = int(-np.log(HORIZON) * DEPTH_UNITS)
-    samples = march(layout, grid_rays, jnp.full(ids.shape[0], 0.5), sizes, 1.0, horizon)
-    cell = jnp.clip(jnp.floor(samples.g).astype(jnp.int32) + 1, 0, layout.dims + 1)
-    row = layout.lookup[(cell[:, 2] * (layout.dims[1] + 2) + cell[:, 1]) * (layout.dims[0] + 2) + cell[:, 0]]
+    samples = march(layout, grid_rays, jnp.full(ids.shape[0], 0.5), sizes, 1.0, depth_where(EARLY_TERMINATION))
+    row = layout.nearest(samples.g)
     before, _ = transmittance(samples, rows[row] * grid_rays.length[samples.ray], ids.shape[0], sizes.per_ray)
     return best.at[row].max(jnp.where(samples.valid, before, 0.0)), samples.complete
-
-
-def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
-    """Rays moved from the training frame to the pack's grid frame; viewdirs stay, the view MLP wants them as they are."""
-    rotation = grid_T_training[:3, :3]
-    return rays._replace(
-        origins=rays.origins @ rotation.T + grid_T_training[:3, 3], directions=rays.directions @ rotation.T
-    )

@@ -18,7 +18,7 @@ from training.run import Run
 BATCH = 131_072
 
 FieldQuery = Callable[[np.ndarray], FieldOutput]
-Occupied = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Occupied = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
 
 
 def field_query(run: Run) -> FieldQuery:
@@ -52,9 +52,6 @@ def _fetched(output: FieldOutput) -> FieldOutput:
     return FieldOutput(*(np.asarray(array) for array in output))  # type: ignore[arg-type]
 
 
-def occupied_query(run: Run) -> Occupied | None:
-    """A function that says of training-frame boxes, low and high [N, 3], which may hold density; None where the field cannot
-    tell without being asked everywhere, as an MLP cannot.
-    """
-    may_hold = getattr(run.method, "may_hold", None)
-    return may_hold and (lambda low, high: may_hold(run.state, low, high))
+def occupied_query(run: Run) -> Occupied:
+    """A function that says of training-frame boxes, low and high [N, 3], which may hold density; see Method.may_hold."""
+    return lambda low, high: run.method.may_hold(run.state, low, high)

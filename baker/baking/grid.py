@@ -1,6 +1,6 @@
 """The voxel grid that a field is baked into, and where its voxels lie in the training frame.
 
-Notation: the grid frame is the pack's (OpenGL, y up; CONTRACT section 3); voxel (x, y, z) covers
+Notation: the grid frame is the pack's (OpenGL, y up; docs/format.md); voxel (x, y, z) covers
 min_xyz + voxel_size [x, x+1) and so on. A block is a macroblock of block_size³ data voxels. Arrays are [z, y, x].
 """
 

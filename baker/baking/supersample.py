@@ -15,8 +15,6 @@ from baker.baking.culling import TAU_ALPHA, Culling
 from baker.baking.field_query import FieldQuery
 from baker.baking.grid import BakeGrid
 from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
-from scenepack.blocks import atlas_shape, choose_atlas_blocks
-from scenepack.constants import EMPTY_BLOCK
 
 SAMPLES = 16
 SIGMA = np.float32(1 / np.sqrt(12))  # of the Gaussian, in voxels
@@ -108,23 +106,3 @@ def _average(query: FieldQuery, grid: BakeGrid, positions: np.ndarray) -> np.nda
     values[:, 3] = alpha
     np.multiply(field.features, alpha[:, None], out=values[:, 4:], casting="same_kind")
     return values.reshape(*positions.shape[:2], 8).mean(1)
-
-
-def fill_atlas(
-    blocks: Iterator[tuple[tuple[int, ...], np.ndarray]], kept: np.ndarray, block_size: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """atlas_indices, atlas_rgba and atlas_features (as Pack has them) of macroblocks in the order of `kept`.
-
-    Only their data voxels are written: scenepack's restore_padding does the rest.
-    """
-    count = int(kept.sum())
-    across, down, layers = choose_atlas_blocks(count, block_size)
-    shape = (*atlas_shape((across, down, layers), block_size), 4)
-    indices = np.full((*kept.shape, 3), EMPTY_BLOCK, np.uint8)
-    rgba, features = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-    for slot, (place, voxels) in enumerate(blocks):
-        atlas_block = (slot % across, slot // across % down, slot // (across * down))
-        indices[place] = atlas_block
-        at = tuple(slice(i * (block_size + 2) + 1, (i + 1) * (block_size + 2) - 1) for i in atlas_block[::-1])
-        rgba[at], features[at] = voxels[..., :4], voxels[..., 4:]
-    return indices, rgba, features

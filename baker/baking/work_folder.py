@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from console import Notice, UserError
-from training.checkpoints import write_aside
+from console.atomic import write_file
 
 try:
     import fcntl
@@ -91,9 +91,7 @@ class WorkFolder:
                               stacklevel=2)  # fmt: skip
                 for old in path.glob("*.npz"):
                     old.unlink(missing_ok=True)
-            for scrap in path.glob(".*.tmp"):  # a killed writer's
-                scrap.unlink(missing_ok=True)
-            write_aside(file, text.encode())
+            write_file(file, text)
         except OSError as error:
             raise self._refused(error) from error
 
@@ -107,7 +105,7 @@ class WorkFolder:
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)  # type: ignore[arg-type]
         try:
-            write_aside(self.file(name), buffer.getvalue())
+            write_file(self.file(name), buffer.getvalue())
         except OSError as error:
             if not (self.share.helps and isinstance(error, FileNotFoundError)):
                 raise self._refused(error) from error

@@ -1,4 +1,4 @@
-"""`snerg-bake RUN --out PACK`: a trained run becomes a pack (CONTRACT section 4)."""
+"""`snerg-bake RUN --out PACK`: a trained run becomes a pack (docs/commands.md)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def snerg_bake(
     codec: Literal["png", "webp", "jpeg", "h264", "avif"] = "png",
     tau_alpha: float = 0.005,
     tau_vis: float = 0.01,
-    tau_weight: float = 0.02,
+    tau_weight: float | None = None,
     fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp",
     fine_tune_epochs: int = 100,
     seed: int = 0,
@@ -43,7 +43,8 @@ def snerg_bake(
         codec: How the atlas is compressed: png (the published layout), webp (lossless, smaller), jpeg, h264, avif (lossy).
         tau_alpha: Macroblocks whose largest opacity is below this are dropped.
         tau_vis: Macroblocks that no training camera sees with at least this transmittance are dropped.
-        tau_weight: Voxels that no training photograph shows with at least this weight are emptied; 0 leaves all.
+        tau_weight: Voxels that no training photograph shows with at least this weight are emptied; 0 leaves all. By default
+            0.02, and 0 at resolutions above 512.
         fine_tune: none; view-mlp, the paper's; or all: then the stored voxels, too, with it (minutes more, sharper).
         fine_tune_epochs: Passes over the training pixels that refine the view MLP; not with --fine-tune none.
         seed: Seed of the samples within voxels and of fine-tuning.
@@ -100,6 +101,8 @@ def bake_to(
     from baker.baking.work_folder import AGAIN, WorkFolder, work_beside
     from scenepack import save_pack
 
+    if config.tau_weight is None:
+        print(describe_pruning(config))
     stages = Stages()
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
@@ -115,6 +118,18 @@ def bake_to(
     times = ", ".join(f"{name} {duration(seconds)}" for name, seconds in stages.seconds.items())
     print(f"{times}; {duration(sum(stages.seconds.values()))} in all{peak_memory()}")
     return stages.seconds
+
+
+def describe_pruning(config: BakeConfig) -> str:
+    """One line about what happens to faint voxels where no --tau-weight says it."""
+    from baker.baking.bake import FINEST_PRUNED
+
+    if config.least_weight > 0:
+        return f"--tau-weight {config.least_weight:g}: voxels that no photograph shows with that weight are emptied"
+    return (
+        f"--tau-weight 0: above {FINEST_PRUNED} voxels a side no faint voxels are emptied unless --tau-weight says so, "
+        "since visible ones would go, too"
+    )
 
 
 def peak_memory() -> str:

@@ -1,4 +1,4 @@
-"""`snerg-eval (RUN|PACK) --scene SCENE`: image quality against photographs (CONTRACT section 4)."""
+"""`snerg-eval (RUN|PACK) --scene SCENE`: image quality against photographs (docs/commands.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`snerg-make SCENE --out DIR`: photographs to fly-through in one line (CONTRACT section 4)."""
+"""`snerg-make SCENE --out DIR`: photographs to fly-through in one line (docs/commands.md)."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from console import UserError, run_command
 from console.arguments import join_negative_values
-from training.config import BakeablePreset
+from training.presets import PRESETS, BakeablePreset, names_with_about
 
 DESCRIPTION = (
     "Photographs to a scene you can fly through: trains, bakes, and opens the viewer where there is a display."
 )
-# The paper bakes at slightly more voxels than its photographs have pixels (section 6). `cpu` shrinks photographs first.
-RESOLUTION = {"cpu": 512, "small": 512, "tiny": 96}
-FULL_RESOLUTION = 1000
+PRESET_HELP = f"Named settings: {names_with_about(BakeablePreset)}."
 
 
 def snerg_make(
     scene: Path,
     /,
     out: Path,
-    preset: BakeablePreset = "cpu",
+    preset: Annotated[BakeablePreset, tyro.conf.arg(help=PRESET_HELP)] = "cpu",
     downscale: int | None = None,
     spherify: bool = False,
     masks: bool = False,
@@ -43,8 +43,6 @@ def snerg_make(
     Args:
         scene: Folder of posed photographs.
         out: Folder for the results: DIR/run, then DIR/pack.
-        preset: cpu (minutes on two cores), fast (a GPU), paper (the paper's numbers, days), small, tiny (tests); and those
-            of snerg-train that can be baked.
         downscale: Divide the photographs' sides by this whole number; by default 1, and with `cpu` as much as brings the
             longer side to 256 pixels or fewer. LLFF captures count from their full-size pictures.
         spherify: Read an LLFF or COLMAP capture as one from all around, also where its cameras look forward.
@@ -60,17 +58,17 @@ def snerg_make(
     from baker.baking.bake import BakeConfig
     from baker.commands.bake import bake_to
     from scenepack import check_target
-    from training.config import PRESETS
+    from training.config import PRESETS as CONFIGS
     from training.loop import train
     from training.run import is_run, read_description
     from training.scenes import SceneOptions
     from training.scenes.box import OPTION, parse_box
-    from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
+    from training.scenes.downscale import suggested_downscale
 
     box = None if aabb is None else parse_box(aabb)
     run_path, pack_path = out / "run", out / "pack"
     check_target(pack_path)
-    config = dataclasses.replace(PRESETS[preset], seed=seed)
+    config = dataclasses.replace(CONFIGS[preset], seed=seed)
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
     started = time.monotonic()
@@ -85,11 +83,11 @@ def snerg_make(
                             found=box, remedy="leave it out, or choose another --out")  # fmt: skip
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
     else:
-        downscale = downscale or suggested_downscale(scene, LONGEST_SIDE.get(preset))
+        downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
     options = SceneOptions(downscale or 1, spherify or None, masks, box)
     run = train(scene, run_path, config, **vars(options), resume=resume)
     trained = time.monotonic()
-    voxels = resolution or RESOLUTION.get(preset, FULL_RESOLUTION)
+    voxels = resolution or PRESETS[preset].resolution
     bake_to(run, BakeConfig(resolution=voxels, fine_tune=fine_tune), pack_path)
     baked = time.monotonic()
     print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")

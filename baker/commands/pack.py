@@ -1,4 +1,4 @@
-"""`snerg-pack info|check|convert|compare`: all about packs (CONTRACT section 4).
+"""`snerg-pack info|check|convert|compare`: all about packs (docs/commands.md).
 
 The first three are scenepack's; `compare` draws, and scenepack may not import the renderer. Nothing here needs JAX, so
 all four work in the viewer-only install.

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from console import UserError, run_command
+from console.atomic import write_file
 
 DESCRIPTION = "Size, quality and time of every codec on one pack, as a table."
 # Each codec as it comes, and what places them on one curve.
@@ -63,8 +64,8 @@ def codec_report(
     if out is not None:
         try:
             out.parent.mkdir(parents=True, exist_ok=True)
-            out.write_text(table + "\n", encoding="utf-8")
-            out.with_suffix(".json").write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+            write_file(out, table + "\n")
+            write_file(out.with_suffix(".json"), json.dumps(rows, indent=2) + "\n")
         except OSError as error:
             raise UserError(f"cannot be written: {error.strerror or error}", where=out) from error
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from console.atomic import replacing
 from console.plots import FAINT, INK, PAPER
 from scenepack import Pack
 from scenepack.blocks import dense_from_pack
@@ -118,9 +119,8 @@ def draw_sections(path: Path, cuts: Mapping[str, Section]) -> None:
             sheet.paste(picture, (left, top))
             pen.rectangle((left - 1, top - 1, left + width, top + height), outline=FAINT)
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}.part")
-    sheet.save(aside, format="PNG", optimize=True)
-    aside.replace(path)
+    with replacing(path) as new:
+        sheet.save(new, format="PNG", optimize=True)
 
 
 def _fitted(picture: np.ndarray) -> Image.Image:

@@ -1,4 +1,4 @@
-"""How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (CONTRACT section 4, snerg-eval).
+"""How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (docs/commands.md, snerg-eval).
 
 Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
 pictures (section 6, real 360° scenes), since otherwise what lies outside of the box would decide: `by_alpha`.
@@ -16,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, progress
+from console.atomic import replacing
 from scenepack import load_pack
 from scenepack.pack import Pack
 from training import metrics
@@ -133,7 +134,8 @@ def save_comparison(path: Path, picture: np.ndarray, truth: np.ndarray) -> None:
     """Picture, photograph and their difference times five, side by side."""
     path.parent.mkdir(parents=True, exist_ok=True)
     row = np.concatenate([picture, truth, np.clip(5 * np.abs(picture - truth), 0, 1)], axis=1)
-    Image.fromarray(np.round(255 * row).astype(np.uint8)).save(path)
+    with replacing(path) as new:
+        Image.fromarray(np.round(255 * row).astype(np.uint8)).save(new, format="PNG")
 
 
 def _mean(values: list[float | None]) -> float | None:

@@ -15,7 +15,7 @@ from typing import Any
 from baker.baking.bake import BakeConfig, work_key
 from baker.commands.bake import bake_to
 from baker.reports.evaluation import evaluate
-from training.checkpoints import write_aside
+from console.atomic import write_file
 from training.run import Run
 from training.scenes import Scene
 
@@ -52,11 +52,11 @@ class Study:
         """
         run, config = run or self.run, dataclasses.replace(self.options, **changes)
         name = f"{config.resolution}-{config.fine_tune}"
-        name += "" if config.tau_weight > 0 else "-all-voxels"
+        name += "" if config.least_weight > 0 else "-all-voxels"
         name = f"against-{name}" if run is self.against else name
         pack, note = self.out / "packs" / name, self.out / "packs" / f"{name}.json"
         key = work_key(run, config) | {
-            "tau_weight": config.tau_weight, "fine_tune": config.fine_tune, "fine_tune_epochs": config.fine_tune_epochs,
+            "tau_weight": config.least_weight, "fine_tune": config.fine_tune, "fine_tune_epochs": config.fine_tune_epochs,
         }  # fmt: skip
         kept = _read(note)
         if kept.get("key") == key and pack.is_dir():
@@ -64,7 +64,7 @@ class Study:
         note.unlink(missing_ok=True)  # first, so that no note ever tells of another pack
         pack.parent.mkdir(parents=True, exist_ok=True)
         seconds = bake_to(run, config, pack)
-        write_aside(note, (json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n").encode())
+        write_file(note, json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n")
         return Baked(name, pack, seconds)
 
     def score(self, subject: Baked | Run) -> dict[str, Any]:

@@ -171,12 +171,12 @@ def _begun(study: Study) -> dict[str, Any]:
 
 def _write(out: Path, document: dict[str, Any]) -> None:
     from baker.reports.pages import draw_report_plots, report_text
-    from training.checkpoints import write_aside
+    from console.atomic import write_file
 
     out.mkdir(parents=True, exist_ok=True)
     draw_report_plots(out, document["tables"])
-    write_aside(out / "report.json", (json.dumps(document, indent=2) + "\n").encode())
-    write_aside(out / "report.md", report_text(document).encode())
+    write_file(out / "report.json", json.dumps(document, indent=2) + "\n")
+    write_file(out / "report.md", report_text(document))
 
 
 def main(args: Sequence[str] | None = None) -> int:

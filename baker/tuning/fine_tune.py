@@ -16,14 +16,24 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from baker.baking.culling import in_grid_frame
-from baker.tuning.pack_layout import PackLayout, accumulate, over_background, pack_layout, pack_sizes, pack_voxels
+from baker.tuning.pack_layout import (
+    PackLayout,
+    accumulate,
+    over_background,
+    pack_layout,
+    pack_rays,
+    pack_sizes,
+    pack_voxels,
+)
+from baker.view_mlp import from_params, to_params
 from scenepack.constants import TRANSMITTANCE_SHADED
-from scenepack.pack import Pack, ViewMlp
+from scenepack.pack import Pack
 from training.dataset import RayDataset
+from training.marching.batches import until_complete
+from training.marching.march import MarchSizes
+from training.marching.rays import GridFrameRays
 from training.method import ViewMlpParams
 from training.view_mlp import apply_view_mlp
-from training.voxels.march import MarchSizes
 
 LEARNING_RATE = 3e-4
 EPOCHS = 100
@@ -53,10 +63,7 @@ def fine_tune(
     pixels = shaded_pixels(pack, dataset, seed, on_share)
     if pixels is None:
         return pack, float("nan"), float("nan")
-    params = ViewMlpParams(
-        tuple(map(jnp.asarray, pack.view_mlp.weights)),  # type: ignore[arg-type]
-        tuple(map(jnp.asarray, pack.view_mlp.biases)),  # type: ignore[arg-type]
-    )
+    params = to_params(pack.view_mlp)
     before = _psnr(params, pixels)
     optimiser = optax.adam(LEARNING_RATE)
     moments, key = optimiser.init(params), jax.random.key(seed)
@@ -65,8 +72,7 @@ def fine_tune(
         if on_share:
             on_share(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
     after = _psnr(params, pixels)
-    tuned = ViewMlp(tuple(map(np.asarray, params.weights)), tuple(map(np.asarray, params.biases)))  # type: ignore[arg-type]
-    return replace(pack, view_mlp=tuned), before, after
+    return replace(pack, view_mlp=from_params(params)), before, after
 
 
 def shaded_pixels(
@@ -74,22 +80,18 @@ def shaded_pixels(
 ) -> Pixels | None:
     """Marches the training pixels through the pack and keeps those that the viewer shades (T <= 254/255)."""
     layout, voxels = pack_layout(pack), pack_voxels(pack)
-    sizes = pack_sizes(pack, CHUNK_SAMPLES)
-    grid_T_training = jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32)
+    rays, sizes = pack_rays(pack, dataset), pack_sizes(pack, CHUNK_SAMPLES)
     ids = np.random.default_rng(seed).permutation(dataset.count)[:MAX_PIXELS].astype(np.int32)
-    kept, done = [], 0
-    while done < len(ids):
-        chunk = np.resize(ids[done : done + CHUNK_RAYS], CHUNK_RAYS)
-        values, shaded, complete = _march_pixels(
-            layout, voxels, dataset, jnp.asarray(chunk), grid_T_training, sizes, pack.ndc
-        )
-        whole = np.asarray(complete)
-        ready = CHUNK_RAYS if whole.all() else max(int(whole.argmin()), 1)
-        ready = min(ready, len(ids) - done)
-        kept.append(np.asarray(values)[:ready][np.asarray(shaded)[:ready]])
-        done += ready
+
+    def march_some(places: np.ndarray) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+        *made, complete = _march_pixels(layout, voxels, dataset, rays, jnp.asarray(ids[places]), sizes, pack.ndc)
+        return (made[0], made[1]), complete
+
+    kept = []
+    for start, end, (values, shaded) in until_complete(len(ids), CHUNK_RAYS, march_some):
+        kept.append(np.asarray(values)[: end - start][np.asarray(shaded)[: end - start]])
         if on_share:
-            on_share(0.5 * done / len(ids), "marching training pixels")
+            on_share(0.5 * end / len(ids), "marching training pixels")
     table = np.concatenate(kept)
     if len(table) == 0:
         return None
@@ -98,13 +100,12 @@ def shaded_pixels(
 
 @partial(jax.jit, static_argnames=("sizes", "ndc"))
 def _march_pixels(
-    layout: PackLayout, voxels: jax.Array, dataset: RayDataset, ids: jax.Array, grid_T_training: jax.Array,
+    layout: PackLayout, voxels: jax.Array, dataset: RayDataset, source: GridFrameRays, ids: jax.Array,
     sizes: MarchSizes, ndc: bool,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:  # fmt: skip
     """[N, 13] diffuse, features, viewdirs, target of pixels `ids`; which are shaded; which were marched whole."""
-    rays, target = dataset.rays_at(ids)
-    rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
-    sums, complete = accumulate(layout, voxels, in_grid_frame(rays, grid_T_training), sizes)
+    rays, target = source.geometry_at(ids), dataset.colours_at(ids)
+    sums, complete = accumulate(layout, voxels, rays, sizes)
     diffuse, features, behind = over_background(sums, dataset.background, ndc)
     table = jnp.concatenate([diffuse, features, rays.viewdirs, target], axis=-1)
     return table, behind <= TRANSMITTANCE_SHADED, complete

@@ -11,16 +11,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from baker.baking.culling import in_grid_frame
 from baker.tuning.joint_rows import cells_of_rows, rows_by_slot, voxel_rows, with_content
 from baker.tuning.joint_tune import Scene, Sizes, Trained, gather, squared_error, stored, update
-from baker.tuning.pack_layout import pack_layout, pack_sizes
-from scenepack.pack import Pack, ViewMlp
+from baker.tuning.pack_layout import pack_layout, pack_rays, pack_sizes
+from baker.view_mlp import from_params, to_params
+from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.method import ViewMlpParams
-from training.voxels.march import occupied_segments, to_grid
+from training.marching.batches import rays_that_meet
+from training.marching.march import occupied_segments
+from training.marching.rays import to_grid
 
-LOOKED_AT = 16_384  # rays looked at at once when only their meeting content is asked
 PROBE_RAYS = 4096  # rays whose sample counts set the list sizes
 ROOM = 1.15  # of the lists over the mean
 HELD_OUT_RAYS = 65_536
@@ -58,12 +58,13 @@ def joint_tune(
     rows = voxel_rows(pack)
     scene = Scene(
         pack_layout(pack),
+        pack_rays(pack, dataset),
         jnp.asarray(rows_by_slot(pack, rows)),
-        jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32),
         jnp.asarray(rows.content),
         jnp.asarray(cells_of_rows(pack, rows, config.cell)),
     )
-    hits = rays_with_content(scene, dataset, pack)
+    every = np.arange(dataset.count, dtype=np.int32)
+    hits = every[rays_that_meet(scene.layout, scene.rays, every, pack_sizes(pack, config.samples).segments)]
     trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
     trained = start(scene, pack)
     sizes = list_sizes(scene, trained, dataset, pack, trained_on, config.samples, config.seed)
@@ -94,8 +95,7 @@ def joint_tune(
             on_share((step + 1) / steps, f"step {step + 1} of {steps}, held-out {history[-1][1]:.2f} dB")
     tuned = with_content(pack, rows, np.asarray(stored(jnp.asarray(kept.delta), scene)))
     if kept.head is not None:
-        weights, biases = (tuple(map(np.asarray, part)) for part in kept.head)
-        tuned = replace(tuned, view_mlp=ViewMlp(weights, biases))  # type: ignore[arg-type]
+        tuned = replace(tuned, view_mlp=from_params(kept.head))
     (_, first_psnr, first_samples), (last_psnr, last_samples) = history[0], best
     return tuned, {
         "passes": config.passes, "held_out_psnr_before": round(float(first_psnr), 3),
@@ -106,30 +106,7 @@ def joint_tune(
 
 def start(scene: Scene, pack: Pack) -> Trained:
     """Cells that change nothing, and the pack's view MLP."""
-    head = pack.view_mlp and ViewMlpParams(
-        tuple(map(jnp.asarray, pack.view_mlp.weights)),  # type: ignore[arg-type]
-        tuple(map(jnp.asarray, pack.view_mlp.biases)),  # type: ignore[arg-type]
-    )
-    return Trained(jnp.zeros((int(scene.cells.max()) + 1, 8)), head)
-
-
-def rays_with_content(scene: Scene, dataset: RayDataset, pack: Pack) -> np.ndarray:
-    """int32 ids of the training rays that may meet content."""
-    segments = pack_sizes(pack, LOOKED_AT).segments
-    found = []
-    for first in range(0, dataset.count, LOOKED_AT):
-        ids = np.minimum(np.arange(first, first + LOOKED_AT, dtype=np.int32), dataset.count - 1)
-        meets = np.asarray(_meets(scene, dataset, jnp.asarray(ids), segments))
-        found.append(ids[meets & (np.arange(first, first + LOOKED_AT) < dataset.count)])
-    return np.concatenate(found)
-
-
-@partial(jax.jit, static_argnames="segments")
-def _meets(scene: Scene, dataset: RayDataset, ids: jax.Array, segments: int) -> jax.Array:
-    rays = dataset.rays_at(ids)[0]
-    rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
-    grid_rays = to_grid(scene.layout, in_grid_frame(rays, scene.grid_T_training))
-    return occupied_segments(scene.layout, grid_rays, jnp.full(ids.shape[0], 0.5), segments, 1.0).any(1)
+    return Trained(jnp.zeros((int(scene.cells.max()) + 1, 8)), pack.view_mlp and to_params(pack.view_mlp))
 
 
 def split_by_view(ids: np.ndarray, dataset: RayDataset, one_in: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -161,10 +138,8 @@ def list_sizes(
 def _probe(scene: Scene, voxels: jax.Array, dataset: RayDataset, ids: jax.Array, sizes: Sizes):
     """Samples with support, contributing ones, and the most contributing ones of a ray."""
     got = gather(scene, voxels, dataset, ids, sizes)
-    rays = dataset.rays_at(ids)[0]
-    rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
-    grid_rays = to_grid(scene.layout, in_grid_frame(rays, scene.grid_T_training))
-    coarse = occupied_segments(scene.layout, grid_rays, jnp.full(ids.shape[0], 0.5), sizes.march.segments, 1.0).sum()
+    rays = to_grid(scene.layout, scene.rays.geometry_at(ids))
+    coarse = occupied_segments(scene.layout, rays, jnp.full(ids.shape[0], 0.5), sizes.march.segments, 1.0).sum()
     return coarse, got.supported, got.samples.valid.sum(), got.samples.counts.max()
 
 

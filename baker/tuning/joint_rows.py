@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scenepack.blocks import block_copy
-from scenepack.codecs.pieces import restore_padding
 from scenepack.pack import Pack
+from scenepack.padding import restore_padding
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def voxel_rows(pack: Pack) -> VoxelRows:
     content[1:, :4] = pack.atlas_rgba.reshape(-1, 4)[first[1:]]
     if pack.atlas_features is not None:
         content[1:, 4:] = pack.atlas_features.reshape(-1, 4)[first[1:]]
-    restore_padding(pack, atlas)
+    restore_padding(atlas, pack.atlas_indices, pack.block_size)
     return VoxelRows(content, atlas)
 
 

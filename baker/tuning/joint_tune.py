@@ -22,14 +22,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from baker.baking.culling import in_grid_frame
 from baker.tuning.pack_layout import MAX_ALPHA, Accumulated, PackLayout, composite, over_background
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP
 from training.dataset import RayDataset
+from training.marching.layout import blend
+from training.marching.march import MarchSizes, Samples, march, transmittance
+from training.marching.rays import GridFrameRays, to_grid
 from training.method import ViewMlpParams
 from training.view_mlp import apply_view_mlp
-from training.voxels.march import MarchSizes, Samples, march, to_grid, transmittance
-from training.voxels.sparse_grid import blend
 
 BETAS = (0.9, 0.99)
 TOP = 254.75  # stands for an alpha of 255, whose optical depth would be infinite
@@ -52,14 +52,14 @@ class Trained(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What stays: the layout, rows int32 [slots B³] of baker.tuning.joint_rows, training frame to grid frame.
+    """What stays: the layout, the training rays in its frame, rows int32 [slots B³] of baker.tuning.joint_rows.
 
     content uint8 [V + 1, 8]: the voxels as they were; cells int32 [V + 1]: the cell of each.
     """
 
     layout: PackLayout
+    rays: GridFrameRays
     rows: jax.Array
-    grid_T_training: jax.Array
     content: jax.Array
     cells: jax.Array
 
@@ -81,12 +81,8 @@ class Gathered(NamedTuple):
 
 def gather(scene: Scene, voxels: jax.Array, dataset: RayDataset, ids: jax.Array, sizes: Sizes) -> Gathered:
     """The samples of rays `ids` that contribute, given voxels uint8 [V + 1, 8]. Nothing here is differentiated."""
-    rays, target = dataset.rays_at(ids)
-    rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
-    marched = march(
-        scene.layout, to_grid(scene.layout, in_grid_frame(rays, scene.grid_T_training)),
-        jnp.full(sizes.rays, 0.5), sizes.march, 1.0,
-    )  # fmt: skip
+    rays, target = scene.rays.geometry_at(ids), dataset.colours_at(ids)
+    marched = march(scene.layout, to_grid(scene.layout, rays), jnp.full(sizes.rays, 0.5), sizes.march, 1.0)
     corners, weights = scene.layout.corners(marched.g)
     rows = scene.rows[corners]
     alpha = jnp.einsum("nk,nk->n", weights, voxels[rows, 3].astype(jnp.float32)) * (1 / 255)
@@ -111,7 +107,7 @@ def gather(scene: Scene, voxels: jax.Array, dataset: RayDataset, ids: jax.Array,
 def shown(
     sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, background: tuple[float, ...], ndc: bool
 ) -> jax.Array:
-    """[R, 3] what the viewer makes of accumulated rays (CONTRACT section 2), above 1 not yet clamped."""
+    """[R, 3] what the viewer makes of accumulated rays (docs/rendering.md, "Shading"), above 1 not yet clamped."""
     diffuse, features, behind = over_background(sums, background, ndc)
     if head is None:
         return diffuse

@@ -1,4 +1,4 @@
-"""A baked pack as JAX arrays, marched as the viewer marches it (CONTRACT section 2).
+"""A baked pack as JAX arrays, marched as the viewer marches it (docs/rendering.md).
 
 Notation: B = block_size + 2; slots number the occupied macroblocks; `voxels` uint8 [slots B³, 8] holds their padded copies
 as rgb, alpha, features, each premultiplied by alpha. Grid coordinates g are in voxels from the grid's corner.
@@ -16,20 +16,31 @@ import numpy as np
 from scenepack.blocks import block_copy
 from scenepack.constants import ALPHA_CONTRIBUTES, FEATURES, TRANSMITTANCE_STOP, UNPREMULTIPLY_GAIN
 from scenepack.pack import Pack
+from training.dataset import RayDataset
+from training.marching.layout import (
+    COARSE,
+    DEEPEST,
+    DEPTH_UNITS,
+    blend,
+    coarse_cell,
+    flat_index,
+    segments_across,
+    trilinear_weights,
+)
+from training.marching.march import MarchSizes, Samples, march, transmittance
+from training.marching.rays import GridFrameRays, to_grid
 from training.method import Rays
-from training.voxels.march import MarchSizes, Samples, march, to_grid, transmittance
-from training.voxels.sparse_grid import BRICK, DEEPEST, DEPTH_UNITS, blend, trilinear_weights
 
 MAX_ALPHA = 1 - 1e-6  # keeps the optical depth of opaque samples finite
 
 
 class PackLayout(NamedTuple):
-    """Where voxels are: a training.voxels.march.Layout over macroblocks.
+    """Where voxels are: a training.marching.layout.Layout over macroblocks.
 
     blocks int32 [bz by bx]: slot of each macroblock, -1 empty; block_dims int32 [3]; block_size int32.
     support uint8 [slots B³]: of the cell between this voxel and the next along each axis, 0 where all have alpha 0, else 1 plus
-    the optical depth of a step at their mean alpha, in DEPTH_UNITS (a march may end by it, see march's horizon).
-    bricks uint8, brick_dims: as in training.voxels.sparse_grid.
+    the optical depth of a step at their mean alpha, in 1 / DEPTH_UNITS.
+    coarse uint8, coarse_dims int32 [3]: coarse occupancy.
     """
 
     origin: jax.Array
@@ -39,13 +50,13 @@ class PackLayout(NamedTuple):
     block_dims: jax.Array
     block_size: jax.Array
     support: jax.Array
-    bricks: jax.Array
-    brick_dims: jax.Array
+    coarse: jax.Array
+    coarse_dims: jax.Array
 
     def _lower(self, g: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Slot [N] (-1 empty), lowest of the 8 voxels within the padded copy int32 [N, 3], fractions [N, 3]."""
         block = jnp.clip((g / self.block_size).astype(jnp.int32), 0, self.block_dims - 1)
-        slot = self.blocks[(block[:, 2] * self.block_dims[1] + block[:, 1]) * self.block_dims[0] + block[:, 0]]
+        slot = self.blocks[flat_index(block, self.block_dims)]
         local = g - block * self.block_size + 0.5  # + 1 for the padding, - 0.5 for the centre
         lower = jnp.clip(jnp.floor(local), 0, self.block_size)
         return slot, lower.astype(jnp.int32), local - lower
@@ -60,16 +71,14 @@ class PackLayout(NamedTuple):
         return ((slot >= 0) & (self.support[self._flat(slot, lower)] > 0)).reshape(g.shape[:-1])
 
     def optical_depth(self, g: jax.Array) -> jax.Array:
-        """int32 [...]: see training.voxels.march.Remembering."""
+        """int32 [...]: see training.marching.layout.Layout."""
         slot, lower, _ = self._lower(g.reshape(-1, 3))
         depth = self.support[self._flat(slot, lower)].astype(jnp.int32)
         return jnp.where(slot >= 0, depth, 0).reshape(g.shape[:-1])
 
     def near_content(self, g: jax.Array) -> jax.Array:
-        """bool [...]: whether content may lie within BRICK/2 voxels of g [..., 3]."""
-        brick = jnp.clip((g * (1.0 / BRICK)).astype(jnp.int32), 0, self.brick_dims - 1)
-        x, y = self.brick_dims[0], self.brick_dims[1]
-        return self.bricks[(brick[..., 2] * y + brick[..., 1]) * x + brick[..., 0]] > 0
+        """bool [...]: whether content may lie within COARSE/2 voxels of g [..., 3]."""
+        return self.coarse[coarse_cell(g, self.coarse_dims)] > 0
 
     def corners(self, g: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Rows of `voxels` int32 [N, 8] around g [N, 3], and trilinear weights [N, 8]."""
@@ -90,7 +99,7 @@ class Accumulated(NamedTuple):
 def over_background(
     sums: Accumulated, background: tuple[float, ...], ndc: bool
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Diffuse colour [N, 3] over the background, features [N, 4] and T [N] of what was accumulated (CONTRACT section 2)."""
+    """Diffuse colour [N, 3] over the background, features [N, 4] and T [N] of what was accumulated (docs/rendering.md)."""
     colour, features, behind = sums
     if ndc:  # forward-facing: partially un-premultiplied (appendix C.3)
         alpha = 1.0 - behind
@@ -116,7 +125,7 @@ def pack_layout(pack: Pack) -> PackLayout:
     blocks = np.argwhere(pack.occupied)
     size, side = pack.block_size, pack.padded_block_size
     slots = np.full(pack.occupied.shape, -1, np.int32)
-    bricks = np.zeros([-(-n * size // BRICK) for n in pack.occupied.shape], np.uint8)
+    coarse = np.zeros([-(-n * size // COARSE) for n in pack.occupied.shape], np.uint8)
     support = np.zeros((max(len(blocks), 1), side, side, side), np.uint8)
     mean = np.arange(8 * 255 + 1) / (8 * 255)
     codes = 1 + np.minimum(-DEPTH_UNITS * np.log1p(-np.minimum(mean, MAX_ALPHA)), DEEPEST).astype(np.uint8)
@@ -127,7 +136,7 @@ def pack_layout(pack: Pack) -> PackLayout:
         for axis in range(3):
             alpha = alpha + np.roll(alpha, -1, axis)  # the last cell along an axis is never a lower corner
         support[slot] = codes[alpha]
-        _mark_bricks(bricks, alpha[: size + 1, : size + 1, : size + 1], np.array(block) * size)
+        _mark_coarse(coarse, alpha[: size + 1, : size + 1, : size + 1], np.array(block) * size)
     width, height, depth = pack.grid_size
     return PackLayout(
         origin=jnp.asarray(pack.min_xyz, jnp.float32),
@@ -137,28 +146,35 @@ def pack_layout(pack: Pack) -> PackLayout:
         block_dims=jnp.asarray(slots.shape[::-1], jnp.int32),
         block_size=jnp.int32(size),
         support=jnp.asarray(support.ravel()),
-        bricks=jnp.asarray(bricks.ravel()),
-        brick_dims=jnp.asarray(bricks.shape[::-1], jnp.int32),
+        coarse=jnp.asarray(coarse.ravel()),
+        coarse_dims=jnp.asarray(coarse.shape[::-1], jnp.int32),
     )
 
 
-def _mark_bricks(bricks: np.ndarray, some: np.ndarray, start: np.ndarray) -> None:
-    """Sets the bricks within BRICK/2 + 1 voxels of the cells that are not 0 in `some` [z, y, x], of a macroblock at `start`."""
-    reach = BRICK // 2 + 1
+def _mark_coarse(coarse: np.ndarray, some: np.ndarray, start: np.ndarray) -> None:
+    """Sets the coarse occupancy within COARSE/2 + 1 voxels of the cells that are not 0 in `some` [z, y, x], of a macroblock
+    at `start`.
+    """
+    near = COARSE // 2 + 1
     where = np.argwhere(some) + start - 1  # a cell's samples lie within g = cell - 1/2 ... cell + 1/2 of the grid
-    for shift in np.stack(np.meshgrid(*((-reach, 0, reach + 1),) * 3, indexing="ij"), -1).reshape(-1, 3):
-        at = np.clip((where + shift) // BRICK, 0, np.array(bricks.shape) - 1)
-        bricks[tuple(at.T)] = 1
+    for shift in np.stack(np.meshgrid(*((-near, 0, near + 1),) * 3, indexing="ij"), -1).reshape(-1, 3):
+        at = np.clip((where + shift) // COARSE, 0, np.array(coarse.shape) - 1)
+        coarse[tuple(at.T)] = 1
 
 
 def pack_sizes(pack: Pack, samples: int) -> MarchSizes:
     """List sizes for marching a pack: `samples` in all, and room for the longest ray."""
-    segments = int(np.ceil(np.linalg.norm(pack.grid_size) / BRICK)) + 1
-    return MarchSizes(segments, samples // 2, samples, segments * BRICK)
+    segments = segments_across(pack.grid_size)
+    return MarchSizes(segments, samples // 2, samples, segments * COARSE)
+
+
+def pack_rays(pack: Pack, dataset: RayDataset) -> GridFrameRays:
+    """The training rays as a viewer of the pack would cast them: in its grid frame, from the camera on, without an end."""
+    return GridFrameRays(dataset, jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32))
 
 
 def composite(samples: Samples, values: jax.Array, rays: int, per_ray: int) -> Accumulated:
-    """Front-to-back compositing of interpolated premultiplied values [S, 8] in [0, 1], by the rules of CONTRACT section 2."""
+    """Front-to-back compositing of interpolated premultiplied values [S, 8] in [0, 1], by the rules of docs/rendering.md."""
     alpha = jnp.where(samples.valid & (values[:, 3] > ALPHA_CONTRIBUTES), values[:, 3], 0.0)
     tau = -jnp.log1p(-jnp.minimum(alpha, MAX_ALPHA))
     before, _ = transmittance(samples, tau, rays, per_ray)

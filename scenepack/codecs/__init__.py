@@ -6,7 +6,7 @@ atlas as compresses best (`pieces`), and keep what they need to know under "sner
 - h264: the paper's video: the atlas's planes as frames (`h264`; needs PyAV).
 - webp: lossless, planes of the grid (`webp`).
 - avif: planes of the grid as frames of AV1, alpha and straight colours apart (`avif`).
-To add one, implement PieceCodec and list it in CODECS; docs/codecs.md has the figures.
+To add one, implement PieceCodec and list it in CODECS; docs/results.md has the figures.
 """
 
 from __future__ import annotations

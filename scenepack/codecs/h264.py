@@ -7,12 +7,15 @@ premultiplied and 4:4:4. Written and read by PyAV (x264), which is an extra.
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from console import UserError
+from console.contents import told
 from scenepack.codecs.base import CodecError, Layout, Shape
 from scenepack.codecs.streams import StreamCodec
 
@@ -20,6 +23,9 @@ PRESET = "medium"
 GREY, COLOUR = "gray", "yuv444p"
 # Quantisers by quality: 0 at 100, 26 at 50. Alpha has a finer one.
 ALPHA_FINER = 4
+DEMUXER = "mov,mp4,m4a,3gp,3g2,mj2"  # FFmpeg's name of its reader of MP4
+PROBED = 1 << 20  # bytes that FFmpeg looks at to find out what a film holds
+LARGEST_VECTOR = 64  # bytes
 # BT.709, full range; y is the first row.
 YCC_FROM_RGB = np.array([[0.2126, 0.7152, 0.0722], [-0.1146, -0.3854, 0.5], [0.5, -0.4542, -0.0458]], np.float32)
 RGB_FROM_YCC = np.linalg.inv(YCC_FROM_RGB.astype(np.float64)).astype(np.float32)
@@ -62,16 +68,20 @@ class H264Codec(StreamCodec):
     def frames(self, data: bytes, shape: Shape, *, colour: bool) -> np.ndarray:
         out = np.empty((*shape, 3) if colour else shape, np.uint8)
         done = 0
-        with _av().open(io.BytesIO(data)) as film:
-            stream = film.streams.video[0]
+        self.check_film(data[: self.header_bytes], shape)
+        with _told_plainly(), _opened(data) as film:
+            stream = _only_stream(film)
             context = stream.codec_context
             if (context.height, context.width) != shape[1:]:
                 raise CodecError(f"it is {context.width}×{context.height}, expected {shape[2]}×{shape[1]}")
+            # Whatever size the frames claim; FFmpeg counts rows filled up to whole vectors.
+            context.options = {"max_pixels": str(shape[1] * (shape[2] + LARGEST_VECTOR))}
             for frame in film.decode(stream):
-                if done < shape[0]:
-                    pixels = frame.to_ndarray()
-                    # FFmpeg decodes grey to 4:2:0, whose luma rows come first.
-                    out[done] = _rgb(pixels) if colour else pixels[: shape[1]]
+                if done == shape[0]:
+                    raise CodecError(f"it holds more than the {shape[0]} frames expected")
+                pixels = frame.to_ndarray()
+                # FFmpeg decodes grey to 4:2:0, whose luma rows come first.
+                out[done] = _rgb(pixels) if colour else pixels[: shape[1]]
                 done += 1
         if done != shape[0]:
             raise CodecError(f"it holds {done} frames, expected {shape[0]}")
@@ -79,7 +89,7 @@ class H264Codec(StreamCodec):
 
     def check_film(self, head: bytes, shape: Shape) -> None:
         if head[4:8] != b"ftyp":
-            raise CodecError("it is not an MP4")
+            raise CodecError(f"it is not an MP4 but {told(head)}")
 
 
 def _av() -> ModuleType:
@@ -90,6 +100,43 @@ def _av() -> ModuleType:
             "H.264 needs PyAV, which is not installed", remedy='pip install "snerg[video]", or use --codec avif'
         ) from error
     return av
+
+
+@contextmanager
+def _told_plainly() -> Iterator[None]:
+    """FFmpeg's errors without their numbers."""
+    try:
+        yield
+    except _av().FFmpegError as error:
+        raise CodecError(f"the film is damaged: {error.strerror}") from error
+
+
+def _opened(data: bytes) -> Any:
+    """The container, an MP4 and nothing else. FFmpeg left alone goes by content, and text that reads as SDP or as a
+    playlist makes it open sockets and files.
+    """
+    options = {
+        "probesize": str(PROBED),
+        "protocol_whitelist": "",
+        "format_whitelist": DEMUXER,
+        "codec_whitelist": "h264",
+        "enable_drefs": "0",  # parts of the film in other files
+    }
+    return _av().open(io.BytesIO(data), format="mp4", container_options=options, io_open=_refused)
+
+
+def _refused(url: str, flags: int, options: dict[str, str]) -> io.BytesIO:
+    raise CodecError("it asks for another file")
+
+
+def _only_stream(film: Any) -> Any:
+    """The film's one stream. CodecError, with what is there, unless it is H.264."""
+    found = [
+        f"{stream.type} {stream.codec_context.name if stream.codec_context else 'unknown'}" for stream in film.streams
+    ]
+    if found != ["video h264"]:
+        raise CodecError(f"it holds {', '.join(found) or 'no stream'}, expected one of H.264 video")
+    return film.streams[0]
 
 
 def _ycc(rgb: np.ndarray) -> np.ndarray:

@@ -5,22 +5,20 @@ Notation: bs data voxels a side of a macroblock, B = bs + 2; a piece is uint8 [D
 - "grid": the data voxels of some consecutive layers of macroblocks where they lie in the grid, cropped to the
   macroblocks in use. Content continues from macroblock to macroblock, which predicts far better than the
   atlas's patchwork; the padding, 18 % of the voxels at bs = 30, is left out and copied again by
-  `restore_padding`; what is empty costs next to nothing.
+  scenepack.padding; what is empty costs next to nothing.
 A pack keeps the layout and the planes of a piece; all else follows from its indirection grid, in any reader.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from typing import Protocol
 
 import numpy as np
 
 from scenepack.codecs.base import Layout, Shape
 from scenepack.pack import Pack
-
-COPIED_AT_ONCE = 2048  # macroblocks
+from scenepack.padding import restore_padding
 
 
 class Piece(Protocol):
@@ -108,42 +106,10 @@ def cut(pack: Pack, layout: Layout, planes: int) -> list[Piece]:
     return pieces
 
 
-def restore_padding(pack: Pack, atlas: np.ndarray) -> None:
-    """Writes every padding voxel of `atlas` anew, [D, H, W, 4], laid out as `pack` says: the neighbour's data voxel, or
-    zero where the neighbour is empty or outside of the grid.
-    """
-    side, size = pack.block_size + 2, pack.block_size
-    occupied, indices = pack.occupied, pack.atlas_indices
-    shell = {-1: np.array([0]), 0: np.arange(1, side - 1), 1: np.array([side - 1])}
-    origin = {-1: np.array([size]), 0: np.arange(1, side - 1), 1: np.array([1])}
-    blocks = np.argwhere(occupied)
-    for start in range(0, len(blocks), COPIED_AT_ONCE):
-        some = blocks[start : start + COPIED_AT_ONCE]
-        for step in product((-1, 0, 1), repeat=3):
-            if step == (0, 0, 0):
-                continue
-            near = some + step
-            inside = np.all((near >= 0) & (near < occupied.shape), axis=1)
-            inside[inside] = occupied[tuple(near[inside].T)]
-            atlas[_voxels(indices, some[~inside], [shell[s] for s in step], side)] = 0
-            to = _voxels(indices, some[inside], [shell[s] for s in step], side)
-            atlas[to] = atlas[_voxels(indices, near[inside], [origin[s] for s in step], side)]
-
-
 def follows_grid(pack: Pack, atlas: np.ndarray) -> bool:
     """Whether the "grid" layout brings `atlas` back exactly: nothing outside of macroblocks, all padding a copy."""
     again = np.zeros_like(atlas)
     for piece in cut(pack, "grid", pack.block_size):
         piece.scatter(piece.gather(atlas), again)
-    restore_padding(pack, again)
+    restore_padding(again, pack.atlas_indices, pack.block_size)
     return np.array_equal(atlas, again)
-
-
-def _voxels(indices: np.ndarray, blocks: np.ndarray, offsets: list[np.ndarray], side: int) -> tuple[np.ndarray, ...]:
-    """Index arrays (z, y, x), together [n, …], of the voxels at `offsets` within the copies of grid blocks [n, 3]."""
-    x, y, z = (indices[tuple(blocks.T)].astype(np.intp) * side).T
-    return (
-        (z[:, None] + offsets[0])[:, :, None, None],
-        (y[:, None] + offsets[1])[:, None, :, None],
-        (x[:, None] + offsets[2])[:, None, None, :],
-    )

@@ -2,7 +2,7 @@
 
 Notation: group k of a part ("rgba" or "feature") is the atlas's four consecutive z-planes 4k … 4k + 3. In
 memory it is uint8 [4 · H, W, 4]: the planes stacked vertically, plane 4k on top, rows as they lie along y,
-columns along x (CONTRACT section 3). So the atlas array [D, H, W, 4] is its groups one after another, and a
+columns along x (docs/format.md, "Atlas images"). So the atlas array [D, H, W, 4] is its groups one after another, and a
 group is a view of it.
 """
 
@@ -15,6 +15,7 @@ import imagecodecs
 import numpy as np
 from PIL import Image
 
+from console.contents import told
 from scenepack.codecs.base import CodecError, ImageInfo
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -51,7 +52,7 @@ def probe_png(head: bytes) -> ImageInfo:
     if len(head) < len(PNG_SIGNATURE):
         raise CodecError("the file is empty" if not head else f"the file ends after {len(head)} bytes")
     if not head.startswith(PNG_SIGNATURE):
-        raise CodecError("it is not a PNG")
+        raise CodecError(f"it is not a PNG but {told(head)}")
     if len(head) < PNG_HEADER_BYTES or head[12:16] != b"IHDR":
         raise CodecError("the PNG header is cut off")
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
@@ -76,7 +77,7 @@ def decode_png(data: bytes, out: np.ndarray) -> None:
         if channels == "RGBA":
             imagecodecs.png_decode(data, out=out)
             return
-        with Image.open(io.BytesIO(data)) as image:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
             out[...] = np.asarray(image.convert("RGBA"))
     except Exception as error:  # imagecodecs and Pillow raise a dozen unrelated types
         raise CodecError(" ".join(str(error).split()) or type(error).__name__) from error

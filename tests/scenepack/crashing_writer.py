@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import scenepack.atomic as atomic
+import console.atomic as atomic
 from scenepack import load_pack, save_pack
 from tests.scenepack.helpers import same_pack, small_pack
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from console import UserError
-from scenepack import atomic, check_target, load_pack, save_pack
+from console import UserError, atomic
+from scenepack import check_target, load_pack, save_pack
 from scenepack import writer as writer_module
 from scenepack.codecs import PngCodec
 from tests.scenepack.crashing_writer import DIED, PACKS

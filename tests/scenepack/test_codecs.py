@@ -20,10 +20,11 @@ from console import UserError
 from scenepack import Pack, check_pack, load_pack, open_pack, save_pack
 from scenepack.blocks import atlas_from_dense
 from scenepack.codecs import CODECS
-from scenepack.codecs.pieces import cut, follows_grid, restore_padding
+from scenepack.codecs.pieces import cut, follows_grid
 from scenepack.codecs.straight import filled, premultiplied, straight
 from scenepack.codecs.streams import pack_occupancy, unpack_occupancy
 from scenepack.commands import main
+from scenepack.padding import restore_padding
 from tests.scenepack.helpers import edit_json, read_json, same_pack, small_pack, written
 from tests.scenepack.random_packs import random_pack
 
@@ -283,7 +284,7 @@ def test_cutting_and_putting_together_is_exact_in_either_layout(pack: Pack) -> N
             assert values.shape[:3] == piece.shape
             piece.scatter(values, again)
         if layout == "grid":
-            restore_padding(pack, again)
+            restore_padding(again, pack.atlas_indices, pack.block_size)
         assert np.array_equal(again, pack.atlas_rgba)
 
 
@@ -297,7 +298,7 @@ def test_padding_is_restored_whatever_lies_there() -> None:
             data = copy[1:-1, 1:-1, 1:-1].copy()
             copy[...] = 77
             copy[1:-1, 1:-1, 1:-1] = data
-        restore_padding(source, spoilt_atlas)
+        restore_padding(spoilt_atlas, source.atlas_indices, source.block_size)
         assert np.array_equal(spoilt_atlas, source.atlas_rgba)
 
 

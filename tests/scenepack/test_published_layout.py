@@ -1,6 +1,6 @@
 """A PNG pack has the published layout to the letter, read here with json, Pillow and NumPy alone.
 
-What follows is written from the description of the layout (CONTRACT section 3), not from the reader, and shares no
+What follows is written from the description of the layout (docs/format.md), not from the reader, and shares no
 code with it; only `save_pack` makes the pack.
 """
 

@@ -1,4 +1,4 @@
-"""Untidy packs open, with one warning line for each thing that was mended (CONTRACT section 3)."""
+"""Untidy packs open, with one warning line for each thing that was mended (docs/format.md, "Untidy packs")."""
 
 from __future__ import annotations
 

@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from scenepack.constants import VIEW_MLP_WIDTHS
 from training.encoding import encode_points, encode_viewdirs, encoded_width
-from training.view_mlp import WIDTHS, apply_view_mlp, init_view_mlp
+from training.view_mlp import apply_view_mlp, init_view_mlp
 
 
 def test_view_encoding_is_v_then_sines_frequency_major_then_the_same_shifted_by_a_quarter():
@@ -26,7 +27,7 @@ def test_encoded_widths_are_63_for_points_and_27_for_directions():
 
 def test_view_mlp_has_the_papers_883_parameters():
     params = init_view_mlp(jax.random.key(0))
-    assert WIDTHS == (34, 16, 16, 3)
+    assert VIEW_MLP_WIDTHS == (34, 16, 16, 3)
     assert [w.shape for w in params.weights] == [(34, 16), (16, 16), (16, 3)]
     assert sum(leaf.size for leaf in jax.tree.leaves(params)) == 34 * 16 + 16 + 16 * 16 + 16 + 16 * 3 + 3 == 883
 

@@ -128,7 +128,7 @@ def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp
         if path.suffix == ".safetensors":
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("training.checkpoints.write_aside", full)
+    monkeypatch.setattr("training.checkpoints.write_file", full)
     with pytest.raises(UserError, match="disk is full"):
         train(procedural_path, tmp_path / "run", MINUTE)
 
@@ -224,6 +224,11 @@ def test_bad_scenes_and_presets_end_with_status_2(tmp_path: Path, capsys):
 def test_a_config_goes_through_json_and_back(name: str):
     written = json.loads(json.dumps(to_json(PRESETS[name])))
     assert from_json(TrainConfig, written, "config.json") == PRESETS[name]
+
+
+def test_a_config_from_before_early_termination_had_its_name_is_still_read():
+    stored = {"method": "voxels", "voxels": {"horizon": 0.01}}
+    assert from_json(TrainConfig, stored, "config.json").voxels.early_termination == 0.01
 
 
 def test_a_checkpoint_of_another_version_is_told_in_one_line(unbroken: Path, monkeypatch: pytest.MonkeyPatch):

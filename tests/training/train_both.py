@@ -11,7 +11,7 @@ from pathlib import Path
 
 from training.config import PRESETS, TINY, TrainConfig
 from training.devices import join_processes
-from training.voxels import stages
+from training.voxels import settings
 from training.voxels.config import VoxelConfig
 
 EVERY = {"steps": 50, "log_every": 1, "checkpoint_every": 25, "validate_every": 0}
@@ -36,7 +36,7 @@ CONFIGS: dict[str, TrainConfig] = {"nerf": NERF, "voxels": VOXELS}
 def main(scene: str, out: str, coordinator: str = "", processes: str = "1", process_id: str = "0") -> None:
     if coordinator:
         join_processes(coordinator, int(processes), int(process_id))
-    stages.SETTLING_STEPS = 10  # so that a refinement falls within 50 steps
+    settings.SETTLING_STEPS = 10  # so that a refinement falls within 50 steps
     from training.loop import train
 
     for name, config in CONFIGS.items():

@@ -1,4 +1,4 @@
-"""`snerg-train SCENE --out RUN`: photographs to a trained deferred NeRF (CONTRACT section 4)."""
+"""`snerg-train SCENE --out RUN`: photographs to a trained deferred NeRF (docs/commands.md)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ import tyro
 
 from console import UserError, run_command
 from console.arguments import join_negative_values
-from training.config import PRESETS, PresetName, TrainConfig
+from training.config import PRESETS, TrainConfig
+from training.presets import PresetName, names_with_about
 from training.scenes import SceneOptions
 from training.scenes.box import OPTION, parse_box
 from training.scenes.scene import Box
 
 DEFAULT_PRESET = "cpu"
+PRESET_HELP = f"Named settings, whose numbers are shown below as defaults: {names_with_about(PresetName)}."
 DESCRIPTION = "Trains a deferred NeRF on posed photographs. The run can be stopped and resumed at any time."
 FREE = (
     "steps",
@@ -56,7 +58,7 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         /,
         out: Path,
         config: Annotated[TrainConfig, tyro.conf.arg(name="")] = defaults,
-        preset: PresetName = DEFAULT_PRESET,
+        preset: Annotated[PresetName, tyro.conf.arg(help=PRESET_HELP)] = DEFAULT_PRESET,
         downscale: int | None = None,
         spherify: bool = False,
         masks: bool = False,
@@ -72,10 +74,6 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
             scene: Folder of posed photographs.
             out: Folder of the run: config, checkpoints, metrics, validation pictures.
             config: Every setting of the preset can be changed on its own.
-            preset: Named settings, whose numbers are shown below as defaults - cpu (minutes on two cores), fast (a
-                GPU), paper (the paper's own numbers, days), small (the same method, smaller), tiny (tests); and those of
-                the paper's tables: jaxnerf, jaxnerf-plus, tinyview (none of these can be baked), deferred (is paper),
-                diffuse, no-sparsity.
             downscale: Divide width and height of the pictures by this whole number (1 where not given).
             spherify: Read an LLFF or COLMAP capture as one from all around, also where its cameras look forward.
             masks: Cut the object out by the masks beside the pictures.

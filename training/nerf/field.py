@@ -16,10 +16,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from scenepack.constants import FEATURES, VIEW_FREQUENCIES
 from training.config import NerfConfig
-from training.encoding import POINT_DEGREES, VIEW_DEGREES, encode_points, encode_viewdirs, encoded_width
+from training.encoding import POINT_DEGREES, encode_points, encode_viewdirs, encoded_width
 from training.method import FieldOutput
-from training.view_mlp import FEATURES
 
 CONDITION_WIDTH = 128  # channels of JAXNeRF's layer behind the viewing direction
 HEAD_OUTPUTS = {"deferred": 1 + 3 + FEATURES, "tiny": 1 + 3 + FEATURES, "none": 1 + 3, "nerf": 1}
@@ -63,7 +63,7 @@ def init_field(key: jax.Array, config: NerfConfig) -> FieldParams:
 def init_nerf_head(key: jax.Array, width: int) -> NerfHead:
     """A head for a trunk of `width` channels."""
     keys = jax.random.split(key, 3)
-    directions = encoded_width(3, VIEW_DEGREES)
+    directions = encoded_width(3, VIEW_FREQUENCIES)
     return NerfHead(
         init_dense(keys[0], width, width),
         init_dense(keys[1], width + directions, CONDITION_WIDTH),

@@ -26,7 +26,7 @@ from training.devices import SPLIT, WHOLE, here, put_whole, split
 from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, squared_error
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.nerf.field import apply_field
-from training.nerf.render import Chance, NerfParams, draw_chance, init_nerf, render_rays
+from training.nerf.render import NerfParams, Perturbation, draw_perturbation, init_nerf, render_rays
 from training.schedule import learning_rate
 
 
@@ -79,6 +79,10 @@ class NerfMethod:
         params = here(state.params)
         return in_slices(lambda part: self._query(params, part), points, self.config.nerf.query_points)
 
+    def may_hold(self, state: NerfState, low: np.ndarray, high: np.ndarray) -> None:
+        """An MLP cannot tell without being asked everywhere."""
+        return None
+
     def view_mlp(self, state: NerfState) -> ViewMlpParams | None:
         """The fine model's deferred head; None for a diffuse model, and for the baselines, which have none a ray."""
         view = here(state.params.fine.view)
@@ -103,8 +107,8 @@ class NerfMethod:
         key = jax.random.fold_in(jax.random.PRNGKey(self.config.seed), step)
         key_batch, key_render = jax.random.split(key)
         rays, target = dataset.batch(key_batch, self.config.batch_size)
-        chance = draw_chance(key_render, self.config.batch_size, self.config.nerf)
-        gradient, metrics = self._gradient(state.params, *split((rays, target, chance), self.mesh))
+        perturbation = draw_perturbation(key_render, self.config.batch_size, self.config.nerf)
+        gradient, metrics = self._gradient(state.params, *split((rays, target, perturbation), self.mesh))
         updates, optimizer = self._optimizer.update(gradient, state.optimizer, state.params)
         mse = metrics.pop("mse")
         metrics |= {"psnr": psnr_of(mse), "gradient_norm": optax.tree.norm(gradient)}
@@ -112,27 +116,29 @@ class NerfMethod:
         params: Any = optax.apply_updates(state.params, updates)  # type: ignore[arg-type]
         return NerfState(params, optimizer), metrics
 
-    def _gradient(self, params: NerfParams, rays: Rays, target: jax.Array, chance: Chance):
+    def _gradient(self, params: NerfParams, rays: Rays, target: jax.Array, perturbation: Perturbation):
         """The batch's gradient and metrics, slice by slice where memory asks for it."""
         gradient_of = jax.grad(self._loss, has_aux=True)
         if self._slices == 1:
-            return gradient_of(params, rays, target, chance)
+            return gradient_of(params, rays, target, perturbation)
 
         def add_slice(total, part):
             return jax.tree.map(jnp.add, total, gradient_of(params, *split(part, self.mesh))), None
 
         # slice s takes rays s, s + slices, ...: of each device's share equally many
-        parts = jax.tree.map(lambda v: v.reshape(-1, self._slices, *v.shape[1:]).swapaxes(0, 1), (rays, target, chance))
+        parts = jax.tree.map(
+            lambda v: v.reshape(-1, self._slices, *v.shape[1:]).swapaxes(0, 1), (rays, target, perturbation)
+        )
         shapes = jax.eval_shape(gradient_of, params, *jax.tree.map(lambda v: v[0], parts))
         zeros = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
         total, _ = jax.lax.scan(add_slice, zeros, parts)
         return jax.tree.map(lambda v: v / self._slices, total)
 
     def _loss(
-        self, params: NerfParams, rays: Rays, target: jax.Array, chance: Chance
+        self, params: NerfParams, rays: Rays, target: jax.Array, perturbation: Perturbation
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         config = self.config
-        out = render_rays(params, rays, config.nerf, self.dataset.facts, chance)
+        out = render_rays(params, rays, config.nerf, self.dataset.facts, perturbation)
         photometric = squared_error(out.coarse.rgb, target) + squared_error(out.fine.rgb, target)
         sparsity = sparsity_of(out.coarse_sigma, out.fine_sigma, config)
         loss = photometric + config.sparsity_weight * sparsity

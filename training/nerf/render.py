@@ -54,8 +54,8 @@ class Rendered(NamedTuple):
     fine_sigma: jax.Array
 
 
-class Chance(NamedTuple):
-    """All that is random about N rays: jitter in [0, 1) of coarse [N, K] and fine [N, F] positions, and noise on raw
+class Perturbation(NamedTuple):
+    """How N rays are perturbed while training: jitter in [0, 1) of coarse [N, K] and fine [N, F] positions, and noise on raw
     density at coarse [N, K] and at all [N, K + F] samples (None: no noise).
 
     Drawn for a whole batch at once, so that no result depends on how the batch is cut or spread.
@@ -67,15 +67,17 @@ class Chance(NamedTuple):
     fine_noise: jax.Array | None
 
 
-def draw_chance(key: jax.Array, count: int, config: NerfConfig) -> Chance:
-    """Chance for `count` rays."""
+def draw_perturbation(key: jax.Array, count: int, config: NerfConfig) -> Perturbation:
+    """Random perturbations of `count` rays."""
     keys = jax.random.split(key, 4)
     coarse, fine, scale = config.coarse_samples, config.fine_samples, config.density_noise
     noise = [
         scale * jax.random.normal(k, (count, samples)) if scale > 0 else None
         for k, samples in ((keys[2], coarse), (keys[3], coarse + fine))
     ]
-    return Chance(jax.random.uniform(keys[0], (count, coarse)), jax.random.uniform(keys[1], (count, fine)), *noise)
+    return Perturbation(
+        jax.random.uniform(keys[0], (count, coarse)), jax.random.uniform(keys[1], (count, fine)), *noise
+    )
 
 
 def init_nerf(key: jax.Array, config: NerfConfig) -> NerfParams:
@@ -94,10 +96,10 @@ def _init_head(key: jax.Array, config: NerfConfig) -> ViewMlpParams | NerfHead |
 
 
 def render_rays(
-    params: NerfParams, rays: Rays, config: NerfConfig, facts: SceneFacts, chance: Chance | None = None
+    params: NerfParams, rays: Rays, config: NerfConfig, facts: SceneFacts, perturbation: Perturbation | None = None
 ) -> Rendered:
-    """Renders N rays. With chance, positions are jittered and density noise is added; without, all is deterministic."""
-    jitter, fine_jitter, noise, fine_noise = (None,) * 4 if chance is None else chance
+    """Renders N rays. With perturbation, positions are jittered and density noise is added; without, all is deterministic."""
+    jitter, fine_jitter, noise, fine_noise = (None,) * 4 if perturbation is None else perturbation
     t = coarse_samples(jitter, rays.near, rays.far, config.coarse_samples, facts.disparity)
     coarse, coarse_sigma, weights = _render_model(params.coarse, rays, t, config, facts, noise)
     fine_t = fine_samples(fine_jitter, t, weights, config.fine_samples)

@@ -22,7 +22,7 @@ NEAR, FAR = 2.0, 6.0
 HALF_SIDE = 1.5  # of the box that holds the content
 WORLDSPACE_T_OPENGL = np.array(
     [[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64
-)  # CONTRACT section 3
+)  # docs/format.md, "Coordinate frames"
 
 
 def recognises(path: Path) -> bool:

@@ -9,9 +9,6 @@ from pathlib import Path
 from console import Notice
 from training.scenes.read import load_scene
 
-# Pixels of the longer side with which a preset keeps its promise of minutes; presets that are not here take all there are.
-LONGEST_SIDE = {"cpu": 256}
-
 
 def suggested_downscale(scene: Path, longest_side: int | None) -> int:
     """The smallest whole number that brings the photographs to `longest_side` pixels or fewer; 1 where that is None.

@@ -17,17 +17,18 @@ from pathlib import Path
 import numpy as np
 
 from console import Notice, UserError
+from scenepack.constants import NDC_NEAR
 from training.scenes.blender import WORLDSPACE_T_OPENGL
 from training.scenes.pictures import PictureLoader, picture_size
 from training.scenes.poses import faces_forward, focus_point, mean_pose, normalised, poses, similarity
-from training.scenes.rays import NDC_NEAR, camera_rays, ndc_rays
+from training.scenes.rays import camera_rays, ndc_rays
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
 
 LOOKED_FOR = "poses_bounds.npy with images or images_K (LLFF)"
 BOUNDS_FACTOR = 0.75
 NEAR_360, FAR_360 = 0.45, 100.0  # at most, and at least: in units of the cameras' distance
 HALF_SIDE_360 = 1.2  # of the box that holds the content, likewise: at most
-NDC_WORLDSPACE_T_OPENGL = np.diag([1.0, 1.0, -1.0, 1.0])  # CONTRACT section 3
+NDC_WORLDSPACE_T_OPENGL = np.diag([1.0, 1.0, -1.0, 1.0])  # docs/format.md, "Coordinate frames"
 PICTURES = (".png", ".jpg", ".jpeg")
 
 

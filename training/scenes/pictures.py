@@ -17,9 +17,13 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from console import UserError
+from console.contents import HEAD_BYTES, told
 from training.scenes.scene import Photograph
 
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
+# Pillow goes by a file's content, and knows formats that start other programs (Ghostscript for PostScript).
+FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+_EXPECTED = "PNG, JPEG, WebP, TIFF or BMP"
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -27,17 +31,20 @@ def picture_size(path: Path) -> tuple[int, int]:
     if not path.is_file():
         raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
     try:
-        with Image.open(path) as image:
+        with _opened(path) as image:
             return image.size
-    except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
-        raise UserError("not a readable picture", where=path, expected="PNG or JPEG", found=_short(error)) from error
+    except UnidentifiedImageError as error:
+        found = told(_head(path))
+        raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=found) from error
+    except (OSError, SyntaxError, ValueError) as error:
+        raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=_short(error)) from error
 
 
 def read_picture(path: Path) -> np.ndarray:
     """Decodes 8 or 16 bit grey, RGB(A) or palette pictures to float32 [H, W, 4]. UserError where that fails."""
     picture_size(path)
     try:
-        with Image.open(path) as image:
+        with _opened(path) as image:
             if image.mode.startswith("I"):  # 16 bit grey
                 grey = np.asarray(image, np.float32)[..., None] / 65535.0
                 return np.concatenate([np.repeat(grey, 3, axis=-1), np.ones_like(grey)], axis=-1)
@@ -49,6 +56,15 @@ def read_picture(path: Path) -> np.ndarray:
             found=_short(error),
             remedy="it may be truncated: copy it again",
         ) from error
+
+
+def _opened(path: Path) -> Image.Image:
+    return Image.open(path, formats=FORMATS)
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(HEAD_BYTES)
 
 
 def shrunk_size(width: int, height: int, downscale: int) -> tuple[int, int]:
@@ -136,7 +152,7 @@ class PictureLoader:
 
 
 def _small(path: Path, side: int, mode: str) -> Image.Image:
-    with Image.open(path) as image:
+    with _opened(path) as image:
         image.draft("RGB", (2 * side, 2 * side))
         if image.mode.startswith("I"):  # 16 bit; Pillow clips where it should scale
             picture = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8)).convert(mode)
@@ -193,5 +209,4 @@ def _times(size: Sequence[int]) -> str:
 
 def _short(error: Exception) -> str:
     """The first sentence of a decoder's complaint, without the path that we print already."""
-    text = str(error).split("\n")[0]
-    return "an unknown format" if text.startswith("cannot identify") else text[:120]
+    return str(error).split("\n")[0][:120]

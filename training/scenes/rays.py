@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from scenepack.constants import NDC_NEAR
 from training.scenes.scene import Camera
 
 NEWTON_STEPS = 10
-NDC_NEAR = 1.0  # near plane of the NDC warp, in scene units
 
 
 def distort(a: np.ndarray, b: np.ndarray, distortion: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:

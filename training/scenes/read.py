@@ -1,4 +1,4 @@
-"""load_scene: recognises a folder's layout and reads it (CONTRACT section 5).
+"""load_scene: recognises a folder's layout and reads it (docs/scenes.md).
 
 A layout is a module with LOOKED_FOR (what to tell a user was looked for), recognises(path) and read(path,
 downscale).

@@ -8,8 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+
+Kind = Literal[
+    "object", "surroundings", "forward"
+]  # what was photographed: cut out by alpha; from around; from one side
 
 
 @dataclass(frozen=True)

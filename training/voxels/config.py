@@ -12,9 +12,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
-Kind = Literal["object", "surroundings", "forward"]
+from training.scenes.scene import Kind
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class VoxelConfig:
     """Weight of the distortion loss of mip-NeRF 360, with distances as shares of the box; 0 for none."""
     sparsity_factor: float | None = None
     """Factor on the sparsity weight."""
-    horizon: float = 1e-3
-    """Samples behind which less light than this comes from are left out of a step."""
+    early_termination: float = 1e-3
+    """Transmittance at which a ray ends in a step: samples from which less light than this comes are left out."""
     view_dependence: bool = True
     """False trains a diffuse model: no view MLP."""
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from training.dataset import RayDataset
-from training.voxels.march import to_grid
+from training.marching.rays import to_grid
 from training.voxels.sparse_grid import GridLayout
 
 SIDE = 48  # cells of the coverage grid along each axis

@@ -10,7 +10,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from training.voxels.march import Samples
+from training.marching.march import Samples
 from training.voxels.sparse_grid import GridLayout
 
 WINDOW = 64  # voxels in a row whose variation is looked at together: neighbours in memory, mostly, as in space

@@ -4,10 +4,9 @@ Notation: a grid of dims (Dx, Dy, Dz) voxels starts at `origin`; voxel i covers 
 g = (p - origin) / voxel and its value sits at its centre, i + 0.5. Voxels may be deeper than wide (NDC scenes: depth
 there is disparity, which cameras side by side tell less finely than directions). `rows` [V + 1, 8] holds raw
 density, 3 diffuse colours and 4 features; row 0 stands for every absent voxel. `lookup` maps a voxel, padded
-by one on every
-side, to its row: flat int32, x fastest. Direct optimisation of such a grid follows Plenoxels (Fridovich-Keil
-et al. 2022); the raw
-values are interpolated first and activated afterwards, as DVGO (Sun et al. 2022) found to give sharper surfaces.
+by one on every side, to its row: flat int32, x fastest. Direct optimisation of such a grid follows Plenoxels (Fridovich-Keil
+et al. 2022); the raw values are interpolated first and activated afterwards, as DVGO (Sun et al. 2022) found to give sharper
+surfaces.
 """
 
 from __future__ import annotations
@@ -18,19 +17,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, blend, coarse_cell, flat_index, trilinear_weights
+
 CHANNELS = 8  # raw density, rgb, 4 features
-BRICK = 4  # side of a coarse occupancy cell, in voxels
-DEPTH_UNITS = 16.0  # a cell's remembered optical depth is counted in sixteenths, up to DEEPEST of them
-DEEPEST = 254
 
 
 class GridLayout(NamedTuple):
-    """Where voxels are. origin, voxel [3]: world units; dims int32 [3] = (Dx, Dy, Dz).
+    """Where voxels are: a training.marching.layout.Layout. origin, voxel [3]: world units; dims int32 [3] = (Dx, Dy, Dz).
 
     lookup int32 [(Dz+2)(Dy+2)(Dx+2)]: row of each padded voxel, 0 = absent.
     support uint8, same size: 0 where none of the 8 voxels that interpolate a point of this cell is present, else 1 + the
     optical depth that the cell was last seen to have along one step, in 1 / DEPTH_UNITS (0 until somebody looks).
-    bricks uint8 [Bz*By*Bx]: 1 where a sample within BRICK/2 voxels of this brick could have support; brick_dims int32 [3].
+    coarse uint8 [Cz*Cy*Cx]: coarse occupancy, 1 where a sample within COARSE/2 voxels of this cell could have support;
+    coarse_dims int32 [3].
     """
 
     origin: jax.Array
@@ -38,14 +37,14 @@ class GridLayout(NamedTuple):
     dims: jax.Array
     lookup: jax.Array
     support: jax.Array
-    bricks: jax.Array
-    brick_dims: jax.Array
+    coarse: jax.Array
+    coarse_dims: jax.Array
 
     def base_cell(self, g: jax.Array) -> tuple[jax.Array, jax.Array]:
         """The padded flat index of the lowest of the 8 voxels around g [N, 3], and the trilinear fractions [N, 3]."""
         lower = jnp.floor(g - 0.5)
         cell = jnp.clip(lower.astype(jnp.int32) + 1, 0, self.dims)
-        return _flat(cell, self.dims + 2), g - 0.5 - lower
+        return flat_index(cell, self.dims + 2), g - 0.5 - lower
 
     def has_support(self, g: jax.Array) -> jax.Array:
         """bool [N]: whether any present voxel interpolates the points g [N, 3] (grid coordinates, inside the box)."""
@@ -56,9 +55,13 @@ class GridLayout(NamedTuple):
         return self.support[self.base_cell(g)[0]].astype(jnp.int32)
 
     def near_content(self, g: jax.Array) -> jax.Array:
-        """bool [...]: whether content may lie within BRICK/2 voxels of g [..., 3]; False only where none does."""
-        brick = jnp.clip((g * (1.0 / BRICK)).astype(jnp.int32), 0, self.brick_dims - 1)
-        return self.bricks[_flat(brick, self.brick_dims)] > 0
+        """bool [...]: whether content may lie within COARSE/2 voxels of g [..., 3]; False only where none does."""
+        return self.coarse[coarse_cell(g, self.coarse_dims)] > 0
+
+    def nearest(self, g: jax.Array) -> jax.Array:
+        """Row int32 [N] of the voxel that each of the points g [N, 3] lies in; 0 where it is absent."""
+        cell = jnp.clip(jnp.floor(g).astype(jnp.int32) + 1, 0, self.dims + 1)
+        return self.lookup[flat_index(cell, self.dims + 2)]
 
     def corners(self, g: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Rows int32 [N, 8] of the voxels around g [N, 3], and their trilinear weights [N, 8]."""
@@ -68,27 +71,10 @@ class GridLayout(NamedTuple):
         return self.lookup[base[:, None] + offsets], trilinear_weights(f)
 
 
-def _flat(cell: jax.Array, dims: jax.Array) -> jax.Array:
-    """Flat index, x fastest, of integer cells [..., 3] in a box of dims [3]."""
-    return (cell[..., 2] * dims[1] + cell[..., 1]) * dims[0] + cell[..., 0]
-
-
-def trilinear_weights(fraction: jax.Array) -> jax.Array:
-    """Weights [N, 8] of the corners (z slowest, x fastest) of a cell at fractions [N, 3] along x, y, z."""
-    low_high = jnp.stack([1.0 - fraction, fraction], axis=-1)  # [N, 3, 2]
-    weights = low_high[:, 2, :, None, None] * low_high[:, 1, None, :, None] * low_high[:, 0, None, None, :]
-    return weights.reshape(-1, 8)
-
-
 def interpolate(rows: jax.Array, layout: GridLayout, g: jax.Array) -> jax.Array:
     """Trilinear raw values [N, CHANNELS] at grid coordinates g [N, 3]."""
     ids, weights = layout.corners(g)
     return blend(rows[ids], weights)
-
-
-def blend(values: jax.Array, weights: jax.Array) -> jax.Array:
-    """Sum over the 8 corners of values [N, 8, C] times weights [N, 8]."""
-    return jnp.einsum("nk,nkc->nc", weights, values)
 
 
 def build_layout(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | float) -> GridLayout:
@@ -104,15 +90,15 @@ def build_layout(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | fl
         ahead = np.zeros_like(support)
         ahead[(slice(None),) * axis + (slice(None, -1),)] = support[(slice(None),) * axis + (slice(1, None),)]
         support = np.maximum(support, ahead)
-    bricks = _bricks(support, present.shape)
+    coarse = _coarse_occupancy(support, present.shape)
     return GridLayout(
         origin=jnp.asarray(origin, jnp.float32),
         voxel=jnp.asarray(np.broadcast_to(voxel, 3), jnp.float32),
         dims=jnp.asarray([width, height, depth], jnp.int32),
         lookup=jnp.asarray(padded.ravel()),
         support=jnp.asarray(support.ravel()),
-        bricks=jnp.asarray(bricks.ravel()),
-        brick_dims=jnp.asarray(bricks.shape[::-1], jnp.int32),
+        coarse=jnp.asarray(coarse.ravel()),
+        coarse_dims=jnp.asarray(coarse.shape[::-1], jnp.int32),
     )
 
 
@@ -131,17 +117,17 @@ def with_depths(layout: GridLayout, tau: jax.Array) -> GridLayout:
     return layout._replace(support=jnp.where(layout.support > 0, code, 0).astype(jnp.uint8))
 
 
-def _bricks(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Coarse occupancy: brick b answers for samples at g in [4b - 2, 4b + 6), whose padded cells are 4b - 2 ... 4b + 6."""
-    reach = range(-BRICK // 2, BRICK + BRICK // 2 + 1)
-    bricks = support
+def _coarse_occupancy(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """uint8 [Cz, Cy, Cx]: cell c answers for samples at g in [4c - 2, 4c + 6), whose padded cells are 4c - 2 ... 4c + 6."""
+    around = range(-COARSE // 2, COARSE + COARSE // 2 + 1)
+    coarse = support
     for axis in range(3):
-        count = -(-shape[axis] // BRICK)
-        wide = np.pad(bricks, [(BRICK, 3 * BRICK) if other == axis else (0, 0) for other in range(3)])
-        bricks = np.maximum.reduce(
-            [np.take(wide, BRICK + BRICK * np.arange(count) + shift, axis=axis) for shift in reach]
+        count = -(-shape[axis] // COARSE)
+        wide = np.pad(coarse, [(COARSE, 3 * COARSE) if other == axis else (0, 0) for other in range(3)])
+        coarse = np.maximum.reduce(
+            [np.take(wide, COARSE + COARSE * np.arange(count) + shift, axis=axis) for shift in around]
         )
-    return bricks
+    return coarse
 
 
 def present_voxels(layout: GridLayout) -> np.ndarray:
@@ -156,3 +142,31 @@ def voxel_centres(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | f
     return (np.stack([x, y, z], axis=-1).astype(np.float32) + 0.5) * np.asarray(voxel, np.float32) + origin.astype(
         np.float32
     )
+
+
+def boxes_with_voxels(layout: GridLayout, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """bool [N]: which world boxes [N, 3] have a present voxel within them or next to them, by a summed-area table."""
+    present = present_voxels(layout)
+    table = np.zeros([n + 1 for n in present.shape], np.int64)
+    table[1:, 1:, 1:] = present.cumsum(0, dtype=np.int64).cumsum(1).cumsum(2)
+    origin, voxel = np.asarray(layout.origin, np.float64), np.asarray(layout.voxel, np.float64)
+    most = np.array(present.shape[::-1])
+    a = np.clip(np.floor((low - origin) / voxel).astype(int) - 1, 0, most)
+    b = np.clip(np.ceil((high - origin) / voxel).astype(int) + 1, 0, most)
+    count = np.zeros(len(low), np.int64)
+    for corner in range(8):  # inclusion and exclusion over the box's corners
+        picked = [(a if corner >> axis & 1 else b)[:, axis] for axis in range(3)]
+        count += (-1) ** bin(corner).count("1") * table[picked[2], picked[1], picked[0]]
+    return count > 0
+
+
+def dilate(volume: np.ndarray) -> np.ndarray:
+    """bool volume grown by one voxel along every axis and diagonal."""
+    for axis in range(3):
+        grown = volume.copy()
+        ahead, behind = [slice(None)] * 3, [slice(None)] * 3
+        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+        grown[tuple(ahead)] |= volume[tuple(behind)]
+        grown[tuple(behind)] |= volume[tuple(ahead)]
+        volume = grown
+    return volume

@@ -17,19 +17,22 @@ import numpy as np
 
 from console import Notice, UserError
 from scenepack.pack import Pack
+from viewer.app import crop
 from viewer.app.comparison import Comparison
-from viewer.app.crop import CropEdits
 from viewer.app.files import FileRequest, kind_of, pack_in
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
+from viewer.app.keyboard import Keyboard
 from viewer.app.loading import Loading
 from viewer.app.log import Dialog, Messages
 from viewer.app.making import Making
 from viewer.app.opening import Opening
 from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
+from viewer.app.projection import rays_through
 from viewer.app.ray_costs import CostMeter
 from viewer.app.resolution import Governor
+from viewer.app.rig import FOVS, CameraRig
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Stage, Viewport, name_of
 from viewer.app.timing import FrameTimes
 from viewer.rendering.camera import ViewCamera
@@ -46,7 +49,7 @@ class App:
     governor: Governor = field(default_factory=Governor)
     times: FrameTimes = field(default_factory=FrameTimes)
     costs: CostMeter = field(default_factory=CostMeter)
-    crop: CropEdits = field(default_factory=CropEdits)
+    crop_tool: crop.Tool = "faces"  # what the mouse does to the crop box
     messages: Messages = field(default_factory=Messages)
     interface: Interface = field(default_factory=Interface)
     viewport: Viewport = field(default_factory=Viewport)
@@ -54,6 +57,7 @@ class App:
     comparison: Comparison = field(default_factory=Comparison)
     preferences: Preferences = field(default_factory=Preferences)
     clipboard: Clipboard = field(default_factory=Clipboard)
+    keyboard: Keyboard = field(default_factory=Keyboard)
     file_request: FileRequest | None = None
     demo: Path | None = None  # the bundled pack, where there is one
     opening: Opening = field(default_factory=Opening)
@@ -71,7 +75,7 @@ class App:
         if self.stage is not None:
             with self.noting_warnings(told=whole):
                 self.stage.show(pack)
-        self.scene = OpenScene(path, name or name_of(path), pack, rig_for(pack), whole)
+        self.scene = OpenScene(path, name or name_of(path), pack, self.undoable(rig_for(pack)), whole)
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
             self.settings = replace(self.settings, mode="normal")
         self.settings = replace(self.settings, crop=None, near=0.0)
@@ -82,6 +86,13 @@ class App:
         if whole:
             self.opened()
         self.touch()
+
+    def undoable(self, rig: CameraRig) -> CameraRig:
+        """`rig`, with what is cut off in its history as well."""
+        rig.history.follow(
+            lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
+        )
+        return rig
 
     def opened(self) -> None:
         """The whole pack is there: it is remembered, and told."""
@@ -212,7 +223,9 @@ class App:
         """The camera of this moment, for the whole viewport at full resolution."""
         if self.scene is None:
             return None
-        return self.scene.rig.camera(self.viewport.pixels, self.settings.near)
+        width, height = self.viewport.pixels
+        self.scene.rig.shape(width / height)
+        return self.scene.rig.camera((width, height), self.settings.near)
 
     @property
     def fov(self) -> float:
@@ -241,11 +254,17 @@ class App:
             self.settings = changed
             self.touch()
 
+    def cut(self, **fields: object) -> None:
+        """Changes what is cut off (settings crop and near), to be undone as one step."""
+        if self.scene is not None:
+            self.scene.rig.remember()
+        self.set(**fields)
+
     def set_fov(self, degrees: float) -> None:
         """Vertical field of view."""
         if self.scene is not None:
             self.scene.rig.take_over()
-            self.scene.rig.fov = min(max(degrees, 5.0), 150.0)
+            self.scene.rig.fov = min(max(degrees, FOVS[0]), FOVS[1])
             self.touch()
 
     def pivot_at(self, x: float, y: float) -> bool:
@@ -258,7 +277,7 @@ class App:
         distance = self.stage.distance_at(camera, self.settings, px, py)
         if distance is None:
             return False
-        ray = np.array([(px - camera.cx) / camera.fx, -(py - camera.cy) / camera.fy, -1.0])
+        ray = rays_through(camera, np.array([[px, py]]))[0]
         ray = camera.grid_T_camera[:3, :3] @ (ray / np.linalg.norm(ray))
         self.scene.rig.set_pivot(camera.position + distance * ray)
         self.touch()

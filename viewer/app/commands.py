@@ -59,7 +59,9 @@ def _fly(app: App) -> None:
         rig = app.scene.rig
         rig.take_over()
         rig.flying = not rig.flying
-        app.messages.say("Flying: W A S D, Q and E, and drag to look" if rig.flying else "Turning about the pivot")
+        *move, down, up = app.keyboard.flying_names
+        flying = f"Flying: {' '.join(move)}, {down} and {up}, or the arrows; drag to look"
+        app.messages.say(flying if rig.flying else "Turning about the pivot")
 
 
 def ask_to_open(app: App, kind: Literal["open", "folder"] = "open", *, other: bool = False) -> None:
@@ -97,6 +99,8 @@ def _escape(app: App) -> None:
         app.cancel_loading()
     elif app.comparison.against == "photograph":
         app.comparison.stop()
+    elif app.interface.over:
+        app.interface.over = ""
     elif app.interface.full_screen:
         app.interface.full_screen = False
 
@@ -112,8 +116,8 @@ COMMANDS: dict[str, Command] = {
         Command("fly", "Fly, or turn about a point", "Camera", _fly, ("V",)),
         Command("copy-pose", "Copy the pose as text", "Camera", lambda app: app.copy_pose(), ("Ctrl+C",)),
         Command("paste-pose", "Go to a copied pose", "Camera", lambda app: app.paste_pose(), ("Ctrl+V",)),
-        Command("undo", "Undo a move or a cut", "Camera", lambda app: app.crop.undo(app), ("Ctrl+Z",)),
-        Command("redo", "Redo it", "Camera", lambda app: app.crop.redo(app), ("Ctrl+Shift+Z", "Ctrl+Y")),
+        Command("undo", "Undo a move or a cut", "Camera", _rig(lambda rig: rig.history.undo()), ("Ctrl+Z",)),
+        Command("redo", "Redo it", "Camera", _rig(lambda rig: rig.history.redo()), ("Ctrl+Shift+Z", "Ctrl+Y")),
         Command("next-mode", "Next display mode", "Picture", lambda app: _next_mode(app, 1), ("Space",)),
         Command("last-mode", "Last display mode", "Picture", lambda app: _next_mode(app, -1), ("Shift+Space",)),
         Command("next-photo", "Next photograph", "Picture", lambda app: app.comparison.step(app, 1), ("N",)),

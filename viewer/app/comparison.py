@@ -12,6 +12,7 @@ from PIL import Image
 from scenepack.pack import Pack
 from viewer.app.photographs import Photographs, psnr
 from viewer.app.rig import fitted
+from viewer.app.state import name_of
 from viewer.app.thumbnails import Thumbnails
 
 if TYPE_CHECKING:
@@ -113,6 +114,14 @@ class Comparison:
     def other_side(self) -> bool:
         """Whether a flip shows the other picture at this moment."""
         return int(self.clock / FLIP_S) % 2 == 1
+
+    def sides(self, app: App) -> tuple[str, str] | None:
+        """What is seen left and right of a wipe's edge, and in turn; None while nothing is compared."""
+        if self.against == "photograph" and self.pixels is not None:
+            return "Rendered", "Photograph"
+        if self.against == "pack" and self.other_path is not None and app.scene is not None:
+            return app.scene.name, name_of(self.other_path)
+        return None
 
     def tick(self, app: App, seconds: float) -> None:
         """Time passes. Moving away from a photograph's place ends the comparison with it."""

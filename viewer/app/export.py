@@ -6,7 +6,6 @@ written aside and renamed when they are whole; what is cancelled or fails leaves
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, refusal
+from console.atomic import Replacement
 from viewer.app.films import FilmWriter, films_possible
 from viewer.app.resolution import tiles
 from viewer.rendering.camera import ViewCamera
@@ -112,34 +112,34 @@ def _sink(target: Path, width: int, height: int, fps: float):
 
 class _Still:
     def __init__(self, target: Path) -> None:
-        self.target, self.aside = target, target.with_name(f".{target.name}.part")
+        self.aside = Replacement(target)
 
     def add(self, picture: np.ndarray) -> None:
-        Image.fromarray(picture).save(self.aside, format="PNG")
+        Image.fromarray(picture).save(self.aside.path, format="PNG")
 
     def finish(self) -> None:
-        self.aside.replace(self.target)
+        self.aside.finish()
+        self.aside.discard()
 
     def discard(self) -> None:
-        self.aside.unlink(missing_ok=True)
+        self.aside.discard()
 
 
 class _Sequence:
     def __init__(self, target: Path) -> None:
         if target.exists() and (not target.is_dir() or any(target.iterdir())):
             raise UserError("is not empty", where=target, remedy="choose a new folder for the pictures")
-        self.target, self.aside, self.count = target, target.with_name(f".{target.name}.part"), 0
-        shutil.rmtree(self.aside, ignore_errors=True)
-        self.aside.mkdir()
+        self.aside, self.count = Replacement(target, folder=True), 0
 
     def add(self, picture: np.ndarray) -> None:
-        Image.fromarray(picture).save(self.aside / f"frame_{self.count:05d}.png", compress_level=4)
+        Image.fromarray(picture).save(self.aside.path / f"frame_{self.count:05d}.png", compress_level=4)
         self.count += 1
 
     def finish(self) -> None:
-        if self.target.exists():
-            self.target.rmdir()
-        self.aside.replace(self.target)
+        if self.aside.target.exists():
+            self.aside.target.rmdir()  # refuses where something was put there since
+        self.aside.finish()
+        self.aside.discard()
 
     def discard(self) -> None:
-        shutil.rmtree(self.aside, ignore_errors=True)
+        self.aside.discard()

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from console import UserError
+from console.atomic import Replacement
 
 
 def require_video() -> None:
@@ -35,9 +36,13 @@ class FilmWriter:
 
         if size[0] % 2 or size[1] % 2:
             raise UserError("H.264 films have even sides", where=path, found=f"{size[0]}x{size[1]}")
-        self._av, self.path, self.aside = av, path, path.with_name(f".{path.stem}.part{path.suffix}")
-        self._container = av.open(str(self.aside), "w")
-        self._stream = self._container.add_stream("libx264", rate=fps, options={"crf": "17", "preset": "medium"})
+        self._av, self.aside = av, Replacement(path)
+        try:
+            self._container = av.open(str(self.aside.path), "w", format="mp4")
+            self._stream = self._container.add_stream("libx264", rate=fps, options={"crf": "17", "preset": "medium"})
+        except BaseException:
+            self.aside.discard()
+            raise
         self._stream.width, self._stream.height = size
         self._stream.pix_fmt = "yuv420p"
 
@@ -50,13 +55,14 @@ class FilmWriter:
         """Completes the file and puts it in its place."""
         self._container.mux(self._stream.encode())
         self._container.close()
-        self.aside.replace(self.path)
+        self.aside.finish()
+        self.aside.discard()
 
     def discard(self) -> None:
         """Leaves nothing behind."""
         with contextlib.suppress(Exception):  # e.g. the disk is full: it cannot write its end either
             self._container.close()
-        self.aside.unlink(missing_ok=True)
+        self.aside.discard()
 
 
 def write_film(path: Path, pictures: Iterable[np.ndarray], fps: int) -> None:

@@ -19,19 +19,12 @@ from pathlib import Path
 from typing import Literal
 
 from console import Notice, UserError
+from training.presets import PRESETS
 from training.scenes import Scene, load_scene
-from training.scenes.downscale import LONGEST_SIDE, suggested_downscale
+from training.scenes.downscale import suggested_downscale
 
 Subject = Literal["scene", "run"]
-Preset = Literal["cpu", "fast", "paper"]
-PRESETS: dict[Preset, tuple[str, str]] = {
-    "cpu": ("Quick", "Minutes on any computer, from photographs shrunk to 256 pixels. Lego took 9½ on two CPU cores."),
-    "fast": (
-        "Sharp",
-        "All pixels, up to 1000³ voxels. Meant for a graphics card that JAX knows; many hours without one.",
-    ),
-    "paper": ("As in the paper", "250,000 steps of the paper's own networks: days, even on a graphics card."),
-}
+OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
 DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
 KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
@@ -89,7 +82,11 @@ class Survey:
                 warnings.simplefilter("always")
                 scene = load_scene(self.path)
             self.notes = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
-            self.automatic = {preset: suggested_downscale(self.path, side) for preset, side in LONGEST_SIDE.items()}
+            self.automatic = {
+                name: suggested_downscale(self.path, preset.longest_side)
+                for name, preset in OFFERED.items()
+                if preset.longest_side is not None
+            }
             for downscale in {*DOWNSCALES, *self.automatic.values()}:
                 with contextlib.suppress(UserError), warnings.catch_warnings():
                     warnings.simplefilter("ignore")

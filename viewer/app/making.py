@@ -74,7 +74,7 @@ class Job:
             changed = file.stat().st_mtime
             if changed == self._picture_time:
                 return False
-            with Image.open(file) as opened:
+            with Image.open(file, formats=["PNG"]) as opened:
                 picture = opened.convert("RGB")
             picture.thumbnail((PICTURE_SIDE, PICTURE_SIDE))
             self.picture, self._picture_time = np.asarray(picture), changed

@@ -86,7 +86,7 @@ class Opening:
         elif app.scene is not None and not app.scene.whole:
             self._refine(app, pack)
             app.scene.whole = True
-            app.scene.rig = app.scene.rig.grown(rig_for(pack))
+            app.scene.rig = app.scene.rig.grown(app.undoable(rig_for(pack)))
             app.opened()
         else:
             app.show(pack, path)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
+from console.atomic import write_file
 
 DEFAULT_SECONDS = 2.0
 
@@ -183,9 +184,7 @@ def save_path(path: CameraPath, file: Path, training_T_grid: np.ndarray, size: t
         "smoothness_value": 0.0,
         "camera_path": frames,
     }
-    aside = file.with_name(f".{file.name}.part")
-    aside.write_text(json.dumps(document, indent=1), encoding="utf-8")
-    aside.replace(file)
+    write_file(file, json.dumps(document, indent=1))
 
 
 def load_path(file: Path, training_T_grid: np.ndarray) -> CameraPath:

@@ -12,6 +12,8 @@ from typing import Any
 
 import platformdirs
 
+from console.atomic import write_file
+
 MOST_RECENT = 8
 
 
@@ -65,9 +67,7 @@ def save(preferences: Preferences, file: Path) -> str | None:
     """Writes them aside and renames; why not, where that fails."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        aside = file.with_suffix(".part")
-        aside.write_text(json.dumps(asdict(preferences), indent=1), encoding="utf-8")
-        aside.replace(file)
+        write_file(file, json.dumps(asdict(preferences), indent=1))
     except OSError as error:
         return f"settings were not saved: {error}"
     return None

@@ -4,28 +4,38 @@ from __future__ import annotations
 
 import numpy as np
 
+from training.scenes.rays import distort, undistort
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.ray_frame import lens_reach
 
 BOX_EDGES = tuple((a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1)
 FRUSTUM_EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
 
 
 def project(camera: ViewCamera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (float [n, 2]) of points (float [n, 3], grid frame), and whether each is before the camera (bool [n])."""
+    """Pixels (float [n, 2]) of points (float [n, 3], grid frame), and whether the camera can see each (bool [n])."""
     camera_T_grid = np.linalg.inv(camera.grid_T_camera)
     local = points @ camera_T_grid[:3, :3].T + camera_T_grid[:3, 3]
     before = local[:, 2] < -1e-6
     depth = np.where(before, -local[:, 2], 1.0)
-    x = camera.cx + camera.fx * local[:, 0] / depth
-    y = camera.cy - camera.fy * local[:, 1] / depth
-    return np.stack([x, y], axis=1), before
+    a, b = local[:, 0] / depth, -local[:, 1] / depth
+    if any(camera.distortion):
+        before &= np.hypot(a, b) < lens_reach(camera.distortion)
+        a, b = distort(a, b, camera.distortion)
+    return np.stack([camera.cx + camera.fx * a, camera.cy + camera.fy * b], axis=1), before
+
+
+def rays_through(camera: ViewCamera, pixels: np.ndarray) -> np.ndarray:
+    """float64 [n, 3], camera axes, one unit deep: what pixels (float [n, 2]) look along, through the lens."""
+    x, y = pixels.T
+    a, b = undistort((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
+    return np.stack([a, -b, -np.ones_like(a)], axis=1)
 
 
 def frustum_points(camera: ViewCamera, depth: float) -> np.ndarray:
     """float64 [5, 3]: a camera's eye and the corners of its picture at `depth` (grid units) ahead; see FRUSTUM_EDGES."""
     corners = [(0, 0), (camera.width, 0), (camera.width, camera.height), (0, camera.height)]
-    rays = [((x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -1.0) for x, y in corners]
-    points = np.vstack([np.zeros(3), depth * np.asarray(rays)])
+    points = np.vstack([np.zeros(3), depth * rays_through(camera, np.asarray(corners, np.float64))])
     return points @ camera.grid_T_camera[:3, :3].T + camera.grid_T_camera[:3, 3]
 
 

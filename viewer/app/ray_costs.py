@@ -64,7 +64,8 @@ class CostMeter:
         if not self.enabled or camera is None or app.stage is None or app.scene is None:
             return
         settings = replace(app.settings, mode="normal", counts=True)
-        key = (id(app.scene.pack), settings, camera.grid_T_camera.tobytes(), camera.fy, camera.width, camera.height)
+        lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.distortion)
+        key = (id(app.scene.pack), settings, camera.grid_T_camera.tobytes(), lens)
         if key == self._measured:
             return
         self._measured = key

@@ -7,24 +7,42 @@ down, so that behaviour does not depend on resolution. Cursor positions are (x, 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import exp, log, radians, tan
 
 import numpy as np
 
 from scenepack.pack import Pack
 from viewer.app.first_view import view_from_within
+from viewer.app.history import History
 from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, shortest_turn, triple, view_camera
+from viewer.app.projection import box_points
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
+from viewer.rendering.content_hull import hull_triangles
 
 DEFAULT_FOV = 35.0  # degrees, vertical; the published viewer's
+FOVS = (5.0, 150.0)  # the least and the most, degrees
 TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height
+WIDTH_MARGIN = 1.04  # of the picture's width over the scene's
 DOLLY_STEP = 0.9  # of the distance, per notch of the wheel
 SETTLE_S = 0.07  # time constant of the damping
 HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the published viewer, a little aside
-UNDO_DEPTH = 100
 
-_Place = tuple[Pose, ViewCamera | None, float]  # goal, held, fov
+
+@dataclass(frozen=True)
+class _Place:
+    """All of a rig that can be undone."""
+
+    goal: Pose
+    held: ViewCamera | None
+    fov: float
+    table: Turntable
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, _Place):
+            return NotImplemented
+        same = (self.goal, self.fov, self.table) == (other.goal, other.fov, other.table)
+        return same and self.held is other.held  # cameras hold arrays, which are not compared
 
 
 class CameraRig:
@@ -39,25 +57,46 @@ class CameraRig:
         self.home_fov = self.fov = fov
         self.flying = False
         self.speed = 0.5 * self.radius  # grid units per second
+        self.aspect = 1.0  # width over height of the picture that the scene shall fit into
+        self._outline = np.zeros((0, 3)) if self.bounded else _outline(pack)
         view = None if self.bounded else view_from_within(pack)
         if view is not None:
             self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * view.height / view.fy)))
+        self.within = view is not None  # the first view is one from amid the scene, and need not show all of it
         self.home_pose = self._first_pose() if view is None else self._pose_of(view.grid_T_camera)
         self.goal = self.shown = self.home_pose
         self.held: ViewCamera | None = None
         self._anchor_eye = False  # what the damping keeps straight: the eye's way (flying) or the pivot's
-        self._undo: list[_Place] = []
-        self.gestures = 0  # how often remember() was called
-        self._redo: list[_Place] = []
+        self.history = History()
+        self.history.follow(self._place, self._return)
 
     def _pose_of(self, grid_T_camera: np.ndarray) -> Pose:
         return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
 
     def _first_pose(self) -> Pose:
-        return Pose(triple(self.middle), *HOME_ANGLES, self._framing_distance())
+        return Pose(triple(self.middle), *HOME_ANGLES, self._framing_distance(*HOME_ANGLES, self.home_fov))
 
-    def _framing_distance(self) -> float:
-        return self.radius / float(np.sin(np.arctan(tan(radians(self.fov) / 2)))) * 0.92
+    def _framing_distance(self, azimuth: float, elevation: float, fov: float) -> float:
+        """From where all of the scene is seen in the picture's height and width; all three angles in degrees."""
+        half_height = tan(radians(fov) / 2)
+        high_enough = self.radius / float(np.sin(np.arctan(half_height))) * 0.92
+        if not len(self._outline):
+            return high_enough
+        local = (self._outline - self.middle) @ self.table.rotation(azimuth, elevation)
+        wide_enough = local[:, 2] + WIDTH_MARGIN * np.abs(local[:, 0]) / (half_height * self.aspect)
+        return max(high_enough, float(wide_enough.max()))
+
+    def shape(self, aspect: float) -> None:
+        """The picture has another shape (width over height). A first view that was not left follows it."""
+        if aspect == self.aspect:
+            return
+        self.aspect = aspect
+        if self.bounded or self.within:
+            return
+        before, self.home_pose = self.home_pose, self._first_pose()
+        if self.goal == before and self.held is None and self.fov == self.home_fov:
+            self.shown = self.home_pose if self.shown == before else self.shown
+            self.goal = self.home_pose
 
     # What the picture is drawn with
 
@@ -104,6 +143,12 @@ class CameraRig:
 
     def take_over(self) -> None:
         """Leaves a held camera, from exactly there (but level): the next movement starts from what is seen."""
+        if self.held is not None:
+            seen = 0.5 * max(self.held.height, self.held.width / self.aspect) / self.held.fy  # see fitted()
+            self.fov = float(np.clip(np.degrees(2.0 * np.arctan(seen)), *FOVS))
+            self._let_go()
+
+    def _let_go(self) -> None:
         if self.held is not None:
             self.goal = self.shown = self._bounded(self._pose_of(self.held.grid_T_camera))
             self.held = None
@@ -165,9 +210,10 @@ class CameraRig:
 
     def grown(self, finer: CameraRig) -> CameraRig:
         """The rig for a finer version of the same scene: `finer`, or this one where the hands have moved it already."""
-        if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and not self._undo:
+        if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and self.history.empty:
             return finer
-        self.middle, self.radius, self.home_pose = finer.middle, finer.radius, finer.home_pose
+        self.middle, self.radius, self._outline = finer.middle, finer.radius, finer._outline
+        self.home_pose, self.within = finer.home_pose, finer.within
         return self
 
     # Commands
@@ -176,18 +222,20 @@ class CameraRig:
         """Flies smoothly to `pose`."""
         if remember:
             self.remember()
-        self.take_over()
+        self._let_go()
         self._anchor_eye = False
         self.goal = self._bounded(pose)
 
     def home(self) -> None:
         """Back to the first view."""
+        self.remember()
         self.fov = self.home_fov
-        self.go(self.home_pose)
+        self.go(self.home_pose, remember=False)
 
     def frame(self) -> None:
         """Shows the whole scene, from where the camera looks now."""
-        self.go(replace(self.goal, pivot=triple(self.middle), distance=self._framing_distance()))
+        distance = self._framing_distance(self.goal.azimuth, self.goal.elevation, self.fov)
+        self.go(replace(self.goal, pivot=triple(self.middle), distance=distance))
 
     def look_along(self, azimuth: float, elevation: float) -> None:
         """An axis view; degrees."""
@@ -244,55 +292,26 @@ class CameraRig:
 
     def remember(self) -> None:
         """Marks the present camera as a place to come back to; call before each gesture."""
-        now = (self.goal, self.held, self.fov)
-        if not self._undo or not _same(self._undo[-1], now):
-            self._undo = [*self._undo[1 - UNDO_DEPTH :], now]
-        self._redo = []
-        self.gestures += 1
+        self.history.remember()
 
-    def undo(self) -> bool:
-        """Back to before the last gesture; False where there is none."""
-        return self._swap(self._undo, self._redo)
+    def _place(self) -> _Place:
+        return _Place(self.goal, self.held, self.fov, self.table)
 
-    def redo(self) -> bool:
-        """Forward again; False where there is nothing."""
-        return self._swap(self._redo, self._undo)
-
-    def _swap(self, take: list[_Place], give: list[_Place]) -> bool:
-        now = (self.goal, self.held, self.fov)
-        while take and _same(take[-1], now):
-            take.pop()
-        if not take:
-            return False
-        give.append(now)
-        self.goal, self.held, self.fov = take.pop()
-        return True
-
-    @property
-    def undo_depth(self) -> int:
-        """How many gestures can be undone."""
-        return len(self._undo)
-
-    @property
-    def redo_depth(self) -> int:
-        """How many can be redone."""
-        return len(self._redo)
-
-    def forget_redo(self) -> None:
-        """Something else was done: what was undone cannot be redone."""
-        self._redo = []
-
-    @property
-    def can_undo(self) -> bool:
-        return any(not _same(entry, (self.goal, self.held, self.fov)) for entry in self._undo)
+    def _return(self, place: _Place) -> None:
+        if place.table != self.table:  # there is no way to glide from one up to another
+            self.shown = place.goal
+        self.goal, self.held, self.fov, self.table = place.goal, place.held, place.fov, place.table
 
 
-def _same(a: _Place, b: _Place) -> bool:
-    return a[0] == b[0] and a[1] is b[1] and a[2] == b[2]
+def _outline(pack: Pack) -> np.ndarray:
+    """float64 [n, 3], grid frame: corners of the convex hull around the occupied macroblocks; of the grid without any."""
+    hull = hull_triangles(pack.occupied, pack.block_size).reshape(-1, 3).astype(np.float64)
+    voxels = np.unique(hull, axis=0) if len(hull) else box_points(np.zeros(3), np.asarray(pack.grid_size, np.float64))
+    return pack.min_xyz + pack.voxel_size * np.clip(voxels, 0.0, pack.grid_size)
 
 
 def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera:
-    """A photograph's camera for a picture of another size and shape: all of the photograph is seen, in the middle."""
+    """A photograph's camera, lens and all, for a picture of another size and shape: all of it is seen, in the middle."""
     width, height = size
     scale = min(width / camera.width, height / camera.height)
     return ViewCamera(
@@ -304,4 +323,5 @@ def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera
         width,
         height,
         near,
+        camera.distortion,
     )

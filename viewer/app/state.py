@@ -67,12 +67,13 @@ class Interface:
     """What the panels remember.
 
     page: the one that the rail shows at its usual place; "" for none. moved: others that were dragged elsewhere, and stay
-    open whatever the rail shows. layout: where all of them are docked, as viewer.panels.docking writes it; "" is the
-    usual layout. layout_reset: it shall be that again.
+    open whatever the rail shows. over: the one that lies over the picture of a narrow window. layout: where all of them are
+    docked, as viewer.panels.docking writes it; "" is the usual layout. layout_reset: it shall be that again.
     """
 
     page: str = "view"
     moved: list[str] = field(default_factory=list)
+    over: str = ""
     layout: str = ""
     layout_reset: bool = False
     panels_shown: bool = True
@@ -82,7 +83,7 @@ class Interface:
 
     def shows(self, page: str) -> bool:
         """Whether a page is open."""
-        return page == self.page or page in self.moved
+        return page in (self.page, self.over) or page in self.moved
 
     def opens(self, page: str) -> None:
         """Opens a page; at the usual place it takes that of the one before."""
@@ -92,6 +93,7 @@ class Interface:
     def closes(self, page: str) -> None:
         """Closes a page."""
         self.page = "" if page == self.page else self.page
+        self.over = "" if page == self.over else self.over
         self.moved = [other for other in self.moved if other != page]
 
     def placed(self, page: str, usual: bool) -> None:

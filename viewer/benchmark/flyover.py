@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image
 
 from console import progress
+from console.atomic import replacing
 from scenepack.pack import Pack
 from viewer.app.films import films_possible, write_film
 from viewer.app.forward_facing import rig_for
@@ -40,7 +41,8 @@ def fly_over(pack: Pack, name: str, folder: Path, settings: RenderSettings | Non
                 bar.advance()
             return out
 
-        contact_sheet(flight(pictures, SHEET_SIDE), SHEET_COLUMNS).save(written[0])
+        with replacing(written[0]) as new:
+            contact_sheet(flight(pictures, SHEET_SIDE), SHEET_COLUMNS).save(new, format="PNG")
         if film:
             written.append(folder / f"{name}-orbit.mp4")
             write_film(written[1], flight(frames, FILM_SIDE), FILM_FPS)

@@ -18,6 +18,7 @@ import numpy as np
 
 from console import UserError, run_command
 from console.arguments import parse_numbers
+from console.atomic import write_file
 from console.plots import Line, draw_plot
 from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
@@ -126,7 +127,7 @@ def scaling(out: Path, frames: int = 12, resolutions: str = "256,512,750,1000", 
     _plot(out, "resolution", result, "voxels", f"Frame time and grid resolution, {area}", "voxels a side")
     _plot(out, "size", result, "pixels", f"Frame time and picture size, {first}", "pixels a side")
     _plot(out, "opacity", result, "opacity", f"Frame time and opacity, {first}, {area}", "opacity of one voxel")
-    (out / "scaling.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    write_file(out / "scaling.json", json.dumps(result, indent=1) + "\n")
 
 
 def _plot(out: Path, what: str, result: dict[str, list[dict[str, float]]], key: str, title: str, x_label: str) -> None:

@@ -1,4 +1,4 @@
-"""snerg-bench: the paper's measurement of frame times (CONTRACT section 4; SNeRG paper, appendix B)."""
+"""snerg-bench: the paper's measurement of frame times (docs/commands.md; SNeRG paper, appendix B)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from console import UserError, run_command
 from console.arguments import parse_size
+from console.atomic import write_file
 from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
 from viewer.benchmark.frames import PROTOCOLS, Contender, Measurement, measure
@@ -88,9 +89,7 @@ def bench(
 
 def _write(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}.part")
-    aside.write_text(text, encoding="utf-8")
-    aside.replace(path)
+    write_file(path, text)
 
 
 def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
@@ -106,7 +105,7 @@ def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
 
 
 def figures(measurement: Measurement) -> dict[str, Any]:
-    """The measured part of the JSON that CONTRACT section 4 promises, and the ablations."""
+    """The measured part of the JSON that docs/commands.md promises, and the ablations."""
     ours, *others = measurement.contenders
     result: dict[str, Any] = {
         **ours.statistics(),

@@ -1,4 +1,4 @@
-"""snerg-render: offscreen pictures of a pack (CONTRACT section 4)."""
+"""snerg-render: offscreen pictures of a pack (docs/commands.md)."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from PIL import Image
 
 from console import UserError, progress, run_command
 from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
+from console.atomic import replacing
 from scenepack import Pack, load_pack
 from training.scenes import load_scene
 from viewer.app.films import require_video, write_film
@@ -206,9 +207,8 @@ def _write(out: Path, kind: str, views: list[View], pictures: Iterator[np.ndarra
         return
     for view, picture in zip(views, pictures, strict=True):
         path = out if kind == ".png" else out / f"{view.name}.png"
-        aside = path.with_name(f".{path.name}.part")
-        Image.fromarray(picture).save(aside, format="PNG")
-        aside.replace(path)
+        with replacing(path) as new:
+            Image.fromarray(picture).save(new, format="PNG")
         print(path)
 
 

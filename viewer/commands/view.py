@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,8 +12,7 @@ from typing import Annotated, Literal
 import tyro
 
 from console import UserError, run_command
-from console.arguments import join_negative_values
-from console.arguments import parse_size as parse_pixels
+from console.arguments import join_negative_values, parse_size
 from scenepack.reader import load_pack
 from viewer.app import preferences
 from viewer.app.application import App
@@ -29,6 +27,7 @@ from viewer.window.window import NoDisplay, Window, display_problem
 
 DEMO = "demo.zip"
 OUT = Path("out")
+SMALLEST_SIDE = 64  # of a window, screen units
 PageName = Literal["view", "camera", "crop", "photographs", "compare", "film", "performance", "log"]
 
 
@@ -36,15 +35,6 @@ def demo_pack() -> Path | None:
     """The bundled demo pack, None where this installation has none."""
     path = Path(str(resources.files("viewer") / "demo" / DEMO))
     return path if path.is_file() else None
-
-
-def parse_size(text: str) -> tuple[int, int]:
-    """ "1280x800" as (width, height) in screen units; UserError where it is no such thing."""
-    match = re.fullmatch(r"(\d+)[x×](\d+)", text.strip())
-    size = (int(match[1]), int(match[2])) if match else (0, 0)
-    if not all(64 <= side <= 16384 for side in size):
-        raise UserError("is no window size", where="--size", expected="WxH such as 1280x800", found=repr(text))
-    return size
 
 
 def view(
@@ -82,7 +72,7 @@ def view(
         frames: draw this many frames, wait until the picture is sharp, and quit (for scripts).
         screenshot: before quitting, save the window's picture, scene and panels, as this PNG; asks for --frames.
     """
-    window_size = parse_size(size) if size else None
+    window_size = parse_size(size, least=SMALLEST_SIDE) if size else None
     if frames is not None and frames < 1:
         raise UserError("draws nothing", where="--frames", expected="1 or more", found=frames)
     if screenshot is not None and frames is None:
@@ -99,7 +89,7 @@ def view(
         look=look,
         path=path,
         export=export,
-        export_size=parse_pixels(export_size, "--export-size") if export_size else None,
+        export_size=parse_size(export_size, "--export-size") if export_size else None,
         page=page,
     )
     if pack is None:

@@ -29,7 +29,7 @@ class CropGizmo:
     def show(self, app: App, box: Box) -> None:
         """Draws it over the picture's box, where it is wanted, and applies what the mouse does to it."""
         camera, cut = app.camera(), app.settings.crop
-        operation = OPERATIONS.get(app.crop.tool)
+        operation = OPERATIONS.get(app.crop_tool)
         wanted = cut is not None and operation is not None and app.interface.shows("crop")
         if not wanted or camera is None or app.scene is None or cut is None or operation is None:
             self.over = self._held = False
@@ -45,18 +45,18 @@ class CropGizmo:
         style.translation_line_arrow_size, style.scale_line_circle_size = px(8), px(7)
         low, high = np.asarray(cut[0]), np.asarray(cut[1])
         size = high - low
-        matrix = np.diag([*(size if app.crop.tool == "scale" else np.ones(3)), 1.0])
+        matrix = np.diag([*(size if app.crop_tool == "scale" else np.ones(3)), 1.0])
         matrix[:3, 3] = 0.5 * (low + high)
         held = gizmo.Matrix16(_columns(matrix))
         view, projection = _view(camera), _projection(camera, app.scene.rig.radius)
         changed = gizmo.manipulate(view, projection, operation, gizmo.MODE.world, held)
         using = gizmo.is_using()
         if using and not self._held:
-            app.crop.remember(app)
+            app.scene.rig.remember()
         self.over, self._held = using or gizmo.is_over(), using
         if changed:
             moved = np.asarray(held.values, np.float64).reshape(4, 4).T
-            scaled = np.linalg.norm(moved[:3, :3], axis=0) if app.crop.tool == "scale" else size
+            scaled = np.linalg.norm(moved[:3, :3], axis=0) if app.crop_tool == "scale" else size
             app.set(crop=crop.placed(app.scene.pack, moved[:3, 3], scaled))
             app.touch()
 

@@ -54,7 +54,9 @@ class Docking:
         imgui.set_next_window_size(ImVec2(box[2], box[3]))
         imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))
         imgui.push_style_var(imgui.StyleVar_.window_rounding, 0.0)
-        imgui.begin(HOST, None, FIXED | imgui.WindowFlags_.no_background)
+        # Only a dock space that is shown has a hole over the picture; else its window would keep the mouse from all below.
+        deaf = 0 if shown else imgui.WindowFlags_.no_mouse_inputs
+        imgui.begin(HOST, None, FIXED | imgui.WindowFlags_.no_background | deaf)
         imgui.pop_style_var(2)
         space = imgui.get_id(SPACE)
         if shown:

@@ -1,44 +1,65 @@
-"""Keys to commands: reads imgui's keyboard, so that a window and a test press them alike."""
+"""Keys to commands. Each press carries its own modifiers, and waits until imgui has come to the same event.
+
+imgui spreads fast input over several frames, and a text field takes the keyboard a frame after the click that it was
+given. A press is therefore only looked at once imgui has taken all events before it from its queue: what is typed right
+after a click into a field belongs to the field, however slow the frames are.
+"""
 
 from __future__ import annotations
+
+from collections import deque
 
 from imgui_bundle import imgui
 
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS, run
+from viewer.app.keyboard import KeyPress
 
-_NAMES = {
-    "Escape": imgui.Key.escape,
-    "Space": imgui.Key.space,
-    "Tab": imgui.Key.tab,
-    "Home": imgui.Key.home,
-    "Delete": imgui.Key.delete,
-    "Enter": imgui.Key.enter,
-    "?": imgui.Key.slash,
-    **{f"F{i}": getattr(imgui.Key, f"f{i}") for i in range(1, 13)},
-    **{letter.upper(): getattr(imgui.Key, letter) for letter in "abcdefghijklmnopqrstuvwxyz"},
-    **{str(i): getattr(imgui.Key, f"_{i}") for i in range(10)},
-}
+REPEATING = ("Z", "Y")  # undo and redo go on while they are held
 
 
-def pressed(combination: str) -> bool:
-    """Whether "Ctrl+Shift+Z" and the like was pressed in this frame; held keys do not repeat."""
+def fits(press: KeyPress, combination: str) -> bool:
+    """Whether a press is "Ctrl+Shift+Z" and the like; "?" is a character, wherever the layout has it."""
     *modifiers, name = combination.split("+")
-    io = imgui.get_io()
-    if name == "?":
-        return imgui.is_key_pressed(_NAMES[name], False) and io.key_shift and not io.key_ctrl
-    if io.key_ctrl != ("Ctrl" in modifiers) or io.key_shift != ("Shift" in modifiers) or io.key_alt:
+    if not name.isalnum():
+        return press.character == name
+    wanted = ("Ctrl" in modifiers, "Shift" in modifiers, False)
+    if press.name != name or (press.ctrl, press.shift, press.alt) != wanted:
         return False
-    return imgui.is_key_pressed(_NAMES[name], name in ("Z", "Y"))
+    return not press.repeat or name in REPEATING
 
 
-def dispatch(app: App) -> None:
-    """Runs the commands whose keys were pressed. A text field that is being typed into keeps its keys."""
-    if imgui.get_io().want_text_input:
-        return
-    busy = bool(app.messages.dialogs) or app.file_request is not None or app.making.plan is not None
+class Presses:
+    """What was pressed and not looked at yet, in one imgui context."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[int, KeyPress]] = deque()  # imgui's number of the same event, and the press
+
+    def add(self, press: KeyPress) -> None:
+        """Call just before imgui is told of the same event; its context must be current."""
+        self._waiting.append((imgui.get_current_context().input_events_next_event_id, press))
+
+    def dispatch(self, app: App) -> None:
+        """Runs the commands that are due. A text field that is being typed into keeps its keys, dialogs keep them all."""
+        queue = imgui.get_current_context().input_events_queue
+        while self._waiting and (not len(queue) or self._waiting[0][0] < queue[0].event_id):
+            _, press = self._waiting.popleft()
+            if not imgui.get_io().want_text_input:
+                _run(app, press)
+
+
+def busy(app: App) -> bool:
+    """Whether something waits for an answer, so that keys are not the picture's."""
+    return bool(app.messages.dialogs) or app.file_request is not None or app.making.plan is not None
+
+
+def _run(app: App, press: KeyPress) -> None:
     for command in COMMANDS.values():
-        if busy and command.id != "quit":
-            continue
-        if any(pressed(key) for key in command.keys):
+        if any(fits(press, key) for key in command.keys) and (command.id == "quit" or not busy(app)):
             run(app, command.id)
+            return
+
+
+def queue_is_empty() -> bool:
+    """Whether imgui has taken in all that was typed, clicked and moved."""
+    return not len(imgui.get_current_context().input_events_queue)

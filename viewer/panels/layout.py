@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
@@ -23,10 +24,11 @@ from viewer.panels import (
 )
 from viewer.panels.docking import FIXED, Box, Docking
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import coloured, icon_button, px
+from viewer.panels.widgets import Entry, coloured, more_button, px
 from viewer.window.canvas import Canvas
 
 TOP, RAIL, SIDE = 48.0, 50.0, 318.0
+ICON_STEP = 40.0  # from one icon of the rail to the next
 SMALLEST_PAGE = 250.0
 NARROW = 620.0  # a window narrower than this has no room for a page beside the picture
 
@@ -60,7 +62,10 @@ PAGES = (
 
 @dataclass(frozen=True)
 class Regions:
-    """Boxes of the parts; width 0 where a part is not shown. dock: for the pages and the picture between them."""
+    """Boxes of the parts; width 0 where a part is not shown. dock: for the pages and the picture between them.
+
+    pages: whether there is room for pages beside the picture.
+    """
 
     top: Box
     rail: Box
@@ -97,26 +102,74 @@ def begin(name: str, box: Box, padding: tuple[float, float], extra: int = 0) -> 
 
 
 def show_rail(app: App, where: Regions) -> None:
-    """The icons that open and close pages."""
+    """The icons that open and close pages; those that there is no room for are in a menu below them."""
     if where.rail[2] <= 0:
         return
     with coloured(window_bg=theme.BASE):
         begin("##rail", where.rail, (8, 10))
     interface = app.interface
-    for page in PAGES:
-        if icon_button(page.icon, page.id, page.title, on=interface.shows(page.id)):
-            interface.closes(page.id) if interface.shows(page.id) else interface.opens(page.id)
-            app.touch()
-    if interface.moved and icon_button(fa.ICON_FA_TABLE_COLUMNS, "layout", "Reset the layout  (Ctrl+L)"):
-        run(app, "layout")
+    entries = [
+        Entry(page.id, page.icon, page.title, partial(_turn, app, page.id, where.pages), on=_open(app, page.id, where))
+        for page in PAGES
+    ]
+    if interface.moved:
+        reset = partial(run, app, "layout")
+        entries.append(Entry("layout", fa.ICON_FA_TABLE_COLUMNS, "Reset the layout", reset, "Ctrl+L"))
+    room = int((where.rail[3] - px(20) + px(8)) / px(ICON_STEP))
+    shown = len(entries) if room >= len(entries) else max(room - 1, 0)
+    for entry in entries[:shown]:
+        entry.button()
+    if shown < len(entries):
+        more_button("rail more", entries[shown:])
     imgui.end()
 
 
-def show_pages(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """The pages that are open, wherever they are docked."""
-    for page in PAGES:
-        if app.interface.shows(page.id):
-            _page(app, canvas, page, fonts)
+def _open(app: App, page: str, where: Regions) -> bool:
+    return app.interface.shows(page) if where.pages else app.interface.over == page
+
+
+def _turn(app: App, page: str, docked: bool) -> None:
+    """Opens or closes a page; over the picture where there is no room beside it."""
+    interface = app.interface
+    if not docked:
+        interface.over = "" if interface.over == page else page
+    elif interface.shows(page):
+        interface.closes(page)
+    else:
+        interface.opens(page)
+    app.touch()
+
+
+def show_pages(app: App, canvas: Canvas, where: Regions, fonts: Fonts) -> None:
+    """The pages that are open, wherever they are docked; in a narrow window one at most, over the picture."""
+    if where.pages:
+        app.interface.over = ""
+        for page in PAGES:
+            if app.interface.shows(page.id):
+                _page(app, canvas, page, fonts)
+        return
+    page = next((page for page in PAGES if page.id == app.interface.over), None)
+    if page is not None and where.rail[2] > 0:
+        _page_over(app, canvas, page, where, fonts)
+
+
+def _page_over(app: App, canvas: Canvas, page: Page, where: Regions, fonts: Fonts) -> None:
+    _, y, width, height = where.dock
+    wide = min(px(SIDE), width)
+    imgui.set_next_window_pos(ImVec2(width - wide, y))
+    imgui.set_next_window_size(ImVec2(wide, height))
+    kinds = imgui.WindowFlags_
+    flags = kinds.no_move | kinds.no_resize | kinds.no_collapse | kinds.no_docking | kinds.no_saved_settings
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(12), px(12)))
+    imgui.push_style_var(imgui.StyleVar_.window_rounding, 0.0)
+    _, still_open = imgui.begin(f"{page.icon}   {page.title}###over", True, flags)
+    imgui.pop_style_var(2)
+    with coloured(child_bg=theme.CARD):
+        page.show(app, canvas, fonts)
+    imgui.end()
+    if not still_open:
+        app.interface.over = ""
+        app.touch()
 
 
 def _page(app: App, canvas: Canvas, page: Page, fonts: Fonts) -> None:

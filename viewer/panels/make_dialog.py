@@ -9,7 +9,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from console.progress import duration
 from viewer.app.application import App
-from viewer.app.make_plan import PRESETS, RESOLUTIONS, Plan
+from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
 from viewer.app.making import Job
 from viewer.panels import layout, theme
 from viewer.panels.dialogs import pressed_here
@@ -93,9 +93,9 @@ def _choices(app: App, plan: Plan) -> None:
     if plan.attempt is not None:
         return
     _label("How")
-    picked = segments("preset", list(PRESETS), plan.preset, {name: title for name, (title, _) in PRESETS.items()})
+    picked = segments("preset", list(OFFERED), plan.preset, {name: preset.title for name, preset in OFFERED.items()})
     plan.preset = picked or plan.preset
-    _indented(PRESETS[plan.preset][1] if plan.preset in PRESETS else plan.preset)
+    _indented(OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset)
     survey = plan.survey
     assert survey is not None
     _label("Photographs")

@@ -10,24 +10,40 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
+from viewer.app.keyboard import KeyPress
 from viewer.panels import theme
 from viewer.panels.ui import Ui
 from viewer.window.canvas import Canvas
 from viewer.window.presenting import awaited, present, unfinished
 
 FRAME_S = 1.0 / 60.0
+PLACES = {
+    **{getattr(imgui.Key, name.lower()): name for name in ("Escape", "Space", "Tab", "Home", "Delete", "Enter")},
+    **{getattr(imgui.Key, f"{name.lower()}_arrow"): name for name in ("Left", "Right", "Up", "Down")},
+    **{getattr(imgui.Key, f"f{i}"): f"F{i}" for i in range(1, 13)},
+    **{getattr(imgui.Key, letter): letter.upper() for letter in "abcdefghijklmnopqrstuvwxyz"},
+    **{getattr(imgui.Key, f"_{i}"): str(i) for i in range(10)},
+}
 
 
 class OffscreenUi:
-    """An App with its panels in a framebuffer of `size` (width, height in units) × `density` pixels per unit."""
+    """An App with its panels in a framebuffer of `size` (width, height in units) × `density` pixels per unit.
+
+    scale: how many times larger than usual all that has a size in units is, as on a dense display under X11.
+    """
 
     def __init__(
-        self, ctx: moderngl.Context, app: App, size: tuple[int, int] = (1180, 760), density: float = 1.0
+        self,
+        ctx: moderngl.Context,
+        app: App,
+        size: tuple[int, int] = (1180, 760),
+        density: float = 1.0,
+        scale: float = 1.0,
     ) -> None:
         self.ctx, self.app, self.canvas = ctx, app, Canvas(ctx)
         app.stage = self.canvas
         self.ui = Ui()
-        self.density = density
+        self.density, self.scale = density, scale
         self.framebuffer: moderngl.Framebuffer | None = None
         self.resize(*size)
 
@@ -58,7 +74,7 @@ class OffscreenUi:
         io.delta_time = seconds
         self.app.tick(seconds)
         self.canvas.sweep()
-        self.ui.frame(self.app, self.canvas)
+        self.ui.frame(self.app, self.canvas, self.scale)
         drawn = present(self.app, self.canvas, wait=False)
         if drawn:
             self.app.times.add(self.canvas.scene_ms, max(self.canvas.scene_ms, 1000.0 * seconds), self.canvas.gpu_ms)
@@ -74,7 +90,7 @@ class OffscreenUi:
             self.frame()
         for _ in range(most):
             self.frame()
-            if not unfinished(self.app, self.canvas) and not self.app.frames_owed:
+            if not unfinished(self.app, self.canvas) and not self.app.frames_owed and not self.ui.hears:
                 if not awaited(self.app):
                     break
                 time.sleep(0.01)
@@ -119,11 +135,28 @@ class OffscreenUi:
 
     def key(self, *keys: imgui.Key) -> None:
         """Presses keys together and lets go of them: modifiers first."""
-        for down in (True, False):
-            for key in keys:
-                self.io.add_key_event(key, down)
-            self.frame()
+        self.hold(*keys)
         self.frame()
+        self.let_go(*keys)
+        self.frame()
+        self.frame()
+
+    def hold(self, *keys: imgui.Key) -> None:
+        """Presses keys of a US keyboard, modifiers first, and draws nothing."""
+        ctrl, shift = imgui.Key.mod_ctrl in keys, imgui.Key.mod_shift in keys
+        for key in keys:
+            place = PLACES.get(key, "")
+            self.ui.keyboard.down(place)
+            self.ui.pressed(KeyPress(place, ctrl, shift))
+            self.io.add_key_event(key, True)
+        if keys[-1] == imgui.Key.slash and shift and not ctrl:
+            self.ui.pressed(KeyPress(character="?"))
+
+    def let_go(self, *keys: imgui.Key) -> None:
+        """Lets go of keys, and draws nothing."""
+        for key in keys:
+            self.ui.keyboard.up(PLACES.get(key, ""))
+            self.io.add_key_event(key, False)
 
     def release(self) -> None:
         """Ends the interface; the context stays."""

@@ -10,13 +10,14 @@ from viewer.app.application import App
 from viewer.app.pose import view_camera
 from viewer.app.projection import BOX_EDGES, FRUSTUM_EDGES, box_points, frustum_points, project
 from viewer.panels import theme
-from viewer.panels.widgets import px
+from viewer.panels.widgets import chip, chip_size, elided, font, px
 from viewer.window.canvas import Canvas, Layer
 from viewer.window.presenting import other_layers
 
 Box = tuple[float, float, float, float]
 AXIS_COLOURS = ("#f2777a", "#6fd08c", "#6cb2f5")
 PATH_STEPS = 24  # line segments per leg
+LENS_PIECES = 12  # that a straight line is drawn as through a lens
 
 
 def draw_layers(layers: list[Layer], box: Box) -> None:
@@ -57,6 +58,21 @@ def draw_comparison(app: App, canvas: Canvas, box: Box) -> None:
             draw.add_triangle_filled(tip, up, down, theme.packed(theme.ON_ACCENT))
 
 
+def draw_sides(names: tuple[str, str], split: float, box: Box, y: float) -> None:
+    """Says at each side of the wipe's edge what is seen there. split: 0 … 1; y: upper edge of the labels."""
+    edge, gap = box[0] + split * box[2], px(10)
+    draw = imgui.get_window_draw_list()
+    spans = ((box[0], edge), (edge, box[0] + box[2]))
+    for name, (low, high), left in zip(names, spans, (True, False), strict=True):
+        with font(None, theme.SMALL):
+            shown = elided(name, high - low - 2 * gap - px(24))
+        if not shown:
+            continue
+        draw.push_clip_rect(ImVec2(low, box[1]), ImVec2(high, box[1] + box[3]), True)
+        chip(shown, high - gap - chip_size(shown)[0] if left else low + gap, y)
+        draw.pop_clip_rect()
+
+
 def wipe_edge_hovered(app: App, box: Box) -> bool:
     """Whether the mouse is on the wipe's edge."""
     if not app.comparison.against or app.comparison.how != "wipe":
@@ -79,11 +95,21 @@ class _Screen:
         return [ImVec2(*(float(v) for v in corner + self.scale * p)) for p in pixels], before
 
     def lines(self, grid: np.ndarray, edges, colour: int, width: float) -> None:
+        if any(self.camera.distortion):  # a lens bends them
+            grid, edges = _in_pieces(grid, edges)
         points, before = self.points(grid)
         draw = imgui.get_window_draw_list()
         for a, b in edges:
             if before[a] and before[b]:
                 draw.add_line(points[a], points[b], colour, width)
+
+
+def _in_pieces(grid: np.ndarray, edges) -> tuple[np.ndarray, list[tuple[int, int]]]:
+    """Points and edges of the same lines, each cut into LENS_PIECES."""
+    share = np.linspace(0.0, 1.0, LENS_PIECES + 1)[:, None]
+    points = np.concatenate([(1 - share) * grid[a] + share * grid[b] for a, b in edges])
+    starts = [line * (LENS_PIECES + 1) + i for line in range(len(edges)) for i in range(LENS_PIECES)]
+    return points, [(start, start + 1) for start in starts]
 
 
 def draw_crop(app: App, box: Box) -> int | None:
@@ -95,7 +121,7 @@ def draw_crop(app: App, box: Box) -> int | None:
     corners = box_points(low, high)
     screen.lines(corners, BOX_EDGES, theme.packed(theme.BASE, 0.5), px(3))
     screen.lines(corners, BOX_EDGES, theme.packed(theme.ACCENT), px(1.5))
-    if app.crop.tool != "faces":
+    if app.crop_tool != "faces":
         return None
     places, before = screen.points(np.array([crop.face_centre(app.settings.crop, face) for face in range(6)]))
     draw, under = imgui.get_window_draw_list(), None

@@ -8,6 +8,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.pose import UP_AXES
+from viewer.panels.page_crop import near_plane
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, figure, hint, label, px, segments, switch, tip
 from viewer.window.canvas import Canvas
@@ -33,19 +34,21 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             if switch("fly", rig.flying) != rig.flying:
                 run(app, "fly")
             if rig.flying:
-                hint("W A S D to move, Q and E down and up, Shift faster, drag to look, wheel for the speed.")
+                *move, down, up = app.keyboard.flying_names
+                hint(
+                    f"{' '.join(move)} or the arrows to move, {down} and {up} down and up, Shift faster, drag to look, "
+                    "wheel for the speed."
+                )
     with card("lens", fonts, "Lens"):
         label("Field of view")
         changed, value = imgui.slider_float("##fov", rig.fov, 10.0, 110.0, "%.0f°")
+        if imgui.is_item_activated():
+            rig.remember()
         tip("Vertical angle; Ctrl+click to type")
         if changed:
             app.set_fov(value)
         if not rig.bounded:
-            label("Near plane")
-            changed, value = imgui.slider_float("##near", app.settings.near, 0.0, 3.0 * rig.radius, "%.3f")
-            tip("Nothing closer than this is shown, in units of the grid")
-            if changed:
-                app.set(near=value)
+            near_plane(app)
             label("Up")
             picked = segments("up", list(UP_AXES), rig.table.up)
             if picked:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
 
 from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import card, hint, label, segments, switch
+from viewer.panels.widgets import card, hint, icon_button, label, px, segments, switch, tip
 from viewer.window.canvas import Canvas
 
 TITLES = {"faces": "Faces", "move": "Move", "scale": "Scale"}
@@ -32,40 +33,52 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         label("Cut to a box")
         on = switch("crop", app.settings.crop is not None)
         if on != (app.settings.crop is not None):
-            _cut(app, crop.whole(pack) if on else None)
+            app.cut(crop=crop.whole(pack) if on else None)
         if app.settings.crop is None:
             hint("Nothing is cut off.")
         else:
-            picked = segments("tool", crop.TOOLS, app.crop.tool, TITLES)
+            picked = segments("tool", crop.TOOLS, app.crop_tool, TITLES)
             if picked in crop.TOOLS:
-                app.crop.tool = picked
+                app.crop_tool = picked
                 app.touch()
-            hint(HINTS[app.crop.tool])
+            hint(HINTS[app.crop_tool])
             _faces(app, pack)
-            if imgui.button("Whole scene again", ImVec2(-1, 0)):
-                _cut(app, crop.whole(pack))
+            imgui.begin_disabled(app.settings.crop == crop.whole(pack))
+            if imgui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Reset the box", ImVec2(-1, 0)):
+                app.cut(crop=crop.whole(pack))
+            imgui.end_disabled()
+            tip("To all of the scene")
     with card("near", fonts, "Slice"):
-        label("Near plane")
-        changed, value = imgui.slider_float("##near slice", app.settings.near, 0.0, 3.0 * rig.radius, "%.3f")
-        if changed:
-            app.set(near=value)
+        near_plane(app)
         hint("Cuts away everything nearer to the camera than this, in units of the grid.")
 
 
-def _cut(app: App, box: crop.Box | None) -> None:
-    app.crop.remember(app)
-    app.set(crop=box)
+def near_plane(app: App) -> None:
+    """The row with the near plane's slider and its reset; one drag is one step to be undone."""
+    assert app.scene is not None
+    rig = app.scene.rig
+    label("Near plane")
+    imgui.set_next_item_width(-px(34) - px(8))
+    changed, value = imgui.slider_float("##near", app.settings.near, 0.0, 3.0 * rig.radius, "%.3f")
+    if imgui.is_item_activated():
+        rig.remember()
+    tip("Nothing closer than this is shown, in units of the grid")
+    if changed:
+        app.set(near=value)
+    imgui.same_line()
+    if icon_button(fa.ICON_FA_ROTATE_LEFT, "near reset", "Reset the near plane", enabled=app.settings.near > 0):
+        app.cut(near=0.0)
 
 
 def _faces(app: App, pack: Pack) -> None:
     outer = crop.whole(pack)
     for face, (axis, side) in enumerate(crop.FACES):
-        assert app.settings.crop is not None
+        assert app.settings.crop is not None and app.scene is not None
         label(f"{'xyz'[axis]} {'from' if side == 0 else 'to'}")
         before = app.settings.crop
         value = before[side][axis]
         changed, value = imgui.slider_float(f"##face{face}", value, outer[0][axis], outer[1][axis], "%.3f")
         if imgui.is_item_activated():
-            app.crop.remember(app)
+            app.scene.rig.remember()
         if changed:
             app.set(crop=crop.with_face(pack, before, face, value))

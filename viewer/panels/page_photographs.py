@@ -171,10 +171,6 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
             width, height = comparison.psnr_size
             if comparison.psnr_db is not None:
                 figure("Measured at", f"{width} × {height}", fonts)
-            shots = comparison.photographs.shots if comparison.photographs else []
-            index = comparison.photograph
-            if index is not None and index < len(shots) and any(shots[index].camera.distortion):
-                hint("The lens's distortion is not drawn, so that the edges differ.")
         if imgui.button("End comparison", ImVec2(-1, 0)):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
             app.touch()

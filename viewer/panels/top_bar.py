@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
+
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
@@ -9,37 +12,98 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.panels import layout, theme
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import coloured, font, icon_button, px
+from viewer.panels.widgets import Entry, coloured, elided, font, more_button, px
 from viewer.window.canvas import Canvas
+
+LEFT, MARK, WORD, NAME_GAP, GAP, EDGE = 12.0, 42.0, 52.0, 28.0, 12.0, 8.0  # units at 100 %
+BUTTON, STEP = 34.0, 38.0
+NAME = 220.0  # a longer name is cut short before anything else has to go
+SHORTEST_NAME, LEAST_BUTTONS = 72.0, 2
+FRAMES = "0000 fps"  # as wide as it gets
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the bar has room for. word: the program's name. name: width of the scene's name. details: its voxels.
+
+    speed: frames per second. buttons: how many stand there; the others are in a menu behind them.
+    """
+
+    word: bool
+    name: float
+    details: bool
+    speed: bool
+    buttons: int
+
+
+def plan(width: float, unit: float, widths: tuple[float, float, float], buttons: int) -> Plan:
+    """Divides a bar so that nothing overlaps.
+
+    width: of the bar. unit: window units of a unit at 100 %. widths: of the scene's name, its details and the speed, 0 for
+    what there is not. buttons: how many there are.
+    """
+    name, details, speed = widths
+
+    def room(word: bool, with_details: bool, with_speed: bool, shown: int) -> float:
+        fixed = MARK + WORD * word + NAME_GAP * (name > 0) + STEP * (shown + (shown < buttons)) + EDGE
+        fixed += GAP * (with_details and details > 0) + GAP * (1 + (with_speed and speed > 0))
+        return width - unit * fixed - details * with_details - speed * with_speed
+
+    wanted = min(name, unit * NAME)
+    for word, with_details, with_speed in ((1, 1, 1), (1, 0, 1), (0, 0, 1), (0, 0, 0)):
+        left = room(bool(word), bool(with_details), bool(with_speed), buttons)
+        if left >= wanted:
+            return Plan(bool(word), min(name, left), bool(with_details), bool(with_speed), buttons)
+    shown = buttons
+    while shown > LEAST_BUTTONS and room(False, False, False, shown) < min(wanted, unit * SHORTEST_NAME):
+        shown -= 1
+    return Plan(False, max(0.0, min(name, room(False, False, False, shown))), False, False, shown)
 
 
 def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
     """Draws the bar."""
     with coloured(window_bg=theme.BASE):
-        layout.begin("##top", box, (12, 8))
-    _mark(fonts)
-    if app.scene is not None:
-        _name(app, fonts)
-    buttons = [
-        (fa.ICON_FA_FOLDER_OPEN, "open", "Open a pack  (Ctrl+O)", True),
-        (fa.ICON_FA_CAMERA, "save", "Save the picture  (Ctrl+S)", True),
-        (fa.ICON_FA_HOUSE, "home", "Back to the first view  (R)", True),
-        (fa.ICON_FA_EXPAND, "frame", "Show the whole scene  (F)", True),
-        (fa.ICON_FA_KEYBOARD, "help", "Keys and mouse  (?)", False),
-        (fa.ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER, "full-screen", "Full screen  (F11)", False),
-    ]
-    buttons = [button for button in buttons if app.scene is not None or not button[3]]
-    width = len(buttons) * px(34) + (len(buttons) - 1) * px(4)
-    x = imgui.get_window_width() - px(8) - width
-    _speed(app, x - px(14), fonts)
-    for i, (icon, command, tooltip, _) in enumerate(buttons):
-        imgui.set_cursor_pos(ImVec2(x + i * px(38), px(8)))
-        if icon_button(icon, f"top {command}", tooltip):
-            run(app, command)
+        layout.begin("##top", box, (LEFT, EDGE))
+    entries = _entries(app)
+    texts = (app.scene.name, state_of(app)) if app.scene is not None else ("", "")
+    with font(None, theme.SMALL):
+        details = imgui.calc_text_size(texts[1]).x
+    with font(fonts.bold, theme.SMALL):
+        speed = imgui.calc_text_size(FRAMES).x if app.scene is not None and app.times.drawn else 0.0
+    where = plan(box[2], px(1), (imgui.calc_text_size(texts[0]).x, details, speed), len(entries))
+    _mark(fonts, where.word)
+    if where.name > 0:
+        _name(app, where)
+    menu = where.buttons < len(entries)
+    x = imgui.get_window_width() - px(EDGE - STEP + BUTTON) - px(STEP) * (where.buttons + menu)
+    if where.speed and speed:
+        _speed(app, x - px(GAP), fonts)
+    for i, entry in enumerate(entries[: where.buttons]):
+        imgui.set_cursor_pos(ImVec2(x + i * px(STEP), px(EDGE)))
+        entry.button()
+    if menu:
+        imgui.set_cursor_pos(ImVec2(x + where.buttons * px(STEP), px(EDGE)))
+        more_button("top more", entries[where.buttons :])
     imgui.end()
 
 
-def _mark(fonts: Fonts) -> None:
+def _entries(app: App) -> list[Entry]:
+    entries = [
+        (fa.ICON_FA_FOLDER_OPEN, "open", "Open a pack", "Ctrl+O", True),
+        (fa.ICON_FA_CAMERA, "save", "Save the picture", "Ctrl+S", True),
+        (fa.ICON_FA_HOUSE, "home", "Back to the first view", "R", True),
+        (fa.ICON_FA_EXPAND, "frame", "Show the whole scene", "F", True),
+        (fa.ICON_FA_KEYBOARD, "help", "Keys and mouse", "?", False),
+        (fa.ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER, "full-screen", "Full screen", "F11", False),
+    ]
+    return [
+        Entry(f"top {command}", icon, title, partial(run, app, command), keys)
+        for icon, command, title, keys, needs_scene in entries
+        if app.scene is not None or not needs_scene
+    ]
+
+
+def _mark(fonts: Fonts, word: bool) -> None:
     """The program's mark: a cube of voxels, one of them lit, and its name."""
     at = imgui.get_cursor_screen_pos()
     draw = imgui.get_window_draw_list()
@@ -48,23 +112,25 @@ def _mark(fonts: Fonts) -> None:
     for i, (code, alpha) in enumerate(shades):
         left, top = x + (i % 2) * (s + gap), y + (i // 2) * (s + gap)
         draw.add_rect_filled(ImVec2(left, top), ImVec2(left + s, top + s), theme.packed(code, alpha), px(2))
-    imgui.set_cursor_pos(ImVec2(px(42), px(14)))
-    with font(fonts.bold, 17.0):
-        imgui.text_unformatted("snerg")
+    if word:
+        imgui.set_cursor_pos(ImVec2(px(MARK), px(14)))
+        with font(fonts.bold, 17.0):
+            imgui.text_unformatted("snerg")
 
 
-def _name(app: App, fonts: Fonts) -> None:
+def _name(app: App, where: Plan) -> None:
     assert app.scene is not None
-    imgui.same_line(0, px(14))
-    at = imgui.get_cursor_screen_pos()
-    draw = imgui.get_window_draw_list()
-    draw.add_line(ImVec2(at.x, at.y + px(1)), ImVec2(at.x, at.y + px(19)), theme.packed(theme.LINE), px(1))
-    imgui.same_line(0, px(28))
-    imgui.set_cursor_pos_y(px(15))
-    imgui.text_unformatted(app.scene.name)
+    x = px(MARK + (WORD if where.word else 0.0))
+    corner, draw = imgui.get_window_pos(), imgui.get_window_draw_list()
+    line = corner.x + x + px(0.5 * NAME_GAP)
+    draw.add_line(ImVec2(line, corner.y + px(15)), ImVec2(line, corner.y + px(33)), theme.packed(theme.LINE), px(1))
+    imgui.set_cursor_pos(ImVec2(x + px(NAME_GAP), px(15)))
+    imgui.text_unformatted(elided(app.scene.name, where.name))
     if imgui.is_item_hovered():
-        imgui.set_tooltip(str(app.scene.path))
-    imgui.same_line(0, px(10))
+        imgui.set_tooltip(f"{app.scene.name}\n{app.scene.path}\n{state_of(app)}")
+    if not where.details:
+        return
+    imgui.same_line(0, px(GAP))
     imgui.set_cursor_pos_y(px(16))
     with font(None, theme.SMALL), coloured(text=theme.FAINT if app.scene.whole else theme.WARN):
         imgui.text_unformatted(state_of(app))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui, implot
 
 from viewer.app.application import App
+from viewer.app.keyboard import Keyboard, KeyPress
 from viewer.app.state import Clipboard
 from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, theme, top_bar, viewport
 from viewer.panels.crop_gizmo import CropGizmo
@@ -16,6 +17,7 @@ from viewer.panels.theme import Fonts
 from viewer.window.canvas import Canvas
 
 GLSL_VERSION = "#version 330"
+MOST_ROUNDS = 32  # of reading input before a frame is drawn; see Ui.frame
 DOUBLE_CLICK_S = 0.45  # imgui's own 0.3 s is less than desktops grant, and a slow picture takes some of it
 
 
@@ -45,6 +47,8 @@ class Ui:
         self._docking = layout.docking()
         self._gizmo = CropGizmo()
         self.fonts = Fonts()
+        self.keyboard = Keyboard()
+        self._presses = keys.Presses()
         self.scale = 0.0
         self._window = window
         if window is not None:
@@ -53,14 +57,40 @@ class Ui:
         self.plots = implot.create_context()
         self.file_dialogs = FileDialogs(native=None if window is not None else False)
 
+    def pressed(self, press: KeyPress) -> None:
+        """A key or a character; call before imgui hears of it."""
+        imgui.set_current_context(self.context)
+        self._presses.add(press)
+
+    def modifier_changes(self) -> None:
+        """Ctrl, Shift, Alt or Cmd goes down or up; call before imgui hears of it.
+
+        imgui would take a key and the modifier let go of after it in one round, and read Ctrl+V as V. A key that nobody
+        has, down and up, ends the round between them.
+        """
+        imgui.set_current_context(self.context)
+        for down in (True, False):
+            imgui.get_io().add_key_event(imgui.Key.f24, down)
+
     def frame(self, app: App, canvas: Canvas, scale: float = 1.0) -> None:
         """Draws the panels for this moment's state into imgui's lists, and hands the user's wishes to `app`.
+
+        imgui takes a change of one key or button from its queue at a time. Rounds that are not drawn take them all, so
+        that what was typed or clicked during a slow frame is not spread over as many slow frames.
 
         scale: how many times denser than usual the window's units are. Without a window, set io.display_size,
         io.display_framebuffer_scale and io.delta_time before.
         """
         imgui.set_current_context(self.context)
         implot.set_current_context(self.plots)
+        app.keyboard = self.keyboard
+        for _ in range(MOST_ROUNDS):
+            self._round(app, canvas, scale)
+            if keys.queue_is_empty():
+                break
+
+    def _round(self, app: App, canvas: Canvas, scale: float) -> None:
+        """Once through all panels."""
         if self.scale == 0:
             self._docking.restore(app.interface.layout)
         if scale != self.scale:
@@ -70,7 +100,7 @@ class Ui:
         if self._window is not None:
             imgui.backends.glfw_new_frame()
         imgui.new_frame()
-        keys.dispatch(app)
+        self._presses.dispatch(app)
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
         picture = self._docking.space(app, regions.dock, regions.pages)
@@ -78,14 +108,14 @@ class Ui:
         if app.interface.panels_shown:
             top_bar.show(app, canvas, regions.top, self.fonts)
             layout.show_rail(app, regions)
-        if regions.pages:
-            layout.show_pages(app, canvas, self.fonts)
+        layout.show_pages(app, canvas, regions, self.fonts)
         make_dialog.show_job(app, canvas, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
         make_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
         dialogs.show(app, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
+        self.keyboard.seen()
 
     def draw(self) -> None:
         """Draws what `frame` prepared into the framebuffer that is bound."""
@@ -101,6 +131,12 @@ class Ui:
     def typing(self) -> bool:
         """Whether a text field has the keyboard, so that its cursor must blink."""
         return imgui.get_io().want_text_input
+
+    @property
+    def hears(self) -> bool:
+        """Whether there is input that no frame has seen."""
+        imgui.set_current_context(self.context)
+        return not keys.queue_is_empty()
 
     def release(self) -> None:
         """Ends the imgui context."""

@@ -9,13 +9,14 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.state import Viewport
-from viewer.panels import frusta, layout, overlays, page_photographs, start_page, theme
+from viewer.panels import frusta, keys, layout, legend, overlays, page_photographs, start_page, theme
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import coloured, font, px
+from viewer.panels.widgets import chip, coloured, px
 from viewer.window.canvas import Canvas
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
+WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
 def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGizmo) -> None:
@@ -39,7 +40,8 @@ def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGiz
         if not gizmo.over:
             _mouse(app, box, face if over else None, shot if over else None)
         gizmo.show(app, box)
-        _corner(app, box, fonts)
+        _corner(app, box)
+        legend.show(app, box)
     _toast(app, box)
     _progress(app, box, fonts)
     imgui.end()
@@ -54,13 +56,14 @@ def _buttons() -> int:
 class _Hands:
     """What the mouse holds since its button went down: "" the camera, "wipe" the edge, a crop face's number, or a shot.
 
-    travelled: window units since then, to tell a click from a drag.
+    travelled: window units since then, to tell a click from a drag. walking: keys move the camera.
     """
 
     holds: str = ""
     face: int = 0
     shot: int | None = None
     travelled: float = 0.0
+    walking: bool = False
 
 
 _hands = _Hands()  # one mouse
@@ -74,9 +77,7 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
     if imgui.is_item_activated():
         _hands.holds = "face" if face is not None else "wipe" if overlays.wipe_edge_hovered(app, box) else ""
         _hands.face, _hands.shot, _hands.travelled = face or 0, shot, 0.0
-        if _hands.holds == "face":
-            app.crop.remember(app)
-        if not _hands.holds:
+        if _hands.holds != "wipe":
             rig.remember()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
     if active and (dx or dy):
@@ -96,8 +97,8 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
         app.touch()
     if hovered and imgui.is_mouse_double_clicked(LEFT):
         app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
-    if rig.flying and not io.want_text_input and not io.key_ctrl:
-        _fly(app)
+    if not io.want_text_input and not io.key_ctrl and not keys.busy(app) and not app.interface.help_shown:
+        _walk(app)
 
 
 def _drag(app: App, box: layout.Box, dx: float, dy: float) -> None:
@@ -120,21 +121,32 @@ def _drag(app: App, box: layout.Box, dx: float, dy: float) -> None:
             rig.orbit(dx, dy)
 
 
-def _fly(app: App) -> None:
+def _walk(app: App) -> None:
+    """What the keys that are held do: W A S D Q E (their places) and the arrows while flying, else the arrows alone."""
     assert app.scene is not None
+    rig, keyboard, io = app.scene.rig, app.keyboard, imgui.get_io()
+    seconds = min(io.delta_time, 0.1)
+    across, along = keyboard.axis("Right", "Left"), keyboard.axis("Up", "Down")
+    up = 0.0
+    if rig.flying:
+        across, along = across + keyboard.axis("D", "A"), along + keyboard.axis("W", "S")
+        up = keyboard.axis("E", "Q")
+    if not (across or along or up):
+        _hands.walking = False
+        return
+    if not _hands.walking:  # the whole way is one step to be undone
+        rig.remember()
+    _hands.walking = True
+    if rig.flying:
+        pace = 3.0 if io.key_shift else 1.0
+        rig.fly(pace * min(max(across, -1.0), 1.0), pace * up, pace * min(max(along, -1.0), 1.0), seconds)
+    else:  # the camera goes where the arrow points, so that the scene moves the other way
+        dx, dy = -WALK_HEIGHTS_PER_S * seconds * across, WALK_HEIGHTS_PER_S * seconds * along
+        rig.pan(dx, dy) if io.key_shift != rig.bounded else rig.orbit(dx, dy)
+    app.touch()
 
-    def held(plus: imgui.Key, minus: imgui.Key) -> float:
-        return float(imgui.is_key_down(plus)) - float(imgui.is_key_down(minus))
 
-    key = imgui.Key
-    right, up, forward = held(key.d, key.a), held(key.e, key.q), held(key.w, key.s)
-    if right or up or forward:
-        pace = 3.0 if imgui.get_io().key_shift else 1.0
-        app.scene.rig.fly(pace * right, pace * up, pace * forward, min(imgui.get_io().delta_time, 0.1))
-        app.touch()
-
-
-def _corner(app: App, box: layout.Box, fonts: Fonts) -> None:
+def _corner(app: App, box: layout.Box) -> None:
     """Names what is shown where it is not the usual picture."""
     notes = []
     if app.settings.mode != "normal":
@@ -146,26 +158,20 @@ def _corner(app: App, box: layout.Box, fonts: Fonts) -> None:
         name = comparison.photographs.shots[comparison.photograph].name
         known = comparison.psnr_db is not None
         notes.append(f"{name}   {comparison.psnr_db:.2f} dB" if known else name)
+    sides = comparison.sides(app)
+    if sides is not None and comparison.how == "flip":
+        notes.append(sides[comparison.other_side])
     x = box[0] + px(14)
     for note in notes:
-        x = _chip(note, x, box[1] + px(14)) + px(8)
-
-
-def _chip(text: str, x: float, y: float) -> float:
-    """A dark label on the picture; where its right edge is."""
-    draw = imgui.get_window_draw_list()
-    with font(None, theme.SMALL):
-        size = imgui.calc_text_size(text)
-        corner = ImVec2(x + size.x + px(24), y + size.y + px(12))
-        draw.add_rect_filled(ImVec2(x, y), corner, theme.packed(theme.BASE, 0.82), px(14))
-        draw.add_text(ImVec2(x + px(12), y + px(6)), theme.packed(theme.TEXT), text)
-        return corner.x
+        x = chip(note, x, box[1] + px(14)) + px(8)
+    if sides is not None and comparison.how == "wipe":
+        overlays.draw_sides(sides, comparison.split, box, box[1] + px(52 if notes else 14))
 
 
 def _toast(app: App, box: layout.Box) -> None:
     if app.messages.toast_left > 0:
         width = imgui.calc_text_size(app.messages.toast).x
-        _chip(app.messages.toast, box[0] + 0.5 * (box[2] - width) - px(12), box[1] + box[3] - px(52))
+        chip(app.messages.toast, box[0] + 0.5 * (box[2] - width) - px(12), box[1] + box[3] - px(52))
 
 
 def _progress(app: App, box: layout.Box, fonts: Fonts) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
@@ -154,6 +156,63 @@ def icon_button(icon: str, name: str, tooltip: str, *, on: bool = False, enabled
     imgui.end_disabled()
     tip(tooltip)
     return pressed
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What an icon button or a line of a menu does. icon: Font Awesome. hint: keys and the like, for the tooltip."""
+
+    id: str
+    icon: str
+    title: str
+    action: Callable[[], object]
+    hint: str = ""
+    on: bool = False
+
+    def button(self) -> None:
+        """Draws it as a square button."""
+        if icon_button(self.icon, self.id, f"{self.title}  ({self.hint})" if self.hint else self.title, on=self.on):
+            self.action()
+
+
+def more_button(name: str, entries: Sequence[Entry]) -> None:
+    """A square button that opens a menu of what there was no room for."""
+    if icon_button(fa.ICON_FA_ELLIPSIS, name, "More", on=any(entry.on for entry in entries)):
+        imgui.open_popup(f"##{name}")
+    if imgui.begin_popup(f"##{name}"):
+        for entry in entries:
+            if imgui.menu_item(f"{entry.icon}   {entry.title}", entry.hint, entry.on)[0]:
+                entry.action()
+        imgui.end_popup()
+
+
+def elided(text: str, width: float) -> str:
+    """`text`, or as much of its beginning as fits into `width` with an ellipsis behind it."""
+    if imgui.calc_text_size(text).x <= width:
+        return text
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        low, high = (middle, high) if imgui.calc_text_size(f"{text[:middle]}…").x <= width else (low, middle - 1)
+    return f"{text[:low].rstrip()}…" if low else ""
+
+
+def chip(text: str, x: float, y: float) -> float:
+    """A dark label on the picture, its upper left corner at x, y (window units); where its right edge is."""
+    width, height = chip_size(text)
+    corner = ImVec2(x + width, y + height)
+    draw = imgui.get_window_draw_list()
+    draw.add_rect_filled(ImVec2(x, y), corner, theme.packed(theme.BASE, 0.82), px(14))
+    with font(None, theme.SMALL):
+        draw.add_text(ImVec2(x + px(12), y + px(6)), theme.packed(theme.TEXT), text)
+    return corner.x
+
+
+def chip_size(text: str) -> tuple[float, float]:
+    """Width and height of such a label."""
+    with font(None, theme.SMALL):
+        size = imgui.calc_text_size(text)
+    return size.x + px(24), size.y + px(12)
 
 
 def main_button(text: str, width: float = 0.0) -> bool:

@@ -1,7 +1,7 @@
 """The frames a ray passes through, as uniforms of shaders/ray.glsl; in float64 until they reach the card.
 
 Notation: "voxel" coordinates are (grid - min_xyz) / voxel_size; "training" is the frame the field was trained in, in
-NDC packs before the warp; "ndc" after it. Source: CONTRACT sections 2 and 3; NeRF, appendix C.
+NDC packs before the warp; "ndc" after it. Source: docs/rendering.md and docs/format.md; NeRF, appendix C.
 """
 
 from __future__ import annotations
@@ -10,21 +10,30 @@ from typing import Any
 
 import numpy as np
 
+from scenepack.constants import PUBLISHED_NDC_CAMERA
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import RenderSettings
-
-# Forward-facing packs from before input_* was written were made from 1006 × 756 photographs of a telephone, 67.3° wide.
-OLD_NDC_INPUT = (1006.0, 756.0, 755.644)  # width, height, focal
 
 
 def ndc_input(pack: Pack) -> tuple[float, float, float]:
     """Width, height and focal length, in pixels, of the photographs whose frustum the NDC cube is."""
     given = (pack.input_width, pack.input_height, pack.input_focal)
     width, height, focal = (
-        old if value is None else float(value) for value, old in zip(given, OLD_NDC_INPUT, strict=True)
+        old if value is None else float(value) for value, old in zip(given, PUBLISHED_NDC_CAMERA, strict=True)
     )
     return width, height, focal
+
+
+def lens_reach(distortion: tuple[float, float, float, float]) -> float:
+    """How far from the axis, in image coordinates before the lens, a larger angle is still seen farther out.
+
+    That is up to the smallest root of d/dr (r + k1 r^3 + k2 r^5); 1e6 where there is none.
+    """
+    k1, k2 = distortion[:2]
+    squares = np.roots([5.0 * k2, 3.0 * k1, 1.0])
+    turns = [float(root.real) for root in squares if abs(root.imag) < 1e-12 and root.real > 0]
+    return min(turns, default=1e12) ** 0.5
 
 
 class RayFrame:
@@ -54,6 +63,7 @@ class RayFrame:
             "picture_size": (camera.width, camera.height),
             "intrinsics": (camera.fx, camera.fy, camera.cx, camera.cy),
             "distortion": camera.distortion,
+            "lens_reach": lens_reach(camera.distortion),
             "grid_R_camera": camera.grid_T_camera[:3, :3],
             "camera_R_grid": np.linalg.inv(camera.grid_T_camera[:3, :3]),
             "camera_position": position,

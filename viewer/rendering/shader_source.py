@@ -126,3 +126,15 @@ def compile_program(ctx: moderngl.Context, vertex: ShaderText, fragment: ShaderT
         message = str(error)
         blamed = vertex if "vertex_shader" in message and "fragment_shader" not in message else fragment
         raise ShaderError(blamed.locate(message)) from error
+
+
+def colour_stops() -> tuple[tuple[float, float, float], ...]:
+    """The colours (RGB, 0 … 1) that shaders/colour_map.glsl goes through from 0 to 1 in even steps, as it has them."""
+    text = (SHADER_FOLDER / "colour_map.glsl").read_text()
+    body = text[text.index("vec3 colour_map(") :].partition("\n}")[0]
+    stops = []
+    for found in re.findall(r"vec3\(([\d., ]+)\)", body):
+        red, *others = (float(value) for value in found.split(","))
+        green, blue = others or (red, red)
+        stops.append((red, green, blue))
+    return tuple(stops)

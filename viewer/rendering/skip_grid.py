@@ -5,7 +5,7 @@ each axis: it spans j + 0.5 ... j + 1.5, and j = -1 ... n - 1. A *cell* i is `CE
 CELL * (i + 1) - 0.5 along each axis; cells cover the whole grid, also where it is empty. A cell has content where any
 sample in it could be anything but zero. Its Chebyshev distance D, in cells, to the nearest cell with content (0: it has
 some itself) says that the cube of (2 D - 1)^3 cells around it is empty.
-Source: distance-field skipping after Cohen and Sheffer, "Proximity clouds" (1994), on cells chosen for CONTRACT section 2.
+Source: distance-field skipping after Cohen and Sheffer, "Proximity clouds" (1994), on cells chosen for docs/rendering.md.
 """
 
 from __future__ import annotations

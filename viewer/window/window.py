@@ -22,6 +22,7 @@ from PIL import Image
 
 from console import Notice
 from viewer.app.application import App
+from viewer.app.keyboard import KeyPress
 from viewer.app.making import LOOKED_AT_EVERY_S
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.panels import theme
@@ -36,6 +37,21 @@ IDLE_WAIT_S = 1.0
 BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
 LONGEST_STEP_S = 0.1  # after a pause, movements go on from where they were
 SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
+MODIFIERS = frozenset(
+    getattr(glfw, f"KEY_{side}_{name}") for side in ("LEFT", "RIGHT") for name in ("CONTROL", "SHIFT", "ALT", "SUPER")
+)
+# GLFW's keys are places already; see viewer.app.keyboard.
+PLACES = {
+    **{getattr(glfw, f"KEY_{name}"): name for name in "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"},
+    **{getattr(glfw, f"KEY_F{i}"): f"F{i}" for i in range(1, 13)},
+    **{
+        getattr(glfw, f"KEY_{name.upper()}"): name
+        for name in ("Escape", "Space", "Tab", "Home", "Delete", "Enter", "Left", "Right", "Up", "Down")
+    },
+    **{getattr(glfw, f"KEY_{name}"): name for name in ("SEMICOLON", "COMMA", "PERIOD", "SLASH", "APOSTROPHE")},
+    **{getattr(glfw, f"KEY_{name}"): name for name in ("MINUS", "EQUAL", "LEFT_BRACKET", "RIGHT_BRACKET")},
+    **{getattr(glfw, f"KEY_{name}"): name for name in ("BACKSLASH", "GRAVE_ACCENT")},
+}
 
 
 class NoDisplay(Exception):
@@ -67,6 +83,7 @@ class Window:
         app.stage = self.canvas
         self._listen()
         self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value)
+        self.ui.keyboard.local_name = _local_name
         app.clipboard = SystemClipboard()
         self._v_sync = True
         self._last = time.monotonic()
@@ -86,15 +103,33 @@ class Window:
             glfw.set_cursor_enter_callback,
             glfw.set_mouse_button_callback,
             glfw.set_scroll_callback,
-            glfw.set_key_callback,
-            glfw.set_char_callback,
             glfw.set_window_focus_callback,
             glfw.set_window_refresh_callback,
             glfw.set_framebuffer_size_callback,
             glfw.set_window_content_scale_callback,
         ):
             listen(self.handle, touched)
+        glfw.set_key_callback(self.handle, self._key)
+        glfw.set_char_callback(self.handle, self._character)
         glfw.set_drop_callback(self.handle, dropped)  # type: ignore[arg-type]  (the stub has the C signature)
+
+    def _key(self, _: object, key: int, scancode: int, action: int, modifiers: int) -> None:
+        self._touched = True
+        if key in MODIFIERS:
+            self.ui.modifier_changes()
+        place, keyboard = PLACES.get(key, ""), self.ui.keyboard
+        if action == glfw.RELEASE:
+            keyboard.up(place)
+            return
+        if action == glfw.PRESS:
+            keyboard.down(place)
+        command = glfw.MOD_SUPER if sys.platform == "darwin" else glfw.MOD_CONTROL
+        held = (bool(modifiers & bit) for bit in (command, glfw.MOD_SHIFT, glfw.MOD_ALT))
+        self.ui.pressed(KeyPress(_name(key, scancode) or place, *held, repeat=action == glfw.REPEAT))
+
+    def _character(self, _: object, code: int) -> None:
+        self._touched = True
+        self.ui.pressed(KeyPress(character=chr(code)))
 
     # The loop
 
@@ -110,7 +145,7 @@ class Window:
     def step(self) -> bool:
         """Waits for something to do, and draws a frame if there is; True where it drew."""
         app = self.app
-        if app.wants_frame or self._touched:
+        if app.wants_frame or self._touched or self.ui.hears:
             glfw.poll_events()
         elif awaited(app) or unfinished(self.app, self.canvas):
             glfw.wait_events_timeout(BUSY_WAIT_S)
@@ -124,7 +159,7 @@ class Window:
             app.touch()
         now = time.monotonic()
         app.tick(min(now - self._last, LONGEST_STEP_S))
-        if not (app.wants_frame or unfinished(self.app, self.canvas) or self.ui.typing):
+        if not (app.wants_frame or unfinished(self.app, self.canvas) or self.ui.typing or self.ui.hears):
             return False
         self._frame(now)
         return True
@@ -256,6 +291,21 @@ def _notices_logged(log: Callable[[str, str], None]) -> Iterator[None]:
 
         warnings.showwarning = show
         yield
+
+
+def _name(key: int, scancode: int) -> str:
+    """The letter or digit that the user's layout gives a key; "" where it is neither, as on a Russian keyboard."""
+    if key != glfw.KEY_UNKNOWN and key not in PLACES:  # the number block's digits are no others'
+        return ""
+    name = glfw.get_key_name(key, scancode) or ""
+    return name.upper() if len(name) == 1 and name.isascii() and name.isalnum() else ""
+
+
+def _local_name(place: str) -> str:
+    """What the user's layout prints at a place."""
+    key = next((key for key, known in PLACES.items() if known == place), glfw.KEY_UNKNOWN)
+    name = glfw.get_key_name(key, 0) if key != glfw.KEY_UNKNOWN else None
+    return name.upper() if name else place
 
 
 def _text(told: Any) -> str:

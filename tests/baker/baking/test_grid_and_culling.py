@@ -7,12 +7,12 @@ import pytest
 
 from baker.baking.culling import content_box, cull
 from baker.baking.grid import box_in_grid_frame, make_grid
-from baker.baking.supersample import fill_atlas, supersample
+from baker.baking.supersample import supersample
 from baker.baking.work_folder import WorkFolder
 from console import UserError
 from scenepack import Pack, check_pack
-from scenepack.blocks import dense_from_pack
-from scenepack.codecs.pieces import restore_padding
+from scenepack.blocks import dense_from_pack, fill_atlas
+from scenepack.padding import restore_padding
 from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, nothing
 from tests.scenepack.random_packs import BLENDER_FRAME
 
@@ -82,7 +82,7 @@ def baked(culling, grid, work=None) -> Pack:
     atlas = fill_atlas(supersample(ball, grid, culling, work=work), culling.kept, grid.block_size)
     pack = Pack(grid.voxel_size, grid.min_xyz, grid.size, grid.block_size, *atlas, None, BLENDER_FRAME)
     for part in atlas[1:]:
-        restore_padding(pack, part)
+        restore_padding(part, pack.atlas_indices, pack.block_size)
     return pack
 
 
@@ -138,7 +138,7 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
     assert times >= 3
     assert np.array_equal(last[0], whole.atlas_indices)
     for part, expected in zip(last[1:], (whole.atlas_rgba, whole.atlas_features), strict=True):
-        restore_padding(whole, part)
+        restore_padding(part, whole.atlas_indices, whole.block_size)
         assert np.array_equal(part, expected)
 
 

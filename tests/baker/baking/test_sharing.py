@@ -13,11 +13,12 @@ import pytest
 
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
-from baker.baking.supersample import fill_atlas, supersample
+from baker.baking.supersample import supersample
 from baker.baking.work_folder import BakeEnded, Share, WorkFolder
 from baker.commands.bake import main as snerg_bake
 from baker.commands.bake import share_of
 from console import UserError
+from scenepack.blocks import fill_atlas
 from tests.baker.analytic import ball
 from tests.scenepack.random_packs import BLENDER_FRAME
 from training.commands.train import main as snerg_train

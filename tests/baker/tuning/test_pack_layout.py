@@ -8,20 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from baker.baking.culling import in_grid_frame
 from baker.reference_marcher import render_reference
 from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune
 from baker.tuning.pack_layout import accumulate, pack_layout, pack_sizes, pack_voxels
 from scenepack import check_pack
 from tests.scenepack.random_packs import random_pack, random_view_mlp
+from training.marching.rays import in_grid_frame, unbounded
 from training.scenes import Camera
 from viewer.rendering.camera import ViewCamera
 
 
 def rays_of(dataset, pack, camera: Camera):
-    rays = dataset.view_rays(camera)
-    rays = rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
+    rays = unbounded(dataset.view_rays(camera))
     return in_grid_frame(rays, jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32))
 
 

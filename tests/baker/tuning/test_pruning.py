@@ -9,8 +9,8 @@ import numpy as np
 
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
-from baker.tuning import pruning as shedding
-from baker.tuning.pruning import closing_gain, shed
+from baker.tuning import pruning
+from baker.tuning.pruning import closing_gain, prune
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
 from tests.baker.analytic import RADIUS, ball
@@ -36,7 +36,7 @@ def hazy_ball(dataset) -> tuple[Pack, np.ndarray]:
 def test_haze_and_the_hidden_middle_go_and_what_cameras_see_stays(dataset) -> None:
     pack, distance = hazy_ball(dataset)
     before = dense_from_pack(pack)[0]
-    thinner, figures = shed(pack, dataset, tau_weight=0.02)
+    thinner, figures = prune(pack, dataset, tau_weight=0.02)
     after, features = dense_from_pack(thinner)
     assert features is not None
     stays = after[..., 3] > 0
@@ -56,11 +56,11 @@ def test_haze_and_the_hidden_middle_go_and_what_cameras_see_stays(dataset) -> No
 
 def test_a_lower_threshold_keeps_the_haze_in_front_of_the_ball_and_none_goes_twice(dataset) -> None:
     pack, distance = hazy_ball(dataset)
-    thin = shed(pack, dataset, tau_weight=0.001)[0]
+    thin = prune(pack, dataset, tau_weight=0.001)[0]
     stays = dense_from_pack(thin)[0][..., 3] > 0
     assert stays[distance > RADIUS + 4 * pack.voxel_size].mean() > 0.1
-    once = shed(thin, dataset, tau_weight=0.02)[1]
-    again = shed(shed(hazy_ball(dataset)[0], dataset, 0.02)[0], dataset, 0.02)[1]
+    once = prune(thin, dataset, tau_weight=0.02)[1]
+    again = prune(prune(hazy_ball(dataset)[0], dataset, 0.02)[0], dataset, 0.02)[1]
     assert once.voxels_after < once.voxels_before
     assert again.voxels_after > 0.85 * again.voxels_before, "a pack that was thinned has little left to lose"
 
@@ -68,35 +68,35 @@ def test_a_lower_threshold_keeps_the_haze_in_front_of_the_ball_and_none_goes_twi
 def test_a_pack_that_no_camera_sees_is_left_alone(dataset) -> None:
     pack, _ = hazy_ball(dataset)
     away = replace(pack, min_xyz=np.asarray(pack.min_xyz) + 100.0)
-    untouched, figures = shed(away, dataset)
+    untouched, figures = prune(away, dataset)
     assert untouched is away and figures.voxels_after == figures.voxels_before > 0
 
 
-def test_what_little_light_reaches_gets_denser_and_keeps_its_colour() -> None:
-    alpha, reach = np.full(4, 51, np.uint8), np.array([255, 77, 38, 3], np.uint8)
-    made = alpha * closing_gain(alpha, reach)
-    assert np.all(np.round(made[:2]) == 51), "with a reach above HIDDEN nothing changes"
+def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None:
+    alpha, transmittance = np.full(4, 51, np.uint8), np.array([255, 77, 38, 3], np.uint8)
+    made = alpha * closing_gain(alpha, transmittance)
+    assert np.all(np.round(made[:2]) == 51), "with a transmittance above HIDDEN nothing changes"
     assert 51 < made[2] < made[3] <= 255
     np.testing.assert_allclose(made[3] / 255, 1 - 0.8**20, rtol=0.02)
 
 
-def test_ending_rays_where_the_light_does_changes_nothing_but_the_work(dataset, monkeypatch) -> None:
+def test_early_termination_changes_nothing_but_the_work(dataset, monkeypatch) -> None:
     pack, _ = hazy_ball(dataset)
     taken = []
-    march = shedding.march
+    march = pruning.march
 
     def counting(*arguments):
         samples = march(*arguments)
         jax.debug.callback(lambda valid: taken.append(int(valid.sum())), samples.valid)
         return samples
 
-    monkeypatch.setattr(shedding, "march", counting)
+    monkeypatch.setattr(pruning, "march", counting)
     found = []
-    for horizon in (shedding.HORIZON, None):
-        monkeypatch.setattr(shedding, "HORIZON", horizon)
+    for depth_where in (pruning.depth_where, lambda transmittance: None):
+        monkeypatch.setattr(pruning, "depth_where", depth_where)
         jax.clear_caches()
         taken.clear()
-        found.append((shedding._reach(pack, dataset, 0.02, 0, None), sum(taken)))
+        found.append((pruning._transmittance(pack, dataset, 0.02, 0, None), sum(taken)))
     jax.clear_caches()
     (ended, fewer), (whole, all_of_them) = found
     assert np.array_equal(ended, whole)

@@ -50,7 +50,7 @@ def pull(ui, start: np.ndarray, by: tuple[float, float], steps: int = 4) -> None
 
 
 def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged(ui, app):
-    app.crop.tool = "move"
+    app.crop_tool = "move"
     ui.settle()
     before, rig = centre(app), app.scene.rig.goal
     pull(ui, arrow(app, 1), (0, -50))
@@ -61,7 +61,7 @@ def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged(ui, app):
 
 
 def test_the_gizmo_scales_the_box_about_its_middle(ui, app):
-    app.crop.tool = "scale"
+    app.crop_tool = "scale"
     ui.settle()
     before = centre(app)
     pull(ui, arrow(app, 1, 1.0), (0, -50))
@@ -70,7 +70,7 @@ def test_the_gizmo_scales_the_box_about_its_middle(ui, app):
 
 
 def test_beside_the_gizmo_the_mouse_is_the_cameras(ui, app):
-    app.crop.tool = "move"
+    app.crop_tool = "move"
     ui.settle()
     cut, goal = app.settings.crop, app.scene.rig.goal
     pull(ui, np.array([120.0, 650.0]), (60, 20))
@@ -79,7 +79,7 @@ def test_beside_the_gizmo_the_mouse_is_the_cameras(ui, app):
 
 def test_cuts_and_moves_are_undone_in_turn(ui, app):
     rig = app.scene.rig
-    app.crop.tool = "move"
+    app.crop_tool = "move"
     ui.settle()
     first, home = app.settings.crop, rig.goal
     pull(ui, np.array([120.0, 650.0]), (60, 20))
@@ -100,12 +100,12 @@ def test_cuts_and_moves_are_undone_in_turn(ui, app):
 def test_what_was_undone_is_gone_after_something_else(ui, app):
     pack = app.scene.pack
     before = app.settings.crop
-    app.crop.remember(app)
+    app.scene.rig.remember()
     app.set(crop=crop.whole(pack))
-    assert app.crop.undo(app) and app.settings.crop == before
+    assert app.scene.rig.history.undo() and app.settings.crop == before
     app.scene.rig.remember()
     app.scene.rig.orbit(0.3, 0.0)
-    assert not app.crop.redo(app) and app.settings.crop == before
+    assert not app.scene.rig.history.redo() and app.settings.crop == before
 
 
 def test_a_box_stays_where_the_content_is_and_never_vanishes(pack):

@@ -141,8 +141,8 @@ def small_disk(tmp_path, monkeypatch):
         return
 
     def full(self, picture) -> None:
-        (self.aside / "part" if self.aside.is_dir() else self.aside).write_bytes(b"half")
-        raise OSError(errno.ENOSPC, "No space left on device", str(self.aside))
+        (self.aside.path / "part" if self.aside.path.is_dir() else self.aside.path).write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device", str(self.aside.path))
 
     for sink in (export_module._Still, export_module._Sequence, FilmWriter):
         monkeypatch.setattr(sink, "add", full)
@@ -172,7 +172,7 @@ def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_writte
 
 def test_a_disk_that_is_full_at_the_very_end_of_a_film_leaves_nothing(ui, tmp_path, monkeypatch):
     def full(self) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device", str(self.aside))
+        raise OSError(errno.ENOSPC, "No space left on device", str(self.aside.path))
 
     monkeypatch.setattr(FilmWriter, "finish", full)
     app = ui.app

@@ -19,7 +19,7 @@ from PIL import Image
 from console.driven import Report, read_report
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.app.test_application import FakeStage
-from training.config import BakeablePreset
+from training.presets import BakeablePreset
 from training.scenes.procedural import write_procedural_scene
 from viewer.app import child as child_module
 from viewer.app import make_plan
@@ -121,7 +121,7 @@ def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monk
             assert called["no_view"] and called["masks"] and called["spherify"] and called["preset"] == "fast"
             assert (called["downscale"], called["steps"], called["resolution"]) == (2, 5, 96)
     monkeypatch.undo()
-    assert set(make_plan.PRESETS) <= set(get_args(BakeablePreset))
+    assert set(make_plan.OFFERED) <= set(get_args(BakeablePreset))
 
 
 def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):

@@ -112,13 +112,13 @@ def test_undo_and_redo_walk_through_gestures(rig):
         rig.orbit(dx, 0.0)
         places.append(rig.goal)
     for place in reversed(places[:-1]):
-        assert rig.undo()
+        assert rig.history.undo()
         assert rig.goal == place
-    assert not rig.undo()
+    assert not rig.history.undo()
     for place in places[1:]:
-        assert rig.redo()
+        assert rig.history.redo()
         assert rig.goal == place
-    assert not rig.redo()
+    assert not rig.history.redo()
 
 
 def test_a_held_camera_is_shown_exactly_until_the_hands_move(rig):
@@ -235,3 +235,50 @@ def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them():
     np.testing.assert_allclose(rig.matrix, expected.grid_T_camera, atol=1e-6)
     outside = CameraRig(seen_from(toy_pack(), 6.0))
     np.testing.assert_allclose(outside.matrix, CameraRig(toy_pack()).matrix)
+
+
+@given(aspect=st.floats(0.3, 3.0), azimuth=st.floats(0, 360), elevation=st.floats(-60, 60), fov=st.floats(15, 80))
+@settings(deadline=None, max_examples=60)
+def test_the_whole_scene_is_seen_in_the_width_of_every_picture(aspect, azimuth, elevation, fov):
+    pack = toy_pack()
+    rig = rig_for(pack)
+    rig.shape(aspect)
+    rig.fov = fov
+    rig.look_along(azimuth, elevation)
+    rig.frame()
+    rig.settle()
+    size = (round(600 * aspect), 600)
+    low, high = content_box(pack)
+    z, y, x = np.nonzero(pack.occupied)
+    block = pack.block_size * pack.voxel_size
+    corners = np.stack([x, y, z], 1)[:, None] + np.indices((2, 2, 2)).reshape(3, -1).T
+    places = np.clip(pack.min_xyz + block * corners.reshape(-1, 3), low, high)
+    camera = rig.camera(size)
+    xs = np.array([project(camera, place)[0] for place in places])
+    assert xs.min() >= 0 and xs.max() <= size[0]
+
+
+def test_the_first_view_follows_the_window_until_it_is_left(rig):
+    wide = rig.goal.distance
+    rig.shape(0.4)
+    assert rig.goal.distance > wide and rig.shown == rig.goal == rig.home_pose
+    rig.shape(1.5)
+    assert rig.goal.distance == wide
+    rig.orbit(0.1, 0.0)
+    left = rig.goal
+    rig.shape(0.4)
+    assert rig.goal == left
+    rig.home()
+    assert rig.goal.distance > wide
+
+
+def test_what_home_changes_of_the_lens_is_undone_too(rig):
+    rig.fov = 90.0
+    rig.home()
+    assert rig.history.undo() and rig.fov == 90.0
+
+
+def test_another_up_is_undone(rig):
+    before = rig.goal, rig.table
+    rig.set_up("-z")
+    assert rig.history.undo() and (rig.goal, rig.table) == before

@@ -201,9 +201,9 @@ def test_a_path_is_typed_where_the_system_has_no_dialogs(ui, app, pack_folder):
 def test_flying_moves_with_the_keys(ui, app):
     ui.key(imgui.Key.v)
     before = app.scene.rig.goal.eye(app.scene.rig.table)
-    ui.io.add_key_event(imgui.Key.w, True)
+    ui.hold(imgui.Key.w)
     for _ in range(10):
         ui.frame()
-    ui.io.add_key_event(imgui.Key.w, False)
+    ui.let_go(imgui.Key.w)
     ui.frame()
     assert np.linalg.norm(app.scene.rig.goal.eye(app.scene.rig.table) - before) > 0.01

@@ -110,7 +110,7 @@ SIDE = slice(SIZE[0] - 372, None)
 def test_each_page_looks_as_before(ui, app, compare, page):
     app.interface.page = page
     if page == "crop":
-        app.crop.tool = "scale"
+        app.crop_tool = "scale"
         app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
     elif page == "photographs":
         app.comparison.frusta = True
@@ -144,7 +144,7 @@ def test_frusta_look_as_before(ui, app, compare):
 
 def test_the_crop_gizmo_looks_as_before(ui, app, compare):
     app.interface.page = "crop"
-    app.crop.tool = "move"
+    app.crop_tool = "move"
     app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
     compare(ui, "crop-gizmo")
 

@@ -1,4 +1,4 @@
-"""How two pictures are compared: CONTRACT section 2's tolerance, and golden pictures with what they leave on failure."""
+"""How two pictures are compared: the tolerance of docs/rendering.md, and golden pictures with what a failure leaves behind."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AMPLIFIED = 8
 
 
 def assert_same_picture(actual: np.ndarray, expected: np.ndarray, what: str = "") -> None:
-    """CONTRACT section 2: 1/255 per channel, but for at most 0.1 % of channels, at most 4/255. Pictures in [0, 1]."""
+    """docs/rendering.md, "Marchers": 1/255 per channel, but for at most 0.1 % of channels, at most 4/255. Pictures in [0, 1]."""
     difference = 255 * np.abs(actual.astype(np.float64) - expected)
     assert np.isfinite(actual).all(), what
     worst, share = difference.max(), np.mean(difference > 1.0)

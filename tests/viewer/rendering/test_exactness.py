@@ -1,4 +1,4 @@
-"""Every marcher but `paper` gives the picture that taking every sample gives (CONTRACT section 2).
+"""Every marcher but `paper` gives the picture that taking every sample gives (docs/rendering.md, "Marchers").
 
 The judge is baker.reference_marcher, which shares no code with the shaders.
 """

@@ -13,17 +13,18 @@ from PIL import Image
 from scenepack import save_pack
 from tests.viewer.app.scenes import photographed
 from viewer.app.application import App
-from viewer.commands.view import PageName, parse_size
+from viewer.commands.view import PageName
 from viewer.panels.layout import PAGES
 from viewer.window.window import NoDisplay, Window, display_problem
 
-LIVE = Path(__file__).with_name("live_window.py")
+HERE = Path(__file__).parent
 
 
-def test_the_live_window(display):
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(LIVE)]
+@pytest.mark.parametrize("live", ["live_window.py", "live_keys.py"])
+def test_the_live_window(display, live):
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / live)]
     env = {**os.environ, "DISPLAY": display}
-    done = subprocess.run(command, env=env, cwd=LIVE.parents[3], capture_output=True, text=True, timeout=400)
+    done = subprocess.run(command, env=env, cwd=HERE.parents[2], capture_output=True, text=True, timeout=400)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -129,10 +130,6 @@ def test_bad_arguments_are_one_line_and_status_2(pack_folder, words):
 def test_what_asks_for_a_pack_says_so():
     done = run_view("--photograph", "r_0")
     assert done.returncode == 2 and "needs a pack" in done.stderr and len(done.stderr.splitlines()) == 1
-
-
-def test_sizes_are_read():
-    assert parse_size("1280x800") == (1280, 800)
 
 
 def test_the_command_line_knows_all_pages():

@@ -17,7 +17,7 @@ from training.encoding import encode_points
 from training.metrics import psnr
 from training.nerf.field import apply_field, init_field
 from training.nerf.method import NerfMethod, batch_slices, in_slices
-from training.nerf.render import NerfParams, draw_chance, init_nerf
+from training.nerf.render import NerfParams, draw_perturbation, init_nerf
 from training.scenes import Scene
 from training.validation import render_photograph
 
@@ -86,7 +86,7 @@ def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scen
     method = NerfMethod(dataclasses.replace(TINY, batch_size=128, steps=40, nerf=nerf), dataset)
     state = method.start(jax.random.key(0))
     rays, target = dataset.batch(jax.random.key(1), 128)
-    gradient, _ = jax.jit(method._gradient)(state.params, rays, target, draw_chance(jax.random.key(2), 128, nerf))
+    gradient, _ = jax.jit(method._gradient)(state.params, rays, target, draw_perturbation(jax.random.key(2), 128, nerf))
     for name, leaf in named_leaves(gradient).items():
         assert np.abs(np.asarray(leaf)).max() > 0, f"no gradient reaches {name}"
     losses = []
@@ -161,8 +161,8 @@ def test_density_is_never_negative_and_colours_and_features_stay_in_the_unit_ran
 
 
 def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scene, monkeypatch):
-    def linear_fit(self, params, rays, target, chance):  # smooth, as fine sampling is not
-        loss = jnp.mean(jnp.square(rays.directions @ params + chance - target))
+    def linear_fit(self, params, rays, target, noise):  # smooth, as fine sampling is not
+        loss = jnp.mean(jnp.square(rays.directions @ params + noise - target))
         return loss, {"loss": loss}
 
     monkeypatch.setattr(NerfMethod, "_loss", linear_fit)
@@ -170,9 +170,9 @@ def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scen
     rays, target = dataset.batch(jax.random.key(1), 32)
     whole = dataclasses.replace(TINY, batch_size=32)
     sliced = dataclasses.replace(whole, nerf=dataclasses.replace(TINY.nerf, gradient_rays=8))
-    params, chance = jax.random.normal(jax.random.key(2), (3, 3)), jax.random.uniform(jax.random.key(3), (32, 1))
-    expected, metrics = NerfMethod(whole, dataset)._gradient(params, rays, target, chance)
-    gradient, means = NerfMethod(sliced, dataset)._gradient(params, rays, target, chance)
+    params, noise = jax.random.normal(jax.random.key(2), (3, 3)), jax.random.uniform(jax.random.key(3), (32, 1))
+    expected, metrics = NerfMethod(whole, dataset)._gradient(params, rays, target, noise)
+    gradient, means = NerfMethod(sliced, dataset)._gradient(params, rays, target, noise)
     np.testing.assert_allclose(gradient, expected, atol=1e-6)
     assert float(means["loss"]) == pytest.approx(float(metrics["loss"]), rel=1e-5)
 
@@ -219,11 +219,3 @@ def test_the_tiny_preset_learns_the_scene_without_recompiling(procedural_scene: 
     assert float(field.density[1]) > 10 * float(field.density[0])  # the turntable against the air above
     view = method.view_mlp(state)
     assert view is not None and view.weights[0].shape == (34, 16)
-
-
-def test_presets_are_named_as_the_command_names_them():
-    from typing import get_args
-
-    from training.commands.train import PresetName
-
-    assert set(get_args(PresetName)) == set(PRESETS)

@@ -7,8 +7,8 @@ All is written under a hidden name beside the target, flushed to disk, and then 
   complete .old; whoever next reads or writes that target puts it back (recover_interrupted_write).
 Hidden names are .NAME.KIND-PID-TOKEN: "new" being written, "old" complete and set aside, "gone" being
 deleted. Those whose process has died are cleaned up by the next writer of the same target. A process shows
-that it is alive by its id and by a lock (flock) on what it writes, which counts across containers that share
-the folder.
+that it is alive by its id and by a lock (flock) on what it writes, which counts across containers and hosts
+that share the folder; where the file system knows no locks, what is less than an hour old is left alone.
 """
 
 from __future__ import annotations
@@ -36,33 +36,61 @@ _LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process 
 _SWAP_PATIENCE_S = 2.0
 
 
+def write_file(path: Path, data: bytes | str) -> None:
+    """Puts `data` (text as UTF-8) at `path`, whose folder exists, in one step. Raises OSError."""
+    with replacing(path) as new:
+        new.write_bytes(data.encode() if isinstance(data, str) else data)
+
+
 @contextmanager
-def replacing(target: Path, *, folder: bool) -> Iterator[Path]:
-    """Yields a path to write to, an empty folder or an empty file; on a clean exit it takes target's place.
+def replacing(target: Path, *, folder: bool = False, durable: bool = True) -> Iterator[Path]:
+    """Yields the path of a Replacement; on a clean exit it takes target's place.
 
     Where the block raises, what was written is deleted and the target is untouched. Raises OSError.
     """
-    target.parent.mkdir(parents=True, exist_ok=True)
-    recover_interrupted_write(target)
-    remove_leftovers(target)
-    new = _sibling(target, NEW)
-    if folder:
-        new.mkdir()
-    else:
-        new.touch()
-    lock = os.open(new, os.O_RDONLY) if fcntl else -1
+    replacement = Replacement(target, folder=folder, durable=durable)
     try:
-        if fcntl:
-            with suppress(OSError):  # some network file systems have no locks
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield new
-        _flush(new)
-        _take_place(new, target)
-        flush_folder(target.parent)
+        yield replacement.path
+        replacement.finish()
     finally:
-        if lock >= 0:
-            os.close(lock)
-        _delete(new)  # what failed, or after an exchange the old one
+        replacement.discard()
+
+
+class Replacement:
+    """What is to take the place of `target`, whose folder exists. path: to be written, an empty folder or an empty file.
+
+    durable: False spares the disk, for what nobody misses after a power cut. Raises OSError.
+    """
+
+    def __init__(self, target: Path, *, folder: bool = False, durable: bool = True) -> None:
+        recover_interrupted_write(target)
+        remove_leftovers(target)
+        self.target, self._durable = target, durable
+        self.path = _sibling(target, NEW)
+        if folder:
+            self.path.mkdir()
+        else:
+            self.path.touch()
+        self._lock = -1
+        if fcntl:
+            self._lock = os.open(self.path, _lock_flags(self.path))
+            with suppress(OSError):  # some network file systems have no locks
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def finish(self) -> None:
+        """It is whole: flushes it to the disk and puts it in its place."""
+        if self._durable:
+            _flush(self.path)
+        _take_place(self.path, self.target)
+        if self._durable:
+            flush_folder(self.target.parent)
+
+    def discard(self) -> None:
+        """Leaves nothing beside the target; after finish() as well as instead of it."""
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+        _delete(self.path)  # what failed, or after an exchange the old one
 
 
 def recover_interrupted_write(target: Path) -> None:
@@ -198,20 +226,27 @@ def _is_alive(path: Path) -> bool:
     if pid == os.getpid():
         return True
     try:
-        age = time.time() - path.stat().st_mtime
+        young = time.time() - path.stat().st_mtime < _LEFTOVER_AGE_S
         if fcntl:
-            handle = os.open(path, os.O_RDONLY)
+            handle = os.open(path, _lock_flags(path))
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 return True
+            except OSError:  # no locks here: its process may run on another host, where its id tells nothing
+                return young
             finally:
                 os.close(handle)
     except FileNotFoundError:
         return False
     except OSError:
-        age = 0.0
-    return age < _LEFTOVER_AGE_S and _process_exists(pid)
+        young = True
+    return young and _process_exists(pid)
+
+
+def _lock_flags(path: Path) -> int:
+    """How to open `path` for a lock: network file systems lock only files that are open for writing."""
+    return os.O_RDONLY if path.is_dir() else os.O_RDWR
 
 
 def _process_exists(pid: int) -> bool:

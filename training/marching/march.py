@@ -1,54 +1,22 @@
 """Samples of a batch of rays, empty space left out, in one list of fixed length.
 
-Two passes keep it cheap: first one test per BRICK steps against the dilated coarse occupancy, then one test per step
+Two passes keep it cheap: first one test per COARSE steps against the dilated coarse occupancy, then one test per step
 against exact support. Both compact into lists of fixed size, so nothing recompiles. Nothing is dropped silently: rays
 are taken in order until the list is full, and `complete` says which rays have all their samples.
 
-A layout may also remember how deep, optically, its cells were when last seen. Then a march can end where the light
-does (`horizon`): in a dense scene most of what lies on a ray lies behind the first surface.
+A layout also remembers how deep, optically, its cells were when last seen. By these a march can terminate early, where the
+light does: in a dense scene most of what lies on a ray lies behind the first surface.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from training.method import Rays
-from training.voxels.sparse_grid import BRICK
-
-
-class Layout(Protocol):
-    """What the march asks of a grid: the trainer's voxels (training.voxels.sparse_grid) and a baked pack (baker) answer.
-
-    origin [3], voxel [] or [3] in world units, dims int32 [3] = (x, y, z) voxels.
-    """
-
-    @property
-    def origin(self) -> jax.Array: ...
-
-    @property
-    def voxel(self) -> jax.Array: ...
-
-    @property
-    def dims(self) -> jax.Array: ...
-
-    def has_support(self, g: jax.Array) -> jax.Array:
-        """bool [N]: whether interpolation at grid coordinates g [N, 3] meets anything stored."""
-        ...
-
-    def near_content(self, g: jax.Array) -> jax.Array:
-        """bool [...]: whether anything stored may lie within BRICK/2 voxels of g [..., 3]; False only where none does."""
-        ...
-
-
-class Remembering(Layout, Protocol):
-    """A layout that can end a march by its horizon."""
-
-    def optical_depth(self, g: jax.Array) -> jax.Array:
-        """int32 [...]: remembered optical depth of a step at g [..., 3] in units of the layout's choice, plus 1; 0: empty."""
-        ...
+from training.marching.layout import COARSE, Layout
+from training.marching.rays import GridRays
 
 
 class MarchSizes(NamedTuple):
@@ -73,36 +41,11 @@ class Samples(NamedTuple):
     counts: jax.Array
 
 
-class GridRays(NamedTuple):
-    """Rays in grid coordinates: origins, unit directions [N, 3], start and end [N] in voxels, scale [N] voxels per t,
-    length [N] world units per voxel along the ray."""
-
-    origins: jax.Array
-    directions: jax.Array
-    start: jax.Array
-    end: jax.Array
-    scale: jax.Array
-    length: jax.Array
-
-
-def to_grid(layout: Layout, rays: Rays) -> GridRays:
-    """Clips rays to the grid's box and measures them in voxels."""
-    origins = (rays.origins - layout.origin) / layout.voxel
-    directions = rays.directions / layout.voxel
-    scale = jnp.linalg.norm(directions, axis=-1)
-    directions = directions / scale[:, None]
-    safe = jnp.where(jnp.abs(directions) < 1e-9, 1e-9, directions)
-    to_low, to_high = -origins / safe, (layout.dims - origins) / safe
-    start = jnp.maximum(jnp.minimum(to_low, to_high).max(-1), rays.near * scale)
-    end = jnp.minimum(jnp.maximum(to_low, to_high).min(-1), rays.far * scale)
-    return GridRays(origins, directions, start, end, scale, jnp.linalg.norm(rays.directions, axis=-1) / scale)
-
-
 def occupied_segments(layout: Layout, rays: GridRays, phase: jax.Array, segments: int, step: float) -> jax.Array:
-    """bool [N, segments]: which runs of BRICK steps may meet content."""
-    middle = rays.start[:, None] + (phase[:, None] + BRICK * jnp.arange(segments) + 0.5 * (BRICK - 1)) * step
+    """bool [N, segments]: which runs of COARSE steps may meet content."""
+    middle = rays.start[:, None] + (phase[:, None] + COARSE * jnp.arange(segments) + 0.5 * (COARSE - 1)) * step
     g = rays.origins[:, None] + middle[..., None] * rays.directions[:, None]
-    ends_after = rays.start[:, None] + BRICK * jnp.arange(segments) * step < rays.end[:, None]
+    ends_after = rays.start[:, None] + COARSE * jnp.arange(segments) * step < rays.end[:, None]
     return layout.near_content(g) & ends_after
 
 
@@ -114,17 +57,17 @@ def compact(mask: jax.Array, size: int) -> jax.Array:
 
 
 def before_within(values: jax.Array) -> jax.Array:
-    """Exclusive running sums of int32 values [C, BRICK] over the whole list, row after row; exact, as integers are."""
+    """Exclusive running sums of int32 values [C, COARSE] over the whole list, row after row; exact, as integers are."""
     rows = values.sum(1)
     return (jnp.cumsum(rows) - rows)[:, None] + jnp.cumsum(values, axis=1) - values
 
 
 def march(
-    layout: Layout, rays: GridRays, phase: jax.Array, sizes: MarchSizes, step: float, horizon: int | None = None
+    layout: Layout, rays: GridRays, phase: jax.Array, sizes: MarchSizes, step: float, last_depth: int | None = None
 ) -> Samples:
     """The samples of N rays at start + (phase + k) step, k = 0, 1, …, that have support. step in voxels, at most 1.
 
-    horizon: leave out what lies behind this much remembered optical depth (the layout must be Remembering).
+    last_depth: early termination: what lies behind this much optical depth (see training.marching.layout) is left out.
     """
     count = rays.start.shape[0]
     coarse = occupied_segments(layout, rays, phase, sizes.segments, step)
@@ -135,17 +78,17 @@ def march(
 
     listed = picked < count * sizes.segments
     ray = jnp.minimum(picked // sizes.segments, count - 1)[:, None]
-    k = (picked % sizes.segments)[:, None] * BRICK + jnp.arange(BRICK)
+    k = (picked % sizes.segments)[:, None] * COARSE + jnp.arange(COARSE)
     t = rays.start[ray] + (phase[ray] + k) * step
     g = rays.origins[ray] + t[..., None] * rays.directions[ray]
     inside = (t < rays.end[ray]) & listed[:, None]
-    if horizon is None:
+    if last_depth is None:
         fine = inside & layout.has_support(g)
     else:
-        depth = jnp.where(inside, layout.optical_depth(g), 0)  # type: ignore[attr-defined]
+        depth = jnp.where(inside, layout.optical_depth(g), 0)
         deep = before_within(jnp.maximum(depth - 1, 0))
         at_start = deep[jnp.minimum(starts, sizes.coarse - 1), 0]
-        fine = (depth > 0) & (deep - at_start[ray] < horizon)
+        fine = (depth > 0) & (deep - at_start[ray] < last_depth)
 
     place = before_within(fine.astype(jnp.int32))
     total = place[-1, -1] + fine[-1, -1]
@@ -159,7 +102,7 @@ def march(
     chosen = chosen.at[jnp.where(fine.ravel(), place, sizes.samples)].set(index, mode="drop")
     valid = chosen < fine.size
     chosen = jnp.minimum(chosen, fine.size - 1)
-    sample_ray = ray[chosen // BRICK, 0]
+    sample_ray = ray[chosen // COARSE, 0]
     rank = jnp.arange(sizes.samples) - first[sample_ray]
     valid = valid & complete[sample_ray]
     return Samples(sample_ray, rank, g.reshape(-1, 3)[chosen], t.ravel()[chosen], valid, complete, counts)

@@ -1,0 +1,76 @@
+"""`python -m tests.list_options MODULE …`: which options the commands of these modules take, as JSON on stdout.
+
+{"snerg-bake": {"--resolution": {"default": "512", "choices": []}, …}, "snerg-pack info": …}. The modules are run as programs,
+but their commands are caught, and asked for their --help in this one process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import re
+import runpy
+import sys
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import console
+
+Options = dict[str, dict[str, Any]]
+run_command = console.run_command
+OPTION = re.compile(r"(?:-\w, )?(--[a-z][\w.-]*)(.*)")
+
+
+def options_of(command: Any, prog: str) -> Options:
+    """The options in the --help of a command. default: None where it names none, or the option is required."""
+    page = io.StringIO()
+    with contextlib.redirect_stdout(page):
+        assert run_command(command, prog=prog, args=["--help"]) == 0, prog
+    texts: dict[str, str] = {}
+    name = ""
+    for line in page.getvalue().splitlines():
+        row = line.strip("│ ")
+        if start := OPTION.fullmatch(row):
+            name = start[1]
+        if name:
+            texts[name] = f"{texts.get(name, '')} {row}"
+    return {name: _described(text) for name, text in texts.items()}
+
+
+def _described(text: str) -> dict[str, Any]:
+    choices, default = re.search(r"\{([\w, |-]+)\}", text), re.search(r"\(default: ([^)]*)\)", text)
+    return {
+        "default": default and default[1],
+        "choices": re.split("[,|]", choices[1].replace(" ", "")) if choices else [],
+    }
+
+
+def commands_of(modules: list[str]) -> dict[str, Options]:
+    """The options of each command that running these modules would start, by its name."""
+    caught: dict[str, Any] = {}
+
+    def catch(command: Any, *, prog: str, **_: Any) -> int:
+        caught[prog] = command
+        return 0
+
+    console.run_command = catch
+    warnings.simplefilter("ignore", RuntimeWarning)  # runpy's, of modules that others imported before
+    for module in modules:
+        sys.argv = [module]
+        with contextlib.suppress(SystemExit):
+            runpy.run_module(module, run_name="__main__")
+    os.environ["COLUMNS"] = "100"  # one column
+    options: dict[str, Options] = {}
+    for name, command in caught.items():
+        if isinstance(command, Mapping):
+            options |= {f"{name} {word}": options_of(function, name) for word, function in command.items()}
+        else:
+            options[name] = options_of(command, name)
+    return options
+
+
+if __name__ == "__main__":
+    print(json.dumps(commands_of(sys.argv[1:])))

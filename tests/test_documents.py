@@ -1,0 +1,307 @@
+"""What the documents name is there: links, anchors, pictures, paths, modules, commands, options, values, the tree."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(ROOT.glob("docs/*.md"))
+ROOMS = ("console", "scenepack", "training", "baker", "viewer")
+FOLDERS = (*ROOMS, "shaders", "scripts", "tests", "docs", ".ci")
+MADE_LATER = {".venv", "out", "build", "dist", "failures"}  # by running things; .gitignore has them
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9]*(?:[.-][a-z0-9]+)*")
+PROGRAM = re.compile(r"python -m ([\w.]+)|(?<![\w-])(snerg-[a-z]+)")
+each_document = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+
+
+@cache
+def text_of(document: Path) -> str:
+    return document.read_text(encoding="utf-8")
+
+
+def blocks_of(document: Path) -> list[str]:
+    """Code blocks, fenced or indented, without the language."""
+    text = text_of(document)
+    fenced = re.findall(r"^ *```\w*\n(.*?)^ *```", text, re.M | re.S)
+    rest = re.sub(r"^ *```.*?^ *```", "", text, flags=re.M | re.S)
+    return fenced + re.findall(r"(?:^(?: {4}| {6,}).*\n)+", rest, re.M)
+
+
+def spans_of(document: Path) -> list[str]:
+    """Code within lines, `like this`."""
+    prose = re.sub(r"^ *```.*?^ *```", "", text_of(document), flags=re.M | re.S)
+    return [span.replace("\\|", "|").replace("\n", " ") for span in re.findall(r"`([^`]+)`", prose)]
+
+
+def links_of(document: Path) -> list[str]:
+    prose = re.sub(r"^ *```.*?^ *```", "", text_of(document), flags=re.M | re.S)
+    return re.findall(r"\]\(([^)\s]+)\)", prose)
+
+
+@cache
+def anchors_of(document: Path) -> set[str]:
+    """The anchors of its headings, as code forges make them."""
+    titles = re.findall(r"^#+ (.+)$", re.sub(r"^ *```.*?^ *```", "", text_of(document), flags=re.M | re.S), re.M)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@cache
+def modules_run() -> dict[str, str]:
+    """Module of each program that can be started: {"snerg-bake": "baker.commands.bake", …}."""
+    scripts = {name: place.split(":")[0] for name, place in PROJECT["scripts"].items()}
+    named = {name for document in DOCUMENTS for name in re.findall(r"python -m ([\w.]+)", text_of(document))}
+    return scripts | {f"python -m {name}": name for name in named if name.split(".")[0] in ROOMS}
+
+
+@cache
+def options() -> dict[str, dict[str, dict]]:
+    """The options of all programs, from their --help; see tests.list_options."""
+    names = sorted(set(modules_run().values()))
+    asked = subprocess.run(
+        [sys.executable, "-m", "tests.list_options", *names], cwd=ROOT, capture_output=True, text=True, timeout=300
+    )
+    assert asked.returncode == 0, asked.stderr
+    return json.loads(asked.stdout)
+
+
+def commands_in(line: str) -> Iterator[tuple[list[str], str]]:
+    """Each of our programs in a line, with the words after it: ["snerg-pack info", "snerg-pack check"], " PACK"."""
+    starts = list(PROGRAM.finditer(line))
+    for start, end in zip(starts, [*[found.start() for found in starts[1:]], len(line)], strict=True):
+        name, words = start[0], line[start.end() : end]
+        known = [command for command in options() if command.startswith(f"{name} ")]
+        if known:
+            subcommands = re.match(r" ([a-z]+(?:\|[a-z]+)*)(?![\w-])", words)
+            yield ([f"{name} {word}" for word in subcommands[1].split("|")] if subcommands else known), words
+        else:
+            yield [name], words
+
+
+def wrong_options(commands: list[str], words: str) -> list[str]:
+    """Complaints about the options in `words`, of which one of the commands must know each, and about their values."""
+    unknown = [command for command in commands if command not in options()]
+    if unknown:
+        return [f"no such command: {unknown}"]
+    wrong = []
+    for found in OPTION.finditer(words):
+        known = [options()[command][found[0]] for command in commands if found[0] in options()[command]]
+        if not known and found[0] != "--debug":
+            wrong.append(f"{' / '.join(commands)} has no {found[0]}")
+        value = re.match(r"[ =]([a-z][\w-]*(?: ?\| ?[a-z][\w-]*)*)", words[found.end() :])
+        choices = {choice for option in known for choice in option["choices"]} - {"None"}
+        if value and choices and not set(re.split(r" ?\| ?", value[1])) <= choices:
+            wrong.append(f"{commands[0]} {found[0]} takes no {value[1]}, but {sorted(choices)}")
+    return wrong
+
+
+@each_document
+def test_links_lead_somewhere(document: Path) -> None:
+    for link in links_of(document):
+        if "://" in link:
+            assert link.startswith("https://"), link
+            continue
+        name, _, anchor = link.partition("#")
+        target = (document.parent / name).resolve() if name else document
+        assert target.exists() and target.is_relative_to(ROOT), f"{document.name}: {link}"
+        if anchor:
+            assert anchor in anchors_of(target), f"{document.name}: {link}; there are {sorted(anchors_of(target))}"
+
+
+def test_every_picture_is_whole_and_shown_somewhere() -> None:
+    shown = {(document.parent / link).resolve() for document in DOCUMENTS for link in links_of(document)}
+    kept = {path for path in (ROOT / "docs/pictures").iterdir() if not path.name.startswith(".")}
+    assert kept and kept <= shown, f"shown nowhere: {sorted(path.name for path in kept - shown)}"
+    for path in kept:
+        if path.suffix in (".png", ".jpg"):
+            with Image.open(path, formats=["PNG", "JPEG"]) as picture:
+                picture.load()
+                assert min(picture.size) >= 100, path
+
+
+@each_document
+def test_paths_lead_somewhere(document: Path) -> None:
+    for span in [*spans_of(document), *blocks_of(document)]:
+        for name in re.findall(rf"(?<![\w/.])(?:{'|'.join(map(re.escape, FOLDERS))})/[\w./*-]*", span):
+            path = name.rstrip(".")
+            if set(Path(path).parts) & MADE_LATER or re.search(r"/[A-Z]", path):
+                continue
+            assert list(ROOT.glob(path)) if "*" in path else (ROOT / path).exists(), f"{document.name}: {name}"
+
+
+@each_document
+def test_dotted_names_are_modules_or_what_they_define(document: Path) -> None:
+    for span in [*spans_of(document), *blocks_of(document)]:
+        for name in re.findall(rf"(?<![\w/.-])(?:{'|'.join(ROOMS)})(?:\.[A-Za-z_]\w*)+(?![\w/])", span):
+            if name.endswith((".md", ".json", ".log", ".zip")):  # viewer.json is a file of settings
+                continue
+            assert resolves(name), f"{document.name}: {name}"
+
+
+def resolves(name: str) -> bool:
+    """Whether a dotted name is a module of ours, or a name at the top of one (or imported there)."""
+    path = ROOT / name.replace(".", "/")
+    if path.with_suffix(".py").is_file() or path.is_dir():
+        return True
+    parent, _, last = name.rpartition(".")
+    place = ROOT / parent.replace(".", "/")
+    place = place.with_suffix(".py") if place.with_suffix(".py").is_file() else place / "__init__.py"
+    if not place.is_file():
+        return False
+    defined = set()
+    for node in ast.parse(text_of(place)).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            defined.add(node.name)
+        elif isinstance(node, ast.ImportFrom | ast.Import):
+            defined |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.Assign):
+            defined |= {target.id for target in node.targets if isinstance(target, ast.Name)}
+    return last in defined
+
+
+@each_document
+def test_commands_in_blocks_have_these_options(document: Path) -> None:
+    wrong = []
+    for block in blocks_of(document):
+        commands: list[str] = []
+        for line in block.splitlines():
+            line = re.sub(r"(^|\s)#.*", "", line)
+            if list(PROGRAM.finditer(line)):
+                for commands, words in commands_in(line):
+                    wrong += wrong_options(commands, words)
+            elif commands and re.match(r"\s+[\[(-]", line):  # the line before goes on
+                wrong += wrong_options(commands, line)
+            else:
+                commands = []
+    assert not wrong, f"{document.name}: {wrong}"
+
+
+@each_document
+def test_commands_and_options_in_prose_exist(document: Path) -> None:
+    ours = {name for command in options().values() for name in command} | {"--debug"}
+    ours |= set(re.findall(r'"(--[\w-]+)"', text_of(ROOT / "tests/conftest.py")))
+    wrong = []
+    for span in spans_of(document):
+        if PROGRAM.search(span):
+            wrong += [line for commands, words in commands_in(span) for line in wrong_options(commands, words)]
+        elif span.startswith("--"):
+            wrong += [f"nothing has {name}" for name in OPTION.findall(span) if name not in ours]
+    assert not wrong, f"{document.name}: {wrong}"
+
+
+@each_document
+def test_commands_named_anywhere_exist(document: Path) -> None:
+    for name in re.findall(
+        r"(?<![\w./-])snerg-(?:make|train|bake|eval|render|bench|view|pack|[a-z]+)\b", text_of(document)
+    ):
+        assert name in PROJECT["scripts"] or name == "snerg-viewer", f"{document.name}: {name}"
+    for module in re.findall(r"python -m ([\w.]+)", text_of(document)):
+        path = ROOT / module.replace(".", "/")
+        path = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
+        assert path.is_file() and "__main__" in text_of(path), f"{document.name}: python -m {module}"
+
+
+@each_document
+def test_make_targets_and_extras_exist(document: Path) -> None:
+    targets = set(re.findall(r"^([\w-]+):(?!=)", text_of(ROOT / "Makefile"), re.M))
+    for span in [*spans_of(document), *blocks_of(document)]:
+        for target in re.findall(r"^\s*make ([a-z][\w-]*)", span, re.M):
+            assert target in targets, f"{document.name}: make {target}"
+        for extra in re.findall(r"pip install '?\.\[(\w[\w,-]*)\]", span):
+            assert set(extra.split(",")) <= set(PROJECT["optional-dependencies"]), f"{document.name}: {extra}"
+
+
+@each_document
+def test_variables_of_the_environment_are_read_somewhere(document: Path) -> None:
+    code = "".join(text_of(path) for folder in (*ROOMS, "tests") for path in (ROOT / folder).rglob("*.py"))
+    for name in set(re.findall(r"\bSNERG_[A-Z_]+\b", text_of(document))):
+        assert f'"{name}"' in code, f"{document.name}: {name}"
+
+
+def test_code_cites_documents_and_sections_that_exist() -> None:
+    """As in `docs/format.md, "Untidy packs"`; and no other document than those of this repository."""
+    files = [path for folder in (*ROOMS, "tests", "shaders") for path in (ROOT / folder).rglob("*") if path.is_file()]
+    cited = 0
+    for path in files:
+        if path.suffix not in (".py", ".glsl", ".vert", ".frag") or path == Path(__file__):
+            continue
+        assert "CONTRACT section" not in text_of(path), path
+        for name, title in re.findall(r'\b(docs/[\w-]+\.md)(?:,? \(?"([^"]+)")?', text_of(path)):
+            cited += 1
+            assert (ROOT / name).is_file(), f"{path.relative_to(ROOT)} cites {name}"
+            anchor = re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+            assert not title or anchor in anchors_of(ROOT / name), f"{path.relative_to(ROOT)} cites {name}, {title!r}"
+    assert cited > 30
+
+
+def table_below(document: Path, heading: str) -> list[list[str]]:
+    """The cells of the first table below a heading, without its head."""
+    part = text_of(document).split(f"# {heading}\n", 1)[1]
+    rows = re.search(r"(?:^\|.*\n)+", part, re.M)
+    assert rows is not None, heading
+    cells = [re.split(r"(?<!\\)\|", row.strip("|\n")) for row in rows[0].splitlines()[2:]]
+    return [[cell.strip() for cell in row] for row in cells]
+
+
+def names_in(cells: list[str]) -> set[str]:
+    return {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
+
+
+def test_tables_list_all_choices_and_true_defaults() -> None:
+    commands, rendering, packs = (ROOT / f"docs/{name}.md" for name in ("commands", "rendering", "format"))
+    known = options()
+    presets = names_in([row[0] for row in table_below(commands, "snerg-train")])
+    assert presets == set(known["snerg-train"]["--preset"]["choices"])
+    for name, default, _ in table_below(commands, "snerg-bake"):
+        assert known["snerg-bake"][name.strip("`")]["default"] == default, name
+    assert names_in([row[0] for row in table_below(rendering, "Display modes")]) == set(
+        known["snerg-render"]["--mode"]["choices"]
+    )
+    assert names_in([row[0] for row in table_below(rendering, "Marchers")]) == set(
+        known["snerg-render"]["--marcher"]["choices"]
+    )
+    assert names_in([row[0] for row in table_below(packs, "Other codecs")]) == set(
+        known["snerg-bake"]["--codec"]["choices"]
+    )
+
+
+def test_the_format_lists_the_keys_that_are_written() -> None:
+    import zipfile
+
+    with zipfile.ZipFile(ROOT / "viewer/demo/demo.zip") as pack:
+        written = set(json.loads(pack.read("scene_params.json")))
+    listed = names_in([row[0] for row in table_below(ROOT / "docs/format.md", "scene_params.json")])
+    assert written == listed
+
+
+def test_the_tree_is_the_tree_on_disk() -> None:
+    tree = next(block for block in blocks_of(ROOT / "docs/architecture.md") if block.startswith("console/"))
+    listed: set[str] = set()
+    above: list[str] = []
+    for line in tree.splitlines():
+        depth = (len(line) - len(line.lstrip())) // 2
+        above = [*above[:depth], line.split()[0].rstrip("/")]
+        listed.add("/".join(above))
+    assert listed == folders_on_disk()
+
+
+def folders_on_disk() -> set[str]:
+    """Folders below the top that hold files of ours at any depth, without what is made later or hidden."""
+    found = set()
+    for path in ROOT.rglob("*"):
+        parts = path.relative_to(ROOT).parts
+        hidden = any(part.startswith((".", "__")) or part.endswith(".egg-info") for part in parts[:-1])
+        if path.is_file() and not hidden and not set(parts) & MADE_LATER and parts[0] in FOLDERS:
+            found |= {"/".join(parts[:i]) for i in range(1, len(parts))}
+    return found

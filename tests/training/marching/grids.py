@@ -1,0 +1,28 @@
+"""A small sparse grid of random voxels, and rays through it."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from training.method import Rays
+
+SHAPE = (9, 11, 14)  # z, y, x
+ORIGIN, VOXEL = np.array([-0.3, 0.2, 1.0]), 0.1
+
+
+def random_voxels() -> np.ndarray:
+    """bool SHAPE: one voxel in seven is present."""
+    return np.random.default_rng(0).random(SHAPE) < 0.15
+
+
+def random_rays(count: int, seed: int = 0) -> Rays:
+    """Rays through the grid, some axis-parallel, some that miss it."""
+    rng = np.random.default_rng(seed)
+    target = ORIGIN + rng.random((count, 3)) * np.array(SHAPE[::-1]) * VOXEL * 1.3
+    origins = target + rng.normal(size=(count, 3))
+    directions = target - origins
+    directions[: count // 8] = np.eye(3)[rng.integers(0, 3, count // 8)]
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    f32 = [jnp.asarray(a, jnp.float32) for a in (origins, directions, directions)]
+    return Rays(*f32, jnp.zeros(count), jnp.full(count, 10.0))

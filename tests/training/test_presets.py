@@ -1,0 +1,39 @@
+"""Presets: one table of names, which commands, trainer and viewer share."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import pytest
+
+from baker.commands import make
+from training.commands import train
+from training.config import PRESETS as CONFIGS
+from training.presets import PRESETS, BakeablePreset, PresetName
+from viewer.app import make_plan
+
+
+def test_every_name_has_settings_and_says_what_it_is_for() -> None:
+    assert set(get_args(PresetName)) == set(PRESETS) == set(CONFIGS)
+    assert all(preset.about for preset in PRESETS.values())
+
+
+def test_those_that_snerg_make_offers_are_those_that_a_pack_can_hold() -> None:
+    bakeable = {
+        n for n, config in CONFIGS.items() if config.method == "voxels" or config.nerf.view in ("deferred", "none")
+    }
+    assert set(get_args(BakeablePreset)) == bakeable
+
+
+@pytest.mark.parametrize(("command", "kind"), [(make, BakeablePreset), (train, PresetName)])
+def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    assert command.main(["--help"]) == 0
+    told = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for name in get_args(kind):
+        assert f"{name} ({PRESETS[name].about})" in told
+
+
+def test_the_viewer_offers_the_presets_that_have_a_title() -> None:
+    assert list(make_plan.OFFERED) == ["cpu", "fast", "paper"]
+    assert all(preset.advice for preset in make_plan.OFFERED.values())

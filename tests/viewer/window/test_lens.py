@@ -1,0 +1,160 @@
+"""A photograph's lens in the window: the picture, its PSNR and what is drawn over it are bent as the photograph is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.viewer.app.scenes import photographed
+from viewer.app.application import App
+from viewer.app.projection import frustum_points, project, rays_through
+from viewer.app.rig import fitted
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.ray_frame import lens_reach
+
+LENS = (-0.3, 0.05, 0.01, -0.008)
+FOLDING = (-0.9, 0.0, 0.0, 0.0)  # sees nothing beyond 0.41 of the picture's focal length
+
+
+@pytest.fixture(scope="module")
+def distorted(pack, tmp_path_factory):
+    """The toy, and what a lens shows of it."""
+    known = photographed(pack, tmp_path_factory.mktemp("scene") / "toy_scene")
+    cameras = []
+    for entry in known.metadata["cameras"]:
+        matrix = np.array(entry["world_T_camera"])
+        matrix[:3, 3] *= 0.55  # near enough for the toy to reach the edges, where lenses bend most
+        lens = {"distortion": list(LENS), "fx": 70.0, "fy": 72.0, "cx": 35.0, "cy": 30.0}
+        cameras.append({**entry, **lens, "world_T_camera": matrix.tolist()})
+    return known.with_metadata(cameras=cameras)
+
+
+@pytest.fixture
+def ui(offscreen, app, distorted, pack_folder):
+    ui = offscreen(app, size=(900, 700))
+    app.show(distorted, pack_folder)
+    ui.settle()
+    return ui
+
+
+def part_with_the_photograph(app: App) -> tuple[slice, slice]:
+    """Rows and columns of the viewport's pixels on which a photograph of 64 × 64 lies: a square as high or wide as it."""
+    width, height = app.viewport.pixels
+    side = min(width, height)
+    x, y = (width - side) // 2, (height - side) // 2
+    return slice(y, y + side), slice(x, x + side)
+
+
+def expected(app: App, ctx, pack, index: int, side: int) -> np.ndarray:
+    """What snerg-eval draws of a photograph, at another size."""
+    camera = ViewCamera.from_scene_camera(pack, app.comparison.photographs.shots[index].camera)
+    with OffscreenRenderer(pack, ctx=ctx) as renderer:
+        return renderer.render(camera.resized(side, side)).astype(int)
+
+
+@pytest.mark.parametrize("index", [0, 4])
+def test_the_window_shows_a_photograph_through_its_lens_as_snerg_eval_does(ui, app, ctx, distorted, index):
+    app.comparison.stand_in(app, index)
+    app.comparison.stop()  # the picture alone
+    ui.settle()
+    app.governor.pixels_per_ms = 10.0  # so that it is drawn in tiles
+    app.settings = replace(app.settings, background=(1.0, 1.0, 0.999))
+    ui.settle()
+    box, rows_columns = app.viewport, part_with_the_photograph(app)
+    side = rows_columns[0].stop - rows_columns[0].start
+    shown = ui.picture()[round(box.y) : round(box.y + box.height), : round(box.width)][rows_columns].astype(int)
+    wanted = expected(app, ctx, distorted, index, side)
+    straight = replace(app.scene.rig.held, distortion=(0.0,) * 4)
+    without = ui.canvas.snapshot(fitted(straight, app.viewport.pixels, 0.0), app.settings)[rows_columns].astype(int)
+    part = slice(60, None)  # below the labels
+    assert (np.abs(shown - wanted)[part] > 2).mean() < 2e-3
+    assert (np.abs(without - wanted)[part] > 30).mean() > 0.01  # the lens matters
+
+
+def test_the_quick_picture_has_the_lens_too(ui, app, ctx, distorted):
+    app.comparison.stand_in(app, 0)
+    app.comparison.stop()
+    app.governor.scale = 0.5
+    camera = app.camera()
+    ui.canvas.forget()
+    ui.canvas.draw(camera, app.settings, app.governor)
+    assert ui.canvas.pending and ui.canvas.drawn_size[0] < camera.width
+    target = ui.canvas._quick.framebuffer
+    width, height = ui.canvas.drawn_size
+    shown = np.frombuffer(target.read((0, 0, width, height), components=3, alignment=1), np.uint8)
+    shown = shown.reshape(height, width, 3)[::-1].astype(int)
+    with OffscreenRenderer(distorted, ctx=ctx) as renderer:
+        wanted = renderer.render(camera.resized(width, height)).astype(int)
+    assert any(camera.distortion) and (np.abs(shown - wanted) > 2).mean() < 2e-3
+
+
+def test_the_psnr_compares_pictures_of_one_lens(ui, app, ctx, distorted):
+    app.comparison.stand_in(app, 0)
+    app.comparison.pixels = expected(app, ctx, distorted, 0, 64).astype(np.uint8)  # as its camera would have taken it
+    ui.settle()
+    assert app.comparison.psnr_db > 60
+
+
+def test_a_lens_shows_nothing_where_it_folds_over(ctx, pack):
+    camera = ViewCamera.orbit(pack, 30, size=(320, 160))
+    camera = replace(camera, fx=100.0, fy=100.0, distortion=FOLDING)
+    with OffscreenRenderer(pack, ctx=ctx) as renderer:
+        picture = renderer.render(camera).astype(int)
+    y, x = np.mgrid[:160, :320] + 0.5
+    radius = np.hypot(x - 160, y - 80) / 100.0
+    reach = lens_reach(FOLDING)
+    rim = reach * (1 + FOLDING[0] * reach**2)
+    assert (picture[radius > rim + 0.02] == 255).all()
+    assert (picture[radius < rim - 0.02] < 250).any()
+
+
+def test_lenses_reach_as_far_as_they_grow():
+    assert lens_reach((0.1, 0.0, 0.0, 0.0)) == 1e6
+    assert lens_reach((-1 / 3, 0.0, 0.0, 0.0)) == pytest.approx(1.0)
+    r = np.linspace(0, lens_reach(LENS), 1000) if lens_reach(LENS) < 1e5 else np.linspace(0, 10, 1000)
+    assert (np.diff(r * (1 + LENS[0] * r**2 + LENS[1] * r**4)) > -1e-9).all()
+
+
+def test_points_are_drawn_where_the_lens_shows_them(distorted):
+    app = App()
+    app.comparison.scene_changed(distorted)
+    view = app.comparison.photographs.shots[0].view
+    pixels = np.array([[3.0, 5.0], [60.0, 2.0], [32.0, 32.0], [1.0, 63.0]])
+    points = view.position + 2.5 * rays_through(view, pixels) @ view.grid_T_camera[:3, :3].T
+    seen, before = project(view, points)
+    assert before.all() and np.abs(seen - pixels).max() < 1e-6
+    corners = frustum_points(view, 1.7)[1:]  # of the photograph, not of a picture without its lens
+    assert np.abs(project(view, corners)[0] - [[0, 0], [64, 0], [64, 64], [0, 64]]).max() < 1e-6
+
+
+def test_a_double_click_through_a_lens_finds_what_is_under_it(ui, app):
+    app.comparison.stand_in(app, 0)
+    app.comparison.stop()
+    ui.settle()
+    camera = app.camera()
+    width, height = app.viewport.pixels
+    picture = ui.picture()[round(app.viewport.y) :, :width].astype(int)
+    plate = (picture[..., 1] > picture[..., 0] + 40) & (picture[..., 1] > picture[..., 2] + 20)
+    rows, columns = np.nonzero(plate[: height - 5])
+    far = np.argmax(np.hypot(columns - camera.cx, rows - camera.cy) * ((columns > 4) & (columns < width - 4)))
+    x, y = columns[far] + 0.5, rows[far] + 0.5
+    held = app.scene.rig.held
+    assert app.pivot_at(float(x), float(y))
+    pivot = np.asarray(app.scene.rig.goal.pivot)
+    seen, _ = project(fitted(held, (width, height), 0.0), pivot[None])
+    assert np.abs(seen[0] - (x, y)).max() < 1.0
+    assert abs(pivot[1] + 0.75) < 0.3 or abs(pivot[1] - 0.75) < 0.3  # on the plate
+
+
+def test_moving_on_from_a_photograph_keeps_what_is_seen(ui, app):
+    app.comparison.stand_in(app, 0)
+    rig = app.scene.rig
+    held = app.camera()
+    height = held.height / held.fy
+    rig.dolly(0.0)
+    rig.settle()
+    free = app.camera()
+    assert free.height / free.fy == pytest.approx(height, rel=1e-6) and np.allclose(free.position, held.position)
+    app.scene.rig.history.undo()
+    assert rig.fov == rig.home_fov

@@ -1,0 +1,72 @@
+"""Rays as the march wants them: in the frame of a grid, as long as the grid, measured in voxels.
+
+Frames: a grid's own (a pack's grid frame, say) and the training frame, in which a dataset makes its rays; they differ by
+the rigid grid_T_training [4, 4]. Of the trainer's own voxels the two are one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from training.marching.layout import Layout
+from training.method import Rays
+
+
+class RaySource(Protocol):
+    """Whatever makes rays from ids, inside jit: a pytree, such as training.dataset.RayDataset."""
+
+    def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
+        """Rays of int32 ids [N], through places `away` [N, 2] pixels from their centres."""
+        ...
+
+
+class GridFrameRays(NamedTuple):
+    """A RaySource of the training rays in another grid's frame, begun at the camera and without an end."""
+
+    source: RaySource
+    grid_T_training: jax.Array
+
+    def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
+        """Rays of int32 ids [N] in the grid frame, of any length; see RaySource."""
+        return in_grid_frame(unbounded(self.source.geometry_at(ids, away)), self.grid_T_training)
+
+
+class GridRays(NamedTuple):
+    """Rays in grid coordinates: origins, unit directions [N, 3], start and end [N] in voxels, scale [N] voxels per t,
+    length [N] world units per voxel along the ray."""
+
+    origins: jax.Array
+    directions: jax.Array
+    start: jax.Array
+    end: jax.Array
+    scale: jax.Array
+    length: jax.Array
+
+
+def unbounded(rays: Rays) -> Rays:
+    """Rays from their origins to infinity: what a viewer draws knows no near or far bound."""
+    return rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
+
+
+def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
+    """Rays moved from the training frame to a grid's frame; viewdirs stay, the view MLP wants them as they are."""
+    rotation = grid_T_training[:3, :3]
+    return rays._replace(
+        origins=rays.origins @ rotation.T + grid_T_training[:3, 3], directions=rays.directions @ rotation.T
+    )
+
+
+def to_grid(layout: Layout, rays: Rays) -> GridRays:
+    """Clips rays, given in the grid's frame, to the grid's box and measures them in voxels."""
+    origins = (rays.origins - layout.origin) / layout.voxel
+    directions = rays.directions / layout.voxel
+    scale = jnp.linalg.norm(directions, axis=-1)
+    directions = directions / scale[:, None]
+    safe = jnp.where(jnp.abs(directions) < 1e-9, 1e-9, directions)
+    to_low, to_high = -origins / safe, (layout.dims - origins) / safe
+    start = jnp.maximum(jnp.minimum(to_low, to_high).max(-1), rays.near * scale)
+    end = jnp.minimum(jnp.maximum(to_low, to_high).min(-1), rays.far * scale)
+    return GridRays(origins, directions, start, end, scale, jnp.linalg.norm(rays.directions, axis=-1) / scale)

@@ -1,0 +1,63 @@
+"""The presets by name: what each is for, and what it does to photographs before training and to the grid after it.
+
+Their training settings are training.config.PRESETS. No JAX here, so that the viewer can offer them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+# --preset of snerg-make: what a pack can hold; and of snerg-train: the paper's baselines, too
+BakeablePreset = Literal["cpu", "fast", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
+PresetName = Literal[BakeablePreset, "jaxnerf", "jaxnerf-plus", "tinyview"]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """about: for --help, in brackets behind the name. title, advice: how the viewer offers it; not at all where untitled.
+
+    longest_side: photographs are shrunk until their longer side has no more pixels, so that minutes are enough; None takes
+    all there are. resolution: voxels along the longest side of snerg-make's bake.
+    """
+
+    about: str = ""
+    title: str = ""
+    advice: str = ""
+    longest_side: int | None = None
+    resolution: int = 1000  # the paper bakes at slightly more voxels than its photographs have pixels (section 6)
+
+
+PRESETS: Mapping[PresetName, Preset] = {
+    "cpu": Preset(
+        "minutes on two cores",
+        "Quick",
+        "Minutes on any computer, from photographs shrunk to 256 pixels. Lego took 9½ on two CPU cores.",
+        longest_side=256,
+        resolution=512,
+    ),
+    "fast": Preset(
+        "a GPU",
+        "Sharp",
+        "All pixels, up to 1000³ voxels. Meant for a graphics card that JAX knows; many hours without one.",
+    ),
+    "paper": Preset(
+        "the paper's own numbers, days",
+        "As in the paper",
+        "250,000 steps of the paper's own networks: days, even on a graphics card.",
+    ),
+    "small": Preset("the paper's method, smaller", resolution=512),
+    "tiny": Preset("for tests", resolution=96),
+    "deferred": Preset("the same as paper"),
+    "diffuse": Preset("without the view MLP"),
+    "no-sparsity": Preset("without the sparsity loss"),
+    "jaxnerf": Preset("the paper's baseline; cannot be baked"),
+    "jaxnerf-plus": Preset("the same, as large as paper; cannot be baked"),
+    "tinyview": Preset("a small view MLP at every sample; cannot be baked"),
+}
+
+
+def names_with_about(kind: object) -> str:
+    """The names of a Literal of presets, for --help: "cpu (minutes on two cores), fast (a GPU), …"."""
+    return ", ".join(f"{name} ({preset.about})" for name, preset in PRESETS.items() if name in get_args(kind))

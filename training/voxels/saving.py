@@ -1,0 +1,55 @@
+"""A VoxelState as named arrays, and back: the form in which checkpoints hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+import numpy as np
+
+from training.marching.march import MarchSizes
+from training.method import ViewMlpParams
+from training.voxels.sparse_grid import build_layout
+from training.voxels.state import Trainable, VoxelState
+
+
+def save(state: VoxelState) -> dict[str, np.ndarray]:
+    """Named arrays: what `restore` cannot derive."""
+    arrays = {
+        "origin": state.layout.origin, "voxel": state.layout.voxel, "dims": state.layout.dims,
+        "depths": np.asarray(state.layout.support)[np.asarray(state.layout.support) > 0],
+        "cells": state.cells, "hits": state.hits[: int(state.hit_count)], "updates": state.updates,
+        "sizes": np.array([*state.sizes, state.rays], np.int32),
+    }  # fmt: skip
+    for name in ("trainable", "first", "second"):
+        part = getattr(state, name)
+        arrays[f"{name}.rows"] = part.rows
+        if part.head is not None:
+            arrays |= {f"{name}.weight{i}": w for i, w in enumerate(part.head.weights)}
+            arrays |= {f"{name}.bias{i}": b for i, b in enumerate(part.head.biases)}
+    return {name: np.asarray(array, order="C") for name, array in arrays.items()}
+
+
+def restore(arrays: Mapping[str, np.ndarray], rays: int) -> VoxelState:
+    """The inverse of save. rays: how many the dataset has. KeyError where an array is missing."""
+    width, height, depth = (int(n) for n in arrays["dims"])
+    padded = np.zeros((depth + 2, height + 2, width + 2), bool)
+    padded.ravel()[arrays["cells"][1:]] = True
+    layout = build_layout(padded[1:-1, 1:-1, 1:-1], arrays["origin"], arrays["voxel"])
+    layout = layout._replace(support=layout.support.at[layout.support > 0].set(jnp.asarray(arrays["depths"])))
+    parts = {}
+    for name in ("trainable", "first", "second"):
+        head = None
+        if f"{name}.weight0" in arrays:
+            head = ViewMlpParams(
+                tuple(jnp.asarray(arrays[f"{name}.weight{i}"]) for i in range(3)),  # type: ignore[arg-type]
+                tuple(jnp.asarray(arrays[f"{name}.bias{i}"]) for i in range(3)),  # type: ignore[arg-type]
+            )
+        parts[name] = Trainable(jnp.asarray(arrays[f"{name}.rows"]), head)
+    hits = np.zeros(rays, np.int32)
+    hits[: len(arrays["hits"])] = arrays["hits"]
+    *sizes, rays_a_step = (int(n) for n in arrays["sizes"])
+    return VoxelState(
+        **parts, updates=jnp.asarray(arrays["updates"]), layout=layout, cells=jnp.asarray(arrays["cells"]),
+        hits=jnp.asarray(hits), hit_count=jnp.int32(len(arrays["hits"])), sizes=MarchSizes(*sizes), rays=rays_a_step,
+    )  # fmt: skip

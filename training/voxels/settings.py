@@ -1,0 +1,126 @@
+"""What a config means for one dataset: the constants of a compiled step, and the plan of what happens between steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from training.config import TrainConfig
+from training.dataset import RayDataset
+from training.marching.layout import depth_where
+from training.voxels.config import KindSettings, settings_for
+
+SETTLING_STEPS = 80  # before this nothing is visible enough to tell content from air, however short the run
+SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
+NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
+MOST_RAYS = 8  # times the config's batch size: where few samples have support, rays are drawn up to this many
+
+
+class Settings(NamedTuple):
+    """Numbers that the compiled step treats as constants.
+
+    shift, reference: density is softplus(raw + shift) / reference. last_depth: early termination, see march.
+    sparsity_spacing: length between the samples that sparsity_weight was set for. distortion_spread: length that counts as 1.
+    """
+
+    step_voxels: float
+    shift: float
+    reference: float
+    background: tuple[float, float, float]
+    any_background: bool
+    sparsity_weight: float
+    sparsity_scale: float
+    sparsity_spacing: float
+    rates: tuple[float, float, float]
+    final_rate_factor: float
+    variation: tuple[float, float]
+    variation_share: float
+    distortion_weight: float
+    distortion_spread: float
+    last_depth: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What happens between steps.
+
+    box float64 [2, 3] that holds the content; shape [3] of a voxel, in widths. schedule: step -> resolution of the grid from
+    then on; a step that keeps the resolution only prunes. samples: of a step. most_rays: of a step. always_hit: every ray
+    ends at something, as in photographs that nothing was cut out of.
+    """
+
+    box: np.ndarray
+    shape: np.ndarray
+    resolutions: tuple[int, ...]
+    schedule: Mapping[int, int]
+    least_views: int
+    keep_weight: float
+    samples: int
+    most_rays: int
+    always_hit: bool
+
+    @property
+    def extent(self) -> float:
+        """The longest side of the box."""
+        return (self.box[1] - self.box[0]).max()
+
+
+def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
+    """The plan of a run."""
+    voxels, by_kind = config.voxels, settings_for(config.voxels, dataset.kind)
+    resolutions = voxels.ndc_resolutions if dataset.ndc else voxels.resolutions
+    return Plan(
+        box=np.asarray(dataset.aabb, np.float64),
+        shape=np.array([1.0, 1.0, voxels.ndc_depth if dataset.ndc else 1.0]),
+        resolutions=resolutions,
+        schedule=schedule(by_kind, config.steps, resolutions),
+        least_views=by_kind.least_views,
+        keep_weight=by_kind.keep_weight,
+        samples=voxels.samples_per_step,
+        most_rays=MOST_RAYS * config.batch_size,
+        always_hit=dataset.kind != "object",
+    )
+
+
+def schedule(by_kind: KindSettings, steps: int, resolutions: tuple[int, ...]) -> dict[int, int]:
+    """step -> resolution of the grid from then on; a step that keeps the resolution only prunes."""
+    events: dict[int, int] = {}
+    for share in sorted({*by_kind.stage_starts, *by_kind.prunings}):
+        stage = max(i for i, start in enumerate(by_kind.stage_starts) if start <= share)
+        step = round(share * steps)
+        events[max(step, SETTLING_STEPS) if step else 0] = resolutions[stage]
+    return events
+
+
+def settings_of(config: TrainConfig, dataset: RayDataset, plan: Plan) -> Settings:
+    """The constants of a run's steps."""
+    voxels, by_kind = config.voxels, settings_for(config.voxels, dataset.kind)
+    coarse, fine = plan.extent / plan.resolutions[0], plan.extent / plan.resolutions[-1]
+    optical_depth = -np.log1p(-voxels.initial_alpha) * fine / coarse
+    return Settings(
+        step_voxels=voxels.step_voxels,
+        shift=float(np.log(np.expm1(optical_depth))),
+        reference=float(fine),
+        background=dataset.background,
+        any_background=dataset.kind != "object" or dataset.facts.cut_out,
+        sparsity_weight=config.sparsity_weight * by_kind.sparsity_factor,
+        sparsity_scale=config.sparsity_scale,
+        sparsity_spacing=float(_ray_length(dataset) / SPARSITY_SAMPLES),
+        rates=(voxels.density_rate, voxels.colour_rate, voxels.head_rate),
+        final_rate_factor=voxels.final_rate_factor,
+        variation=(by_kind.density_variation, by_kind.colour_variation),
+        variation_share=voxels.variation_share,
+        distortion_weight=by_kind.distortion_weight,
+        distortion_spread=float(plan.extent),
+        last_depth=depth_where(voxels.early_termination),
+    )
+
+
+def _ray_length(dataset: RayDataset) -> float:
+    """Over which the paper would spread its coarse samples of a ray."""
+    if dataset.facts.disparity:  # even in 1/t: as far apart as at distance 1 (the cameras', by the readers)
+        return 1.0 / dataset.near
+    return NDC_DEPTH if dataset.ndc else dataset.far - dataset.near

@@ -1,0 +1,70 @@
+"""The state of the fast method: plain arrays, whichever engine makes its steps (training.voxels.engine)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+
+from training.marching.march import MarchSizes
+from training.method import ViewMlpParams
+from training.voxels.sparse_grid import GridLayout
+
+
+class Trainable(NamedTuple):
+    """rows [V + 1, 8] raw values, and the view MLP (None: diffuse)."""
+
+    rows: jax.Array
+    head: ViewMlpParams | None
+
+
+class Optimised(NamedTuple):
+    """All that a step changes: the trainable values, Adam's moments of these, and how many updates there were, int32."""
+
+    trainable: Trainable
+    first: Trainable
+    second: Trainable
+    updates: jax.Array
+
+
+class Stage(NamedTuple):
+    """What stays the same until voxels are pruned or refined, but for the optical depths that the layout remembers.
+
+    cells int32 [V + 1]: padded voxel of each row. hits int32 [rays]: ids of the training rays that meet content, of which
+    the first hit_count hold.
+    """
+
+    layout: GridLayout
+    cells: jax.Array
+    hits: jax.Array
+    hit_count: jax.Array
+
+
+class VoxelState(NamedTuple):
+    """All that changes between steps: the fields of Optimised and of Stage.
+
+    sizes, rays: how long the lists of a step are and how many rays fill them; plain numbers, fixed as long as the stage.
+    """
+
+    trainable: Trainable
+    first: Trainable
+    second: Trainable
+    updates: jax.Array
+    layout: GridLayout
+    cells: jax.Array
+    hits: jax.Array
+    hit_count: jax.Array
+    sizes: MarchSizes
+    rays: int
+
+    @property
+    def optimised(self) -> Optimised:
+        return Optimised(self.trainable, self.first, self.second, self.updates)
+
+    @property
+    def stage(self) -> Stage:
+        return Stage(self.layout, self.cells, self.hits, self.hit_count)
+
+    def after(self, step: Optimised) -> VoxelState:
+        """The state with what a step has changed."""
+        return self._replace(**step._asdict())
