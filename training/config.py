@@ -59,12 +59,18 @@ class NerfConfig:
     """Points per slice when the field is queried."""
 
 
+EngineName = Literal["auto", "jax", "fused"]
+
+
 @dataclass(frozen=True)
 class TrainConfig:
     """A training run."""
 
     method: Literal["nerf", "voxels"] = "nerf"
     """The field: the paper's MLPs, or the fast voxel grid."""
+    engine: EngineName = "auto"
+    """What computes the steps of the voxel grid: JAX, or the fused loops for processors (Numba). auto: fused where JAX has
+    no accelerator. A run keeps the engine it began with."""
     steps: int = 250_000
     """Steps in all; the learning rate's schedule ends here."""
     batch_size: int = 8192
@@ -170,6 +176,8 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
     if cls is VoxelConfig and "horizon" in values:  # runs of 0.1.0, before it was called by the field's word
         values = {**values, "early_termination": values["horizon"]}
         values.pop("horizon")
+    if cls is TrainConfig:  # runs of before there was a choice
+        values = {"engine": "jax", **values}
     unknown = sorted(set(values) - set(names))
     if unknown:
         raise UserError(

@@ -25,7 +25,7 @@ from training.config import TrainConfig, from_json, to_json
 from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
 from training.method import Method
-from training.methods import make_method
+from training.methods import make_method, settled
 from training.scenes import Scene, SceneOptions, load_scene
 from training.scenes.box import checked_box
 
@@ -81,6 +81,7 @@ def start_run(path: Path, scene_path: Path, config: TrainConfig, options: SceneO
             raise UserError("exists already", where=path, remedy=remedy)
         scene = load_scene(scene_path, **vars(options))
     dataset = make_dataset(scene)
+    config = settled(config)
     with together():
         method = make_method(config, scene, dataset)
     state = method.start(jax.random.PRNGKey(config.seed))

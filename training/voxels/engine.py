@@ -1,33 +1,87 @@
 """The seam between the fast method and what computes its steps, so that one field can be trained by several programs.
 
-Between steps everything is shared: the dense start, pruning, refining, whole pictures, checkpoints. An engine is handed the
-dataset and the settings once, and from then on a state in, a state out. A state holds nothing of its engine's own.
+Between steps everything is shared: the dense start, pruning, refining, whole pictures, checkpoints. These work on a
+VoxelState, plain arrays; an engine keeps what it makes of one in a form of its own, from `begin` to `end`.
 """
 
 from __future__ import annotations
 
-from typing import Protocol
+import importlib.util
+import warnings
+from typing import Any, Protocol
 
 import jax
 
+from console import Notice, UserError
+from training.config import EngineName
+from training.dataset import RayDataset
+from training.voxels.settings import Plan, Settings
 from training.voxels.state import VoxelState
+from training.voxels.step import JaxEngine
 
 
 class Engine(Protocol):
     """What makes the steps: training.voxels.step.JaxEngine, or another that agrees with it to rounding.
 
-    Agreement is defined by two pure functions of training.voxels.step: `draw`, all randomness of a step as one Batch of
-    arrays, and `loss_and_gradient` of a Batch.
+    Agreement is defined by training.voxels.step.loss_and_gradient of a Batch. What is random about a step comes from the
+    seed and the step alone; two engines may draw differently.
     """
 
-    def step(self, state: VoxelState, step: int, progress: float) -> tuple[VoxelState, dict[str, jax.Array]]:
+    def begin(self, state: VoxelState) -> Any:
+        """The engine's own form of a state, which `step` may change in place. Cheap: a state may never be stepped."""
+        ...
+
+    def end(self, state: Any) -> VoxelState:
+        """The inverse of begin; the state stays as it is."""
+        ...
+
+    def step(self, state: Any, step: int, progress: float) -> tuple[Any, dict[str, Any]]:
         """One update of the trainable values and their moments, and its metrics (see training.method.Method.step).
 
-        What is random comes from the seed and `step` alone. progress in [0, 1]: how far down the learning rates are. The
-        arrays of `state.optimised` may be used up.
+        progress in [0, 1]: how far down the learning rates are.
         """
         ...
 
-    def remember(self, state: VoxelState) -> VoxelState:
+    def remember(self, state: Any) -> Any:
         """The state whose layout knows the cells' optical depths as they are now, by which marches terminate early."""
         ...
+
+
+def make_engine(name: EngineName, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> Engine:
+    """The engine of a name; "auto" is JAX's, since only a run that begins may choose (see chosen_engine).
+
+    UserError where the fused engine cannot be had.
+    """
+    if name != "fused":
+        return JaxEngine(dataset, settings, seed)
+    problem = _problem_of_fused()
+    if problem:
+        raise UserError(
+            "the fused engine cannot train here", where="--engine fused", found=problem[0], remedy=problem[1]
+        )
+    from training.voxels.fused.engine import FusedEngine  # Numba is heavy, and may be missing
+
+    return FusedEngine(dataset, plan, settings, seed)
+
+
+def chosen_engine(name: EngineName) -> EngineName:
+    """What "auto" means on this machine, for a run that begins: the fused loops on a processor, JAX elsewhere."""
+    if name != "auto":
+        return name
+    problem = _problem_of_fused()
+    if problem is None:
+        return "fused"
+    if jax.default_backend() == "cpu" and jax.device_count() == 1:
+        warnings.warn(Notice(f"training would be several times as fast with Numba: {problem[1]}"), stacklevel=2)
+    return "jax"
+
+
+def _problem_of_fused() -> tuple[str, str] | None:
+    """Why the fused engine cannot be had, and what helps."""
+    if jax.default_backend() != "cpu":
+        return f"JAX has an accelerator, {jax.devices()[0].device_kind}", "leave --engine out: JAX is faster there"
+    if jax.device_count() > 1 or jax.process_count() > 1:
+        return f"{jax.device_count()} devices that train together", "leave --engine out, or train in one process"
+    if importlib.util.find_spec("numba") is None:
+        return "Numba is not installed", "pip install 'snerg[train]'"
+    return None

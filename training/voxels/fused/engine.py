@@ -1,227 +1,141 @@
-"""One step of the voxel method on the CPU, by the fused loops, and the state that it changes in place.
+"""training.voxels.engine.Engine by the fused loops: one process, one machine, its processor's cores.
 
-Notation: V voxels, B bricks; `order` int32 [V + 1] is the layout's row of each of ours, which follow a Morton curve.
+What is random about a step comes from (seed, step) through NumPy's generators, so that a run repeats itself whatever the
+number of threads, and goes on from a checkpoint to the byte. It draws other rays than the JAX engine does.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
-from numba import njit
 
-from training.voxels.fused.bricks import Bricks, build_bricks
-from training.voxels.fused.head import Head, make_head_work
-from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch
-from training.voxels.fused.render import (
-    CHUNK,
-    COLOUR,
-    PENALTY,
-    RAYS,
-    SAMPLES,
-    SCATTER,
-    SQUARED,
-    Numbers,
-    make_scratch,
-    make_work,
-    render_chunk,
-)  # fmt: skip
-from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
+from training.dataset import RayDataset
+from training.method import ViewMlpParams
+from training.voxels.fused.bricks import support_of
+from training.voxels.fused.rays import Batch, photographs_of
+from training.voxels.fused.step import PROBE_RAYS, Grid, Stepper, Values, grid_of
 from training.voxels.fused.workers import Workers
-from training.voxels.method import SHADED_BELOW, Settings
+from training.voxels.settings import Plan, Settings
 from training.voxels.smoothness import WINDOW
-from training.voxels.sparse_grid import DEEPEST, DEPTH_UNITS
+from training.voxels.state import Trainable, VoxelState
 
-CHUNKS_AT_ONCE = 4  # that a worker claims
-ROOM = 4.0  # times the samples of a mean chunk that a chunk may have
-
-
-class Grid(NamedTuple):
-    """Where the voxels are: bricks, order; origin, voxel [3] world units, float64."""
-
-    bricks: Bricks
-    order: np.ndarray
-    origin: np.ndarray
-    voxel: np.ndarray
+RAYS_TOGETHER = 64  # the number of rays of a step is a multiple of this
 
 
-class Values(NamedTuple):
-    """rows [V + 1, 8] and the view MLP's flat parameters [883] (empty: diffuse): values, or a moment of them."""
+class FusedState:
+    """A VoxelState in the order of the fused loops, which change it in place; made of `plain` when the first step asks.
 
-    rows: np.ndarray
-    head: np.ndarray
+    plain: the same as plain arrays, as far as they are known; None once a step has changed something.
+    """
+
+    def __init__(self, plain: VoxelState) -> None:
+        self.plain: VoxelState | None = plain
+        self.stage, self.rays = plain._replace(trainable=None, first=None, second=None), plain.rays  # type: ignore[arg-type]
+        self.stepper: Stepper | None = None
+        self.updates = int(plain.updates)
+        self.hits = np.asarray(plain.hits)[: int(plain.hit_count)]
+
+    def unpack(self, settings: Settings, workers: Workers) -> Stepper:
+        """Takes the plain arrays over; later calls return the same loops."""
+        if self.stepper is None:
+            assert self.plain is not None
+            layout = self.plain.layout
+            grid = grid_of(self.plain.cells, layout.support, layout.dims, layout.origin, layout.voxel)
+            parts = (_values(part, grid.order) for part in (self.plain.trainable, self.plain.first, self.plain.second))
+            self.values, self.first, self.second = parts
+            self.stepper = Stepper(grid, settings, workers)
+        return self.stepper
+
+    def pack(self) -> VoxelState:
+        """The state as plain arrays, in the layout's own order."""
+        if self.plain is None:
+            assert self.stepper is not None
+            grid = self.stepper.grid
+            layout = self.stage.layout._replace(support=jnp.asarray(support_of(grid.bricks)))
+            self.plain = self.stage._replace(
+                trainable=_trainable(self.values, grid), first=_trainable(self.first, grid),
+                second=_trainable(self.second, grid), updates=jnp.int32(self.updates), layout=layout, rays=self.rays,
+            )  # fmt: skip
+        return self.plain
 
 
-class Gradient(NamedTuple):
-    """What a batch says: slopes of rows are in the engine's accumulator; head [883] summed over rays; rays that counted."""
+class FusedEngine:
+    """See training.voxels.engine.Engine. threads: None for all cores."""
 
-    head: np.ndarray
-    rays: float
-    metrics: dict[str, float]
-    lost: int
-
-
-@njit(nogil=True, cache=True)
-def _render_chunks(low, high, bricks, rows, batch, head, numbers, work, scratch, shading, room, head_gradients):
-    for chunk in range(low, high):
-        shading.gradient[:] = 0.0
-        render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shading, room)
-        head_gradients[chunk, :] = shading.gradient
-
-
-def split_head(flat: np.ndarray) -> Head:
-    """The view MLP whose parameters lie one after the other in `flat` (no copy): w0, b0, w1, b1, w2, b2."""
-    used = flat.size > 0
-    flat = flat if used else np.zeros(883, np.float32)
-    parts, start = [], 0
-    for shape in ((34, 16), (16,), (16, 16), (16,), (16, 3), (3,)):
-        size = int(np.prod(shape))
-        parts.append(flat[start : start + size].reshape(shape))
-        start += size
-    return Head(used, *parts)
-
-
-class Engine:
-    """The fused step for one grid; a new one is made where the grid changes. rays: as many as a step draws."""
-
-    def __init__(self, grid: Grid, settings: Settings, workers: Workers) -> None:
-        self.grid, self.settings, self.workers = grid, settings, workers
-        rows = len(grid.order)
-        self.slopes = np.zeros((rows, 8), np.float32)
-        self.marks = np.zeros(-(-rows // 64), np.uint64)
-        self._work, self._room = None, 0
-        count = workers.count
-        self._shading = [make_head_work(CHUNK) for _ in range(count)]
-        self._scratch = []
-        f = np.float32
-        voxel = float(grid.voxel.max())
-        spread = settings.distortion_spread / (voxel * settings.step_voxels)
-        self.numbers = Numbers(
-            f(settings.step_voxels), f(settings.shift), f(settings.reference), settings.horizon,
-            f(settings.sparsity_weight * settings.step_voxels * voxel / settings.sparsity_spacing),
-            f(settings.sparsity_scale), f(settings.distortion_weight / spread), f(SHADED_BELOW),
-        )  # fmt: skip
-
-    def batch(self, photographs: Photographs, ids: np.ndarray, phase: np.ndarray, background: np.ndarray) -> Batch:
-        """The rays of ids [N] in the grid's frame, over `background` [N, 3], with samples at `phase` [N]."""
-        grid, batch = self.grid, empty_batch(len(ids))
-        batch.phase[:], batch.background[:] = phase, background
-        size = 16 * CHUNK
-
-        def fill(_: int, part: int) -> None:
-            low, high = part * size, min((part + 1) * size, len(ids))
-            fill_batch(photographs, ids, grid.origin, grid.voxel, grid.bricks.dims, batch, low, high)
-
-        self.workers.share(-(-len(ids) // size), fill)
-        return batch
-
-    def differentiate(self, values: Values, batch: Batch, picked: np.ndarray, mean_samples: float) -> Gradient:
-        """Forward and backward: fills `slopes` (sums over rays, the variation's times their number) and `marks`."""
-        chunks = -(-len(batch.start) // CHUNK)
-        room = max(int(ROOM * CHUNK * max(mean_samples, 1.0)), 4096)
-        work = self._make_room(chunks, room)
-        head, numbers, bricks = split_head(values.head), self.numbers, self.grid.bricks
-        head_gradients = np.zeros((chunks, 883), np.float32)
-
-        def render(worker: int, part: int) -> None:
-            low, high = part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks)
-            _render_chunks(low, high, bricks, values.rows, batch, head, numbers, work, self._scratch[worker],
-                           self._shading[worker], room, head_gradients)  # fmt: skip
-
-        self.workers.share(-(-chunks // CHUNKS_AT_ONCE), render)
-        sums = work.metrics.sum(0)
-        rays = max(sums[RAYS], 1.0)
-        rough = self._variation(values, picked)
-        scale = np.float32(rays)
-        bounds = self._ranges(work, room)
-
-        def gather(_: int, part: int) -> None:
-            gather_slopes(work, room, rough, scale, self.slopes, self.marks, bounds[part], bounds[part + 1])
-
-        self.workers.share(len(bounds) - 1, gather)
-        weights, norms = self.settings.variation, rough.sums.sum(0) / max(len(picked), 1)
-        metrics = {
-            "colour": sums[COLOUR] / rays,
-            "mse": sums[SQUARED] / (3 * rays),
-            "sparsity": float(numbers.sparsity) * sums[PENALTY] / rays,
-            "variation": weights[0] * norms[0] + weights[1] * norms[1],
-            "distortion": float(numbers.scatter) * sums[SCATTER] / rays,
-            "rays": rays,
-            "samples": sums[SAMPLES],
-        }
-        return Gradient(head_gradients.sum(0), rays, metrics, int(work.lost.sum()))
-
-    def adam(
-        self, values: Values, first: Values, second: Values, gradient: Gradient, updates: int, decay: float
+    def __init__(
+        self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None
     ) -> None:
-        """Moves values and moments in place by the gradient that `differentiate` left; updates: how many came before."""
-        beta1, beta2 = 0.9, 0.99
-        correction = np.sqrt(1 - beta2 ** (updates + 1)) / (1 - beta1 ** (updates + 1)) * decay
-        density, colours, head_rate = (np.float32(rate * correction) for rate in self.settings.rates)
-        rates = np.array([[density, *[colours] * 7]], np.float32)
-        scale = np.float32(1.0 / gradient.rays)
-        rows = len(values.rows)
-        count = self.workers.count * 2
-        bounds = [*(rows * i // count // WORD * WORD for i in range(count)), rows]
+        self.photographs, self.plan, self.settings, self.seed = photographs_of(dataset), plan, settings, seed
+        self.workers = Workers(threads)
 
-        def move(_: int, part: int) -> None:
-            adam_rows(values.rows, first.rows, second.rows, self.slopes, self.marks, rates, scale, bounds[part],
-                      bounds[part + 1])  # fmt: skip
+    def begin(self, state: VoxelState) -> FusedState:
+        return FusedState(state)
 
-        self.workers.share(count, move)
-        if values.head.size:
-            slope = gradient.head * scale
-            first.head[:] += np.float32(1 - beta1) * (slope - first.head)
-            second.head[:] += np.float32(1 - beta2) * (np.square(slope) - second.head)
-            values.head[:] -= head_rate * first.head / np.sqrt(second.head + np.float32(1e-20))
+    def end(self, state: FusedState) -> VoxelState:
+        return state.pack()
 
-    def remember_depths(self, values: Values) -> None:
-        """The bricks remember their cells' optical depths as they are now; `march` ends by these."""
-        settings, bricks = self.settings, self.grid.bricks
-        thickness = np.float32(settings.step_voxels * self.grid.voxel.max())
-        slots, size = len(bricks.base), 512
+    def step(self, state: FusedState, step: int, progress: float) -> tuple[FusedState, dict[str, Any]]:
+        stepper = state.unpack(self.settings, self.workers)
+        random = np.random.default_rng((self.seed, step))
+        batch = self._draw(stepper, state, random, state.rays)
+        picked = windows(random, len(state.values.rows) - 1, self.settings.variation_share)
+        gradient = stepper.differentiate(state.values, batch, picked)
+        decay = self.settings.final_rate_factor**progress
+        stepper.adam(state.values, state.first, state.second, gradient, state.updates, decay)
+        state.updates += 1
+        state.plain = None
+        return state, gradient.metrics | {"psnr": -10.0 * float(np.log10(max(gradient.metrics["mse"], 1e-12)))}
 
-        def look(_: int, part: int) -> None:
-            remember(bricks, values.rows, np.float32(settings.shift), np.float32(settings.reference), thickness,
-                     np.float32(DEPTH_UNITS), DEEPEST, part * size, min((part + 1) * size, slots))  # fmt: skip
+    def remember(self, state: FusedState) -> FusedState:
+        """As the protocol says; and draws as many rays a step from then on as fill it."""
+        stepper = state.unpack(self.settings, self.workers)
+        stepper.remember_depths(state.values)
+        random = np.random.default_rng((self.seed, state.updates, PROBE_RAYS))
+        mean = stepper.mean_samples(self._draw(stepper, state, random, PROBE_RAYS))
+        rays = int(np.clip(self.plan.samples / max(mean, 1.0), 256, self.plan.most_rays))
+        state.rays = -(-rays // RAYS_TOGETHER) * RAYS_TOGETHER
+        state.plain = None
+        return state
 
-        self.workers.share(-(-slots // size), look)
-
-    def _make_room(self, chunks: int, room: int):
-        if self._work is None or len(self._work.counts) != chunks or self._room != room:
-            self._work, self._room = make_work(chunks, room), room
-            self._scratch = [make_scratch(room) for _ in range(self.workers.count)]
-        return self._work
-
-    def _variation(self, values: Values, picked: np.ndarray) -> Variation:
-        count, size = len(picked), 64 * WINDOW
-        parts = -(-count // size)
-        rough = Variation(
-            np.zeros((count, 4), np.int32), np.empty((4 * count, 8), np.float32), np.zeros((max(parts, 1), 2))
-        )
-        density, colours = self.settings.variation
-        weights = (np.array([density, *[colours] * 7]) / max(count, 1)).astype(np.float32)
-
-        def look(_: int, part: int) -> None:
-            low, high = part * size, min((part + 1) * size, count)
-            variation(self.grid.bricks, values.rows, picked, weights, part, rough, low, high)
-
-        self.workers.share(parts, look)
-        return rough
-
-    def _ranges(self, work, room: int) -> np.ndarray:
-        """Ranges of rows, one a worker, that hold about the same number of samples: quantiles of a few. Bounds are multiples
-        of 64, so that no two workers share a word of marks."""
-        rows, count = len(self.slopes), self.workers.count
-        some = [work.ids[c * room : c * room + min(work.counts[c], 512) : 16].ravel() for c in range(len(work.counts))]
-        drawn = np.concatenate(some)
-        drawn = drawn[drawn > 0]
-        inner = np.quantile(drawn, np.arange(1, count) / count) if drawn.size else np.zeros(count - 1)
-        bounds = np.concatenate([[0], np.minimum(np.round(inner / 64) * 64, rows // 64 * 64), [rows]])
-        return bounds.astype(np.int64)
+    def _draw(self, stepper: Stepper, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
+        ids = state.hits[random.integers(0, len(state.hits), rays)].astype(np.int64)
+        phase = random.random(rays, np.float32)
+        if self.settings.any_background:
+            background = random.random((rays, 3), np.float32)
+        else:
+            background = np.broadcast_to(np.float32(self.settings.background), (rays, 3))
+        return stepper.batch(self.photographs, ids, phase, background)
 
 
-def grid_of(cells: np.ndarray, support: np.ndarray, dims: np.ndarray, origin: np.ndarray, voxel: np.ndarray) -> Grid:
-    """The bricks of a layout, from its arrays: cells [V + 1] padded flat index of each row, the first for row 0."""
-    bricks, order = build_bricks(np.asarray(cells)[1:], np.asarray(support), np.asarray(dims))
-    return Grid(bricks, order, np.asarray(origin, np.float64), np.asarray(voxel, np.float64))
+def windows(random: np.random.Generator, voxels: int, share: float) -> np.ndarray:
+    """int32 [P] rows of random runs of voxels, about `share` of all; as training.voxels.smoothness.windows."""
+    count = max(int(voxels * share / WINDOW), 1)
+    starts = random.integers(0, voxels, (count, 1))
+    return (1 + (starts + np.arange(WINDOW)) % voxels).ravel().astype(np.int32)
+
+
+def _values(part: Trainable, order: np.ndarray) -> Values:
+    """Copies, in the loops' order."""
+    head = [np.zeros(0, np.float32)]
+    if part.head is not None:
+        head = [np.asarray(a, np.float32).ravel() for pair in zip(*part.head, strict=True) for a in pair]
+    return Values(np.ascontiguousarray(np.asarray(part.rows, np.float32)[order]), np.concatenate(head))
+
+
+def _trainable(values: Values, grid: Grid) -> Trainable:
+    rows = np.empty_like(values.rows)
+    rows[grid.order] = values.rows
+    return Trainable(jnp.asarray(rows), _view_mlp(values.head))
+
+
+def _view_mlp(flat: np.ndarray) -> ViewMlpParams | None:
+    if not flat.size:
+        return None
+    weights, biases, start = [], [], 0
+    for rows, columns in ((34, 16), (16, 16), (16, 3)):
+        weights.append(jnp.asarray(flat[start : start + rows * columns].reshape(rows, columns)))
+        biases.append(jnp.asarray(flat[start + rows * columns : start + (rows + 1) * columns]))
+        start += (rows + 1) * columns
+    return ViewMlpParams(tuple(weights), tuple(biases))  # type: ignore[arg-type]

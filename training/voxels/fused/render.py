@@ -7,6 +7,8 @@ ray: the caller divides by the number of rays that count, which is known only at
     dL/dtau_n = T_n (1 - alpha_n) g_n - sum over m > n of w_m g_m - B dL/dB,    g_n = G · s_n + distortion's share
 """
 
+# pyright: reportCallIssue=false
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -29,7 +31,7 @@ COLOUR, SQUARED, PENALTY, SCATTER, RAYS, SAMPLES = range(
 
 
 class Numbers(NamedTuple):
-    """Constants of a step, float32 but for the horizon: see training.voxels.state.Settings. scatter: distortion's weight over its
+    """Constants of a step, float32 but for the horizon: see training.voxels.settings.Settings. scatter: distortion's weight over its
     spread, in steps; sparsity: its weight times the spacing's share."""
 
     step: np.float32
@@ -45,15 +47,13 @@ class Numbers(NamedTuple):
 class Work(NamedTuple):
     """What the chunks of a step leave for the rows. Chunk c has samples c * room … c * room + counts[c] - 1.
 
-    ids int32, weights, slopes float32 [C * room, 8]; counts int64 [C]; lost int64 [C]: rays that did not fit. metrics float64
-    [C, METRICS].
+    ids int32, weights, slopes float32 [C * room, 8]; counts int64 [C]. metrics float64 [C, METRICS].
     """
 
     ids: np.ndarray
     weights: np.ndarray
     slopes: np.ndarray
     counts: np.ndarray
-    lost: np.ndarray
     metrics: np.ndarray
 
 
@@ -75,7 +75,7 @@ def make_work(chunks: int, room: int) -> Work:
     size = chunks * room
     return Work(
         np.empty((size, 8), np.int32), np.empty((size, 8), np.float32), np.empty((size, 8), np.float32),
-        np.zeros(chunks, np.int64), np.zeros(chunks, np.int64), np.zeros((chunks, METRICS)),
+        np.zeros(chunks, np.int64), np.zeros((chunks, METRICS)),
     )  # fmt: skip
 
 
@@ -87,7 +87,7 @@ def make_scratch(room: int) -> Scratch:
 
 @njit(nogil=True, cache=True)
 def march_chunk(bricks: Bricks, batch: Batch, low, high, step, horizon, offset, room, ids, weights, t, first):
-    """Lists the samples of rays low … high - 1 that have support, from `offset` on; rays that did not fit.
+    """Lists the samples of rays low … high - 1 that have support, from `offset` on, of which there is room for any number.
 
     Samples lie at start + (phase + k) step. Empty blocks and bricks are jumped over by whole steps; a ray ends behind
     `horizon` units of remembered optical depth. t [room] and first [CHUNK + 1] are the chunk's own; ids and weights
@@ -99,13 +99,13 @@ def march_chunk(bricks: Bricks, batch: Batch, low, high, step, horizon, offset, 
     width, height = np.int64(bricks.shape[0]), np.int64(bricks.shape[1])
     blocks_wide, blocks_high = np.int64(bricks.block_shape[0]), np.int64(bricks.block_shape[1])
     one, half = np.float32(1.0), np.float32(0.5)
-    lost, count = 0, 0
+    count = 0
     first[0] = 0
     for ray in range(low, high):
         ox, oy, oz = batch.origins[ray, 0], batch.origins[ray, 1], batch.origins[ray, 2]
         dx, dy, dz = batch.directions[ray, 0], batch.directions[ray, 1], batch.directions[ray, 2]
         start, stop, phase = batch.start[ray], batch.end[ray], batch.phase[ray]
-        k, deep, begin = np.int64(0), np.int64(0), count
+        k, deep = np.int64(0), np.int64(0)
         along = start + phase * step
         while along < stop:
             gx, gy, gz = ox + along * dx - half, oy + along * dy - half, oz + along * dz - half
@@ -128,9 +128,7 @@ def march_chunk(bricks: Bricks, batch: Batch, low, high, step, horizon, offset, 
                 continue
             if deep >= horizon:
                 break
-            if count >= room:
-                lost += 1
-                count = begin
+            if count >= room:  # cannot be; memory is worth a test
                 break
             n = offset + count
             if (x & 3) < 3 and (y & 3) < 3 and (z & 3) < 3:
@@ -152,7 +150,6 @@ def march_chunk(bricks: Bricks, batch: Batch, low, high, step, horizon, offset, 
             count += 1
             deep += code - 1
         first[ray - low + 1] = count
-    return lost
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -191,7 +188,7 @@ def render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shadi
     metrics = work.metrics[chunk]
     metrics[:] = 0.0
     first = scratch.first
-    work.lost[chunk] = march_chunk(
+    march_chunk(
         bricks, batch, low, high, numbers.step, numbers.horizon, offset, room, work.ids, work.weights, scratch.t, first
     )
     count = first[high - low]

@@ -6,6 +6,8 @@ the number of workers: results do not depend on threads, one accumulator is enou
 Notation: rows [V + 1, 8], row 0 stands for absent voxels and never learns; P voxels whose variation is looked at.
 """
 
+# pyright: reportCallIssue=false
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -15,7 +17,7 @@ from numba import njit
 
 from training.voxels.fused.bricks import Bricks, row_of
 from training.voxels.fused.vectors import adam_row, add_scaled, population_count
-from training.voxels.method import ADAM_BETAS
+from training.voxels.settings import ADAM_BETAS
 
 BETA1, BETA2 = ADAM_BETAS
 WORD = 64  # rows of one word of marks; ranges begin at multiples of it
