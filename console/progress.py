@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
 
-from console.driven import Report, Reporter
+from console.driven import Report, Reporter, in_words
 
 PLAIN_LINE_EVERY_S = 10.0
 PLAIN_QUIET_S = 2.0  # work done sooner needs no line
@@ -22,28 +22,40 @@ class Progress:
 
     def __init__(self, title: str, total: float) -> None:
         self.title, self.total, self.done, self.note = title, total, 0.0, ""
+        self.metrics: Mapping[str, float] = {}
         self.started = time.monotonic()
         self._reporter: Reporter | None = None
+        self._stage = title
 
-    def update(self, done: float, note: str = "") -> None:
-        """`done` units of `total` are finished; `note` is a short figure to show beside ("PSNR 27.1")."""
-        self.done, self.note = done, note
+    def update(self, done: float, note: str = "", metrics: Mapping[str, float] | None = None) -> None:
+        """`done` units of `total` are finished. metrics: figures by name (console.driven.METRICS), shown beside where there
+        is no `note`, a short text of its own.
+        """
+        self.done, self.metrics = done, metrics or {}
+        self.note = note or in_words(self.metrics)
         self.report(at_once=done >= self.total)
+        self._show()
 
-    def report_to(self, reporter: Reporter) -> None:
+    def _show(self) -> None:
+        """For those that show it."""
+
+    def report_to(self, reporter: Reporter, stage: str) -> None:
         """Tells `reporter` of every update from now on."""
-        self._reporter = reporter
+        self._reporter, self._stage = reporter, stage
         self.report(at_once=True)
 
     def report(self, *, at_once: bool = False) -> None:
         """Tells where the work is."""
         if self._reporter is not None:
             passed = time.monotonic() - self.started
-            report = Report(self.title, float(self.done), float(self.total), self.note, round(passed, 2))
+            report = Report(
+                self.title, float(self.done), float(self.total), self.note, round(passed, 2), self._stage, self.metrics
+            )
             self._reporter.tell(report, at_once=at_once)
 
-    def advance(self, units: float = 1.0, note: str | None = None) -> None:
-        self.update(self.done + units, self.note if note is None else note)
+    def advance(self, units: float = 1.0, metrics: Mapping[str, float] | None = None) -> None:
+        """`units` more are finished."""
+        self.update(self.done + units, metrics=metrics)
 
 
 class _Live(Progress):
@@ -51,9 +63,8 @@ class _Live(Progress):
         super().__init__(title, total)
         self._bars, self._task = bars, bars.add_task(title, total=total, note="")
 
-    def update(self, done: float, note: str = "") -> None:
-        super().update(done, note)
-        self._bars.update(self._task, completed=done, note=note)
+    def _show(self) -> None:
+        self._bars.update(self._task, completed=self.done, note=self.note)
 
 
 class _Plain(Progress):
@@ -62,9 +73,8 @@ class _Plain(Progress):
         self._printed: float | None = None  # when the last line was
         self._finished = False
 
-    def update(self, done: float, note: str = "") -> None:
-        super().update(done, note)
-        now = time.monotonic()
+    def _show(self) -> None:
+        now, done = time.monotonic(), self.done
         finished = done >= self.total
         if self._printed is None:
             early = now - self.started < PLAIN_QUIET_S
@@ -79,7 +89,7 @@ class _Plain(Progress):
         if not finished:
             remaining = elapsed * (self.total - done) / done if done > 0 else None
             times += ", time left unknown" if remaining is None else f", {duration(remaining)} left"
-        print(f"{self.title}: {share:.0f} %  {times}  {note}".rstrip(), file=sys.stderr, flush=True)
+        print(f"{self.title}: {share:.0f} %  {times}  {self.note}".rstrip(), file=sys.stderr, flush=True)
 
 
 def duration(seconds: float) -> str:
@@ -94,14 +104,15 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def progress(title: str, total: float, quiet: bool = False) -> Iterator[Progress]:
+def progress(title: str, total: float, quiet: bool = False, *, stage: str | None = None) -> Iterator[Progress]:
     """Shows `title` with a bar (terminal) or a line every ten seconds (no terminal), on stderr; nothing where quiet.
 
-    A program that started us can read it from a file as well; see console.driven.
+    A program that started us can read it from a file as well; see console.driven. stage: what the work is part of, for
+    such a program; the title where nothing is said.
     """
     with _shown(title, total, quiet) as work:
         if not quiet:
-            work.report_to(Reporter())
+            work.report_to(Reporter(), stage or title)
         yield work
         work.report(at_once=True)
 

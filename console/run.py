@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import inspect
 import io
 import os
 import sys
@@ -14,7 +15,7 @@ from unittest import mock
 
 import tyro
 
-from console.driven import ending_with_stdin
+from console.driven import Reporter, ending_with_stdin
 from console.errors import UserError, refusal
 from console.notices import plain_notices
 
@@ -61,6 +62,7 @@ def run_command(
         return DONE
     except Exception as error:
         line = _mendable(error)
+        Reporter().tell_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
         if line is None:
             traceback.print_exc()
             _say(prog, "this is a bug in snerg, not in your input; please report the lines above")
@@ -115,7 +117,9 @@ def _parse(
     box = io.StringIO()
     with mock.patch.dict(os.environ, _WIDE), contextlib.redirect_stderr(box), contextlib.suppress(SystemExit):
         parse()
-    _say(prog, f"{unboxed(box.getvalue())}; see {prog} --help")
+    line = f"{unboxed(box.getvalue())}; see {prog} --help"
+    Reporter().tell_failure(prog, line)
+    _say(prog, line)
     return USER_CAN_MEND
 
 
@@ -124,7 +128,20 @@ def _deferred(function: Command) -> Command:
     def remember(*args: Any, **kwargs: Any) -> Callable[[], Any]:
         return functools.partial(function, *args, **kwargs)
 
+    if function.__doc__:  # tyro reads that of the function itself
+        function.__doc__ = _unwrapped(function.__doc__)
     return remember
+
+
+def _unwrapped(docstring: str) -> str:
+    """A docstring whose Args are one line each: tyro keeps their line breaks, wherever the terminal's are."""
+    lines: list[str] = []
+    for line in inspect.cleandoc(docstring).splitlines():
+        if line.startswith(" " * 8) and lines:  # below a parameter's name, which is indented by four
+            lines[-1] += f" {line.strip()}"
+        else:
+            lines.append(line)
+    return "\n".join(lines)
 
 
 def unboxed(text: str) -> str:

@@ -19,15 +19,17 @@ from scenepack.reader import PackReader, open_pack
 from scenepack.report import pack_facts, print_facts, print_findings
 from scenepack.writer import check_target, save_pack
 
-DESCRIPTION = "Look into and convert baked scenes (packs): a folder with scene_params.json, or one .zip of it."
+DESCRIPTION = (
+    "Inspects, checks and converts packs. A pack is a baked scene: a folder with scene_params.json, or one .zip."
+)
 
 
 def info(pack: Path, /, json: Path | None = None) -> None:
-    """Tells what a pack is made of: sizes, occupancy, storage, frame, view MLP, where it came from.
+    """Prints what a pack contains: sizes, occupancy, storage, frame, view MLP, provenance.
 
     Args:
         pack: The pack, a folder or a .zip.
-        json: Also write the figures to this file, sizes in voxels and bytes; "-" prints them instead.
+        json: Also write the figures to this file, sizes in voxels and bytes; "-" prints them instead of the text.
     """
     with open_pack(pack) as reader:
         facts = pack_facts(reader.files, _read(reader))
@@ -36,14 +38,14 @@ def info(pack: Path, /, json: Path | None = None) -> None:
 
 
 def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None:
-    """Validates a pack: index bounds, padding copies, premultiplied colours, atlas blocks shared or lost.
+    """Validates a pack: index bounds, padding, premultiplied colours, shared or unused atlas blocks.
 
-    Exit status 0 where it can be rendered as meant, 2 where it cannot.
+    The exit status is 0 if the pack can be rendered as meant, and 2 if not.
 
     Args:
         pack: The pack, a folder or a .zip.
-        json: Also write the findings to this file; "-" prints them instead.
-        strict: Take warnings for errors, too.
+        json: Also write the findings to this file; "-" prints them instead of the text.
+        strict: Treat warnings as errors.
     """
     with open_pack(pack) as reader:
         findings = check_pack(_read(reader))
@@ -60,15 +62,15 @@ def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None
 
 
 def convert(pack: Path, /, out: Path, codec: str = "avif", quality: int | None = None, png_level: int = 6) -> None:
-    """Writes a pack again with another codec: png (published layout), webp (lossless), avif, h264 or jpeg.
+    """Converts a pack to another codec: png (published layout), webp (lossless), avif, h264 or jpeg.
 
     Args:
         pack: The pack, a folder or a .zip.
-        out: Folder of the pack to write, or a file that ends in .zip; an old pack there is replaced when the new is done.
-        codec: png (opens in the published web viewer, too), webp (lossless, two fifths smaller), avif (lossy, a quarter
-            of PNG), h264 (lossy, the paper's, needs PyAV) or jpeg (lossy).
-        quality: 1 (smallest) to 100, for codecs that lose something. By default 83 for avif, 85 for h264, 95 for jpeg.
-        png_level: 0 (fast, large) to 9 (slow, small), for PNG.
+        out: Folder of the new pack, or a file name that ends in .zip. A new pack replaces an old one when it is complete.
+        codec: png (the published web viewer opens it), webp (lossless, about 60 % of PNG), avif (lossy, about a third of
+            PNG), h264 (lossy, the paper's; needs PyAV) or jpeg (lossy).
+        quality: Quality of a lossy codec, 1 (smallest) ... 100 (best). The default is 83 for avif, 85 for h264, 95 for jpeg.
+        png_level: Compression level of PNG, 0 (fast, large) ... 9 (slow, small).
     """
     if not 0 <= png_level <= 9:
         raise UserError("is out of range", where="--png-level", expected="0 to 9", found=png_level)

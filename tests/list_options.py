@@ -1,7 +1,7 @@
 """`python -m tests.list_options MODULE …`: which options the commands of these modules take, as JSON on stdout.
 
-{"snerg-bake": {"--resolution": {"default": "512", "choices": []}, …}, "snerg-pack info": …}. The modules are run as programs,
-but their commands are caught, and asked for their --help in this one process.
+{"snerg-bake": {"--resolution": {"text": "Voxels …", "default": "512", "choices": []}, …}, "snerg-pack info": …}. The
+modules are run as programs, but their commands are caught, and asked for their --help in this one process.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ def options_of(command: Any, prog: str) -> Options:
 def _described(text: str) -> dict[str, Any]:
     choices, default = re.search(r"\{([\w, |-]+)\}", text), re.search(r"\(default: ([^)]*)\)", text)
     return {
+        "text": text,
         "default": default and default[1],
         "choices": re.split("[,|]", choices[1].replace(" ", "")) if choices else [],
     }

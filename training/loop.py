@@ -67,7 +67,7 @@ def train(
                 values = {name: float(value) for name, value in jax.device_get(metrics).items()}
                 _refuse_divergence(run, values["loss"])
                 with together():
-                    bar.update(run.step - first, recorder.log(values))
+                    bar.update(run.step - first, metrics=recorder.log(values))
             if last or run.step % config.checkpoint_every == 0:
                 _checkpoint(run)
             pictured = config.validate_every and run.step % config.validate_every == 0

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from training.voxels.method import VoxelMethod
     from training.voxels.state import VoxelState
 
-DESCRIPTION = "Times the parts of one training step of the fast method."
+DESCRIPTION = "Times the parts of one training step of the voxel method (presets cpu and fast)."
 PARTS = {
     "draw": "random rays and their pixels, and what else is random",
     "march": "which samples of each ray lie in stored voxels",
@@ -163,13 +163,13 @@ def profile_step(
     """Times the parts of one training step of the fast method.
 
     Args:
-        subject: Folder of a run (its newest checkpoint is looked at), or of posed photographs.
+        subject: Folder of a run (its newest checkpoint is used), or of photographs with camera poses.
         preset: Settings to train photographs with.
-        downscale: Divide the photographs' sides by this whole number; by default as snerg-make does.
-        steps: Steps that photographs are trained before, a whole schedule of that length.
-        rounds: How often each part is timed.
-        json: Write the figures to this file; "-" prints them instead of the table.
-        markdown: Write the table to this file, too.
+        downscale: Divide width and height of the photographs by this whole number. The default is that of snerg-make.
+        steps: Number of steps to train photographs first: a whole schedule of that length.
+        rounds: How often to time each part.
+        json: Also write the figures to this file; "-" prints them instead of the table.
+        markdown: Also write the table to this file, as Markdown.
     """
     for option, value in (("--steps", steps), ("--rounds", rounds)):
         if value < 1:

@@ -37,21 +37,21 @@ class Recorder:
         """Wall time of the run so far."""
         return self.clock.seconds
 
-    def log(self, metrics: dict[str, float]) -> str:
-        """A line of the journal from a step's metrics; returns the few figures that progress shows."""
+    def log(self, metrics: dict[str, float]) -> dict[str, float]:
+        """A line of the journal from a step's metrics; returns the few that progress shows."""
         steps = self.clock.steps_per_second(self.run.step)
         record = {**self._when(), **metrics}
-        speed = ""
+        shown = {"psnr": metrics["psnr"]}
         if steps is not None:
             rays = metrics.get("rays", float(self.run.config.batch_size)) * steps
             record |= {"steps_per_second": round(steps, 3), "rays_per_second": round(rays, 1)}
             if "samples" in metrics:
                 record["samples_per_second"] = round(metrics["samples"] * steps, 1)
-            speed = f"  {rays / 1000:.1f}k rays/s"
+            shown["rays_per_second"] = rays
         self.journal.write(record)
         if self.clock.seconds - self._drawn > DRAW_EVERY_SECONDS:
             self._draw()
-        return f"PSNR {metrics['psnr']:.2f} dB{speed}"
+        return shown
 
     def validate(self) -> None:
         """Renders held-out photographs: mean PSNR to the journal, one picture, the curves drawn anew."""

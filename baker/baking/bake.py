@@ -33,6 +33,7 @@ from training.allocator import keep_freed_memory
 from training.run import Run, require_bakeable
 
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
+STAGE = "baking"  # in what programs that started us read of our progress
 # Above so many voxels a side the rays of pruning are too few to meet all that photographs show: at 1000 it cost 1.8 dB.
 FINEST_PRUNED = 512
 FORMAT = 1  # of a work folder: raised whenever the same key would give other pieces
@@ -115,12 +116,12 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
             restore_padding(part, atlas[0], BLOCK_SIZE)
     counts, removed = culling.counts(), None
     if config.least_weight > 0:
-        with stages("pruning"), progress("emptying faint voxels", 1.0) as bar:
+        with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
             pack, removed = prune(pack, run.dataset, config.least_weight, config.seed, bar.update)
         counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
     if config.fine_tune != "none":
-        with stages("view MLP"), progress("fine-tuning the view MLP", 1.0) as bar:
+        with stages("view MLP"), progress("fine-tuning the view MLP", 1.0, stage=STAGE) as bar:
             pack, before, after = fine_tune(
                 pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update
             )
@@ -130,7 +131,7 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
                 "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
             }  # fmt: skip
     if config.fine_tune == "all":
-        with stages("voxels and view MLP"), progress("fine-tuning voxels and view MLP", 1.0) as bar:
+        with stages("voxels and view MLP"), progress("fine-tuning voxels and view MLP", 1.0, stage=STAGE) as bar:
             pack, figures = joint_tune(pack, run.dataset, JointConfig(seed=config.seed), bar.update)
         tuned |= figures
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
@@ -175,10 +176,10 @@ def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stage
             raise _nothing_there(run)
         return {"low": found[0], "high": found[1]}
 
-    with stages("box"), progress("looking for content", 1.0):
+    with stages("box"), progress("looking for content", 1.0, stage=STAGE):
         box = once(work, "box", find_box)
     grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame)
-    with progress("culling", 1.0) as bar:
+    with progress("culling", 1.0, stage=STAGE) as bar:
         culling = cull(
             query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha, tau_vis=config.tau_vis,
             on_blocks=lambda share: bar.update(0.75 * share, "opacity"),
@@ -194,7 +195,7 @@ def _content(
 ) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
     """The kept macroblocks' voxels, as baker.baking.supersample.supersample gives them, with a progress line."""
     count = int(culling.kept.sum())
-    with progress("supersampling", count) as bar:
+    with progress("supersampling", count, stage=STAGE) as bar:
         yield from supersample(
             field_query(run), grid, culling,
             tau_alpha=config.tau_alpha, seed=config.seed, on_blocks=_Rate(bar, count), work=work,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from scenepack import Pack
     from training.run import Run
 
-DESCRIPTION = "Bakes a trained run into a pack: a sparse voxel grid that the viewer shows in real time."
+DESCRIPTION = "Bakes a trained run into a pack: a sparse voxel grid that the viewer renders in real time."
 
 
 def snerg_bake(
@@ -38,19 +38,20 @@ def snerg_bake(
 
     Args:
         run: Folder of the run, from snerg-train.
-        out: Folder of the pack to write, or a file that ends in .zip; an old pack there is replaced when the new is done.
+        out: Folder of the pack, or a file name that ends in .zip. A new pack replaces an old one when it is complete.
         resolution: Voxels along the longest side of the content.
-        codec: How the atlas is compressed: png (the published layout), webp (lossless, smaller), jpeg, h264, avif (lossy).
-        tau_alpha: Macroblocks whose largest opacity is below this are dropped.
-        tau_vis: Macroblocks that no training camera sees with at least this transmittance are dropped.
-        tau_weight: Voxels that no training photograph shows with at least this weight are emptied; 0 leaves all. By default
-            0.02, and 0 at resolutions above 512.
-        fine_tune: none; view-mlp, the paper's; or all: then the stored voxels, too, with it (minutes more, sharper).
-        fine_tune_epochs: Passes over the training pixels that refine the view MLP; not with --fine-tune none.
-        seed: Seed of the samples within voxels and of fine-tuning.
-        processes: How many processes bake this pack together, each with the same line, on hosts that share the folders of
-            run and pack (docs/distributed.md; Slurm and MPI tell it themselves).
-        process_id: Which of them this one is, from 0, which writes the pack.
+        codec: Codec of the atlas: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
+        tau_alpha: Drop macroblocks whose largest opacity is below this, 0 ... 1.
+        tau_vis: Drop macroblocks that no training camera sees with at least this transmittance, 0 ... 1.
+        tau_weight: Empty voxels that no training photograph shows with at least this weight, 0 ... 1. 0 keeps all. The
+            default is 0.02 up to a resolution of 512, and 0 above.
+        fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: the view MLP, then voxels and view
+            MLP together (sharper, takes minutes more).
+        fine_tune_epochs: Passes over the training pixels while the view MLP is tuned. Not used if nothing is tuned.
+        seed: Random seed of the samples inside voxels and of fine-tuning.
+        processes: Number of processes that bake this pack together. Each runs the same command on a host that shares the
+            folders of run and pack. Slurm and MPI set it. See docs/distributed.md.
+        process_id: Number of this process, from 0. Process 0 writes the pack.
     """
     from baker.baking.bake import BakeConfig  # JAX starts here, not for --help
     from scenepack import check_target
@@ -97,7 +98,7 @@ def bake_to(
 
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
     """
-    from baker.baking.bake import Stages, bake, work_key
+    from baker.baking.bake import STAGE, Stages, bake, work_key
     from baker.baking.work_folder import AGAIN, WorkFolder, work_beside
     from scenepack import save_pack
 
@@ -107,7 +108,7 @@ def bake_to(
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
         pack = bake(run, config, work, stages)
-        with stages("writing"), progress("writing the pack", 1) as bar:
+        with stages("writing"), progress("writing the pack", 1, stage=STAGE) as bar:
             save_pack(pack, out, codec=codec, on_progress=lambda done, total: bar.update(done / total))
     except KeyboardInterrupt as interrupt:
         raise KeyboardInterrupt(AGAIN) from interrupt

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from console import UserError, run_command, write_json
 
-DESCRIPTION = "Compares a trained run, or a pack drawn by the OpenGL renderer, with the photographs of a scene."
+DESCRIPTION = "Compares a run, or a pack rendered with OpenGL, with the photographs of a scene."
 
 
 def snerg_eval(
@@ -23,19 +23,18 @@ def snerg_eval(
     json: Path | None = None,
     images: Path | None = None,
 ) -> None:
-    """Scores views against photographs: PSNR (dB), SSIM, LPIPS.
+    """Measures PSNR (dB), SSIM and LPIPS against photographs.
 
     Args:
         subject: Folder of a run, or a pack (folder or .zip).
         scene: Folder of the photographs.
-        split: Which photographs: test, train or val.
+        split: Which photographs to use: test, train or val.
         downscale: Divide width and height of the photographs by this whole number.
-        spherify: Read an LLFF or COLMAP capture as one from all around (what was trained so is read so without asking).
-        masks: Cut the object out by the masks beside the pictures (likewise).
-        mask_by_alpha: Show both over the background where the run or pack is transparent, as the paper does for real scenes
-            that go on beyond the box.
-        json: Write the scores to this file, too; "-" prints them instead.
-        images: Folder for pictures: ours, the photograph, and five times their difference.
+        spherify: Read an LLFF or COLMAP scene as a 360 degree scene. Set automatically if the run or pack was trained so.
+        masks: Cut the object out with the masks next to the pictures. Set automatically likewise.
+        mask_by_alpha: Compare only where the run or pack is opaque, as the paper does for real 360 degree scenes.
+        json: Also write the scores to this file; "-" prints them instead of the text.
+        images: Folder for pictures: the rendering, the photograph, and five times their difference.
     """
     from baker.reports.evaluation import evaluate, reading_of
     from training.scenes import load_scene

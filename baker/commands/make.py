@@ -17,9 +17,7 @@ from console import UserError, run_command
 from console.arguments import join_negative_values
 from training.presets import PRESETS, BakeablePreset, names_with_about
 
-DESCRIPTION = (
-    "Photographs to a scene you can fly through: trains, bakes, and opens the viewer where there is a display."
-)
+DESCRIPTION = "Turns photographs into a scene that you can fly through: trains, bakes, and opens the viewer."
 PRESET_HELP = f"Named settings: {names_with_about(BakeablePreset)}."
 
 
@@ -38,22 +36,23 @@ def snerg_make(
     seed: int = 0,
     no_view: bool = False,
 ) -> None:
-    """Trains, bakes and opens the viewer. Stopped half-way, the same line goes on where it was.
+    """Trains, bakes and opens the viewer. If it stops, the same command line continues.
 
     Args:
-        scene: Folder of posed photographs.
-        out: Folder for the results: DIR/run, then DIR/pack.
-        downscale: Divide the photographs' sides by this whole number; by default 1, and with `cpu` as much as brings the
-            longer side to 256 pixels or fewer. LLFF captures count from their full-size pictures.
-        spherify: Read an LLFF or COLMAP capture as one from all around, also where its cameras look forward.
-        masks: Cut the object out by the masks beside the pictures.
-        aabb: The box that holds the content, as x0,y0,z0,x1,y1,z1 in the scene's training frame, in place of the one that is
-            found (which is printed when training begins); not for forward-facing scenes, which are in NDC.
-        steps: Training steps; by default the preset's.
-        resolution: Voxels along the longest side of the baked grid; by default the preset's.
-        fine_tune: What is tuned after baking, see snerg-bake; all takes minutes more and is sharper.
-        seed: Seed of everything random.
-        no_view: Do not open the viewer at the end; without a display it is not opened anyway.
+        scene: Folder of photographs with camera poses. docs/scenes.md lists the layouts.
+        out: Folder for the results: DIR/run and DIR/pack.
+        downscale: Divide width and height of the photographs by this whole number. The default is 1; for the preset cpu, the
+            smallest number that gives a longer side of at most 256 pixels. LLFF scenes count from their full-size pictures.
+        spherify: Read an LLFF or COLMAP scene as a 360 degree scene although its cameras look forward.
+        masks: Cut the object out with the masks next to the pictures.
+        aabb: Box of the content, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box that is printed when training
+            starts. Not for forward-facing scenes, which are in NDC.
+        steps: Number of training steps. The default is the preset's.
+        resolution: Voxels along the longest side of the baked grid. The default is the preset's.
+        fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: also the voxels (sharper, takes minutes
+            more).
+        seed: Random seed of the training.
+        no_view: Do not open the viewer at the end.
     """
     from baker.baking.bake import BakeConfig
     from baker.commands.bake import bake_to

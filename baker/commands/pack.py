@@ -14,19 +14,19 @@ from console import UserError, run_command, write_json
 from scenepack.commands import COMMANDS
 
 DESCRIPTION = (
-    "Look into, validate, convert and compare baked scenes (packs): a folder with scene_params.json, or one .zip."
+    "Inspects, checks, converts and compares packs (baked scenes: a folder with scene_params.json, or one .zip)."
 )
 
 
 def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Path | None = None) -> None:
-    """Draws two packs from the same cameras and tells how much the pictures differ.
+    """Renders two packs from the same cameras and measures the difference: PSNR (dB), SSIM.
 
     Args:
-        a: The pack to compare with, a folder or a .zip.
+        a: The reference pack, a folder or a .zip.
         b: The other pack.
-        views: How many pictures, once around the content.
-        size: Width x height of each, in pixels.
-        json: Also write the figures to this file; "-" prints them instead.
+        views: Number of views on an orbit around the content, 1 ... 1000.
+        size: Size of each picture, WIDTHxHEIGHT in pixels.
+        json: Also write the figures to this file; "-" prints them instead of the text.
     """
     from baker.reports.pack_compare import compare_packs  # OpenGL starts here, not for info
     from console.arguments import parse_size

@@ -43,12 +43,12 @@ def codec_report(
     """Writes a pack with every codec and tabulates size, quality through OpenGL, and time.
 
     Args:
-        pack: The pack, a folder or a .zip; one that has lost nothing yet (png or webp).
+        pack: A lossless pack (png or webp), a folder or a .zip.
         scene: Folder of the photographs.
         downscale: Divide width and height of the photographs by this whole number.
-        split: Which photographs: test, train or val.
-        out: Markdown file to write; the figures go beside it as .json.
-        quick: Only each codec's default quality.
+        split: Which photographs to use: test, train or val.
+        out: Also write the table to this Markdown file, and the figures to a .json next to it.
+        quick: Measure only the default quality of each codec.
     """
     from training.scenes import load_scene
 

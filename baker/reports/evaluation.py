@@ -63,7 +63,7 @@ def evaluate(
             scores.append(score(photograph, picture, truth))
             if images is not None:
                 save_comparison(images / f"{Path(photograph.name).stem}.png", picture, truth)
-            bar.advance(note=f"PSNR {np.mean([s.psnr for s in scores]):.2f} dB")
+            bar.advance(metrics={"psnr": float(np.mean([s.psnr for s in scores]))})
     return {
         **{key: _mean([getattr(s, key) for s in scores]) for key in ("psnr", "ssim", "lpips")},
         "views": [vars(s) for s in scores],

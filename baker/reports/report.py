@@ -47,19 +47,19 @@ def report(
 
     Args:
         run: Folder of the run, from snerg-train.
-        out: Folder for the report; packs baked for it stay in its folder packs and are used again.
-        scene: Where the photographs are now, if they moved; by default where the run read them.
-        split: Which photographs score: test, train or val.
-        views: Score at most this many of them, spread evenly; 0 for all.
-        tables: Which to make, with commas between: ladder, resolution, codecs, sparsity.
-        resolution: Voxels along the longest side for ladder, codecs and sparsity.
-        resolutions: Those of the resolution table, with commas between.
-        fine_tune: Rungs of the ladder above the field: none, view-mlp, all (the slowest by far).
-        fine_tune_epochs: Passes over the training pixels that refine the view MLP, as for snerg-bake.
-        against: A second run of the same scene, trained without the sparsity loss, for the table sparsity.
-        frames: Of the path on which the resolution table times frames.
-        size: WIDTHxHEIGHT in pixels of those frames; by default as snerg-bench.
-        quick: In the table codecs only each codec's default quality.
+        out: Folder for the report. The packs that it bakes stay in OUT/packs and are reused.
+        scene: Folder of the photographs, if they moved. The default is where the run read them.
+        split: Which photographs to use: test, train or val.
+        views: Score at most this many of them, evenly spread; 0 for all.
+        tables: Tables to make, separated by commas: ladder, resolution, codecs, sparsity.
+        resolution: Voxels along the longest side, for the tables ladder, codecs and sparsity.
+        resolutions: Voxels along the longest side, separated by commas, for the table resolution.
+        fine_tune: Rows of the table ladder, separated by commas: none, view-mlp, all (by far the slowest).
+        fine_tune_epochs: Passes over the training pixels while the view MLP is tuned, as for snerg-bake.
+        against: For the table sparsity: a second run of the same scene, trained without the sparsity loss.
+        frames: For the table resolution: number of frames to time.
+        size: For the table resolution: picture size, WIDTHxHEIGHT in pixels. The default is that of snerg-bench.
+        quick: For the table codecs: measure only the default quality of each codec.
     """
     chosen = _chosen(tables, TABLES, "--tables")
     rungs = _chosen(fine_tune, RUNGS, "--fine-tune")

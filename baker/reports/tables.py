@@ -20,7 +20,7 @@ from console import Notice
 from scenepack import Pack, load_pack, open_pack
 from scenepack.report import pack_facts
 from training.journal import read_journal
-from viewer.benchmark.frames import PROTOCOLS, Contender, measure
+from viewer.rendering.frame_times import PROTOCOLS, Contender, taking_turns
 from viewer.rendering.settings import RenderSettings
 
 Tuned = Literal["none", "view-mlp", "all"]
@@ -49,7 +49,7 @@ def ladder_table(study: Study, rungs: Sequence[Tuned]) -> dict[str, Any]:
 def resolution_table(
     study: Study, resolutions: Sequence[int], frames: int, size: tuple[int, int] | None
 ) -> dict[str, Any]:
-    """Quality, size and frame time at each resolution. Frames of all of them are drawn in turn (viewer.benchmark.frames)."""
+    """Quality, size and frame time at each resolution. Frames of all of them are drawn in turn (viewer.rendering.frame_times)."""
     shelf = {n: study.baked(resolution=n) for n in resolutions}
     rows, packs = [], {}
     for n, baked in shelf.items():
@@ -66,13 +66,16 @@ def resolution_table(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Notice)
         others = {name: pack for name, pack in packs.items() if name != first}
-        measurement = measure(packs[first], cameras, [Contender(first, RenderSettings())], others)
+        with taking_turns(packs[first], [Contender(first, RenderSettings())], others) as turns:
+            turns.warm_up(cameras[0])
+            turns.time(cameras)
+            gpu_bytes = turns.gpu_bytes
     for warning in caught:
         warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
-    for row, contender in zip(rows, measurement.contenders, strict=True):
-        row |= {"gpu_bytes": measurement.gpu_bytes[contender.name], "ms_p50": contender.statistics()["ms_p50"]}
+    for row, contender in zip(rows, turns.contenders, strict=True):
+        row |= {"gpu_bytes": gpu_bytes[contender.name], "ms_p50": contender.statistics()["ms_p50"]}
     return {
-        "rows": rows, "renderer": measurement.renderer, "clock": measurement.clock, "frames": frames, "width": width,
+        "rows": rows, "renderer": turns.device, "clock": turns.clock, "frames": frames, "width": width,
         "height": height, "protocol": protocol, "notices": [str(w.message) for w in caught if w.category is Notice],
     }  # fmt: skip
 

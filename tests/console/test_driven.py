@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from console import progress
+from console import UserError, progress, run_command
 from console.driven import PROGRESS, Report, read_report
 
 WAITS = """
@@ -26,13 +27,52 @@ def test_progress_is_kept_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     file = tmp_path / "progress.json"
     monkeypatch.setenv(PROGRESS, str(file))
     with progress("training", 10) as bar:
-        assert read_report(file) == Report("training", 0.0, 10.0, "", 0.0)
+        assert read_report(file) == Report("training", 0.0, 10.0, "", 0.0, "training")
         bar.update(4, "PSNR 20")
         report = read_report(file)
         assert report is not None and (report.done, report.note, report.share) == (4.0, "PSNR 20", 0.4)
         bar.update(10)
     report = read_report(file)
     assert report is not None and report.share == 1.0 and list(tmp_path.iterdir()) == [file]
+
+
+def test_a_program_reads_stage_and_metrics_not_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "progress.json"
+    monkeypatch.setenv(PROGRESS, str(file))
+    with progress("supersampling", 10, stage="baking") as bar:
+        bar.update(10, metrics={"psnr": 27.1, "rays_per_second": 3000.0, "samples": 5.0})
+    values = json.loads(file.read_text())
+    assert set(values) == {"title", "done", "total", "note", "seconds", "stage", "metrics", "error", "bug"}
+    assert values["stage"] == "baking" and values["metrics"] == {
+        "psnr": 27.1,
+        "rays_per_second": 3000.0,
+        "samples": 5.0,
+    }
+    assert values["note"] == "PSNR 27.10 dB  3.0k rays/s" and not values["error"]
+
+
+@pytest.mark.parametrize("bug", [False, True])
+def test_why_a_command_failed_is_data_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], bug: bool
+) -> None:
+    file = tmp_path / "progress.json"
+    monkeypatch.setenv(PROGRESS, str(file))
+
+    def command() -> None:
+        with progress("training", 10, stage="training") as bar:
+            bar.update(4)
+            raise KeyError("depths") if bug else UserError("the folder is empty", where="scene")
+
+    assert run_command(command, prog="works", args=[]) == (1 if bug else 2)
+    report = read_report(file)
+    assert report is not None and (report.stage, report.done) == ("training", 4.0)
+    assert (report.error, report.bug) == (
+        ("KeyError: 'depths'", True) if bug else ("scene: the folder is empty", False)
+    )
+    file.unlink()
+    assert run_command(lambda: (_ for _ in ()).throw(UserError("no")), prog="works", args=[]) == 2
+    report = read_report(file)
+    assert report is not None and (report.title, report.error) == ("works", "no")
 
 
 def test_a_file_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -95,6 +95,23 @@ def test_help_is_status_zero_with_defaults_and_no_negative_flags(capsys: pytest.
     assert err == ""
 
 
+def test_help_breaks_lines_where_the_terminal_ends_not_where_the_source_does(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def command(size: int = 3) -> None:
+        """Does it.
+
+        Args:
+            size: Width and height of the
+                square, in
+                pixels.
+        """
+
+    monkeypatch.setenv("COLUMNS", "120")
+    assert run_command(command, prog="snerg-t", args=["--help"]) == 0
+    assert "Width and height of the square, in pixels. (default: 3)" in capsys.readouterr().out
+
+
 def test_a_user_error_is_status_two_and_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     error = UserError("is\nwrong", where="a.png", expected=3, found=4, remedy="mend it")
     assert run_command(raising(error), prog="p", args=[]) == 2

@@ -21,8 +21,8 @@ from training.scenes.box import OPTION, parse_box
 from training.scenes.scene import Box
 
 DEFAULT_PRESET = "cpu"
-PRESET_HELP = f"Named settings, whose numbers are shown below as defaults: {names_with_about(PresetName)}."
-DESCRIPTION = "Trains a deferred NeRF on posed photographs. The run can be stopped and resumed at any time."
+PRESET_HELP = f"Named settings. The defaults below are those of the chosen preset. {names_with_about(PresetName)}."
+DESCRIPTION = "Trains a deferred NeRF on photographs with camera poses. You can stop and resume a run at any time."
 FREE = (
     "steps",
     "minutes",
@@ -68,22 +68,22 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         processes: int | None = None,
         process_id: int | None = None,
     ) -> None:
-        """Trains a deferred NeRF on posed photographs. A run can be stopped and resumed at any time.
+        """Trains a deferred NeRF on photographs with camera poses. You can stop and resume a run at any time.
 
         Args:
-            scene: Folder of posed photographs.
-            out: Folder of the run: config, checkpoints, metrics, validation pictures.
-            config: Every setting of the preset can be changed on its own.
-            downscale: Divide width and height of the pictures by this whole number (1 where not given).
-            spherify: Read an LLFF or COLMAP capture as one from all around, also where its cameras look forward.
-            masks: Cut the object out by the masks beside the pictures.
-            aabb: The box that holds the content, as x0,y0,z0,x1,y1,z1 in the scene's training frame, in place of the one that
-                is found (which is printed when training begins); not for forward-facing scenes, which are in NDC.
-            resume: Go on with the run in --out from its newest checkpoint, with the run's own settings.
-            coordinator: HOST:PORT of process 0, for a run of several processes whose launcher says nothing of them (see
-                docs/distributed.md; Slurm, MPI and Kubernetes mostly need none of these three).
-            processes: How many processes train together.
-            process_id: Which of them this one is, from 0.
+            scene: Folder of photographs with camera poses. docs/scenes.md lists the layouts.
+            out: Folder of the run: configuration, checkpoints, metrics, validation pictures.
+            config: Every setting of the preset is also an option.
+            downscale: Divide width and height of the photographs by this whole number. The default is 1.
+            spherify: Read an LLFF or COLMAP scene as a 360 degree scene although its cameras look forward.
+            masks: Cut the object out with the masks next to the pictures.
+            aabb: Box of the content, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box that is printed when
+                training starts. Not for forward-facing scenes, which are in NDC.
+            resume: Continue the run in --out from its newest checkpoint, with its own settings.
+            coordinator: HOST:PORT of process 0, if several processes train together and their launcher does not provide it.
+                Slurm, MPI and Kubernetes usually need none of these three options. See docs/distributed.md.
+            processes: Number of processes that train together.
+            process_id: Number of this process, from 0.
         """
         from training.devices import join_processes  # JAX starts here, not for --help
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -22,8 +21,6 @@ from console.driven import ENDS_WITH_STDIN, PROGRESS, Report, read_report
 
 POLITENESS = 10  # the child's priority: the window comes first
 TAIL_BYTES = 64 << 10
-BUG = 1  # exit status, after a traceback and a line that says so
-ERROR_LINE = re.compile(r"snerg-\w+: (?!warning: )(.+)")
 
 
 class Child:
@@ -36,6 +33,7 @@ class Child:
         self.command, self.log = list(command), log
         self.stopping = False
         self.killed = False
+        self._last: Report | None = None
         self._scratch = Path(tempfile.mkdtemp(prefix="snerg-child-"))
         environment = {**os.environ, PROGRESS: str(self._scratch / "progress.json"), ENDS_WITH_STDIN: "1"}
         try:
@@ -68,12 +66,13 @@ class Child:
             self._close_pipe()
             if self.stopping:
                 self._kill_group()  # whatever it may have started itself
+            self._last = self.report()
             self._clean_up()
         return status
 
     def report(self) -> Report | None:
         """What it says of its work at this moment."""
-        return read_report(self._scratch / "progress.json")
+        return read_report(self._scratch / "progress.json") or self._last
 
     def stop(self) -> None:
         """Asks it to end as with Ctrl-C: it keeps what is done. Poll on until it has."""
@@ -105,12 +104,10 @@ class Child:
             name = signal.Signals(-status).name if -status in list(signal.Signals) else f"signal {-status}"
             hint = "; the system does that when it runs out of memory" if status == -9 else ""
             return f"the process was ended from outside ({name}){hint}"
+        report = self.report()
+        if report is not None and report.error:
+            return f"That is a bug in snerg, not a mistake of yours ({report.error})" if report.bug else report.error
         lines = [line.strip() for line in self._tail().splitlines() if line.strip()]
-        if status == BUG and len(lines) > 1:
-            return f"That is a bug in snerg, not a mistake of yours ({lines[-2]})"
-        for line in reversed(lines):
-            if match := ERROR_LINE.fullmatch(line):
-                return match[1]
         return lines[-1] if lines else f"it ended with status {status} and said nothing"
 
     def _tail(self) -> str:

@@ -7,14 +7,14 @@ As in the published viewer, the camera starts 0.25 units behind the photographs'
 from __future__ import annotations
 
 from dataclasses import replace
-from math import atan, degrees, radians, tan
+from math import radians, tan
 
 import numpy as np
 
 from scenepack.pack import Pack
 from viewer.app.pose import Pose, shortest_turn
 from viewer.app.rig import CameraRig
-from viewer.rendering.ray_frame import ndc_input
+from viewer.rendering.ray_frame import ndc_fov
 
 AHEAD = 180.0  # azimuth: the grid frame's z is mirrored, so the scene lies towards +z
 START_DISTANCE = 0.25
@@ -30,8 +30,7 @@ class ForwardFacingRig(CameraRig):
     bounded = True
 
     def __init__(self, pack: Pack) -> None:
-        _, height, focal = ndc_input(pack)
-        super().__init__(pack, fov=degrees(2.0 * atan(0.5 * height / focal)))
+        super().__init__(pack, fov=ndc_fov(pack))
         self.middle, self.radius = np.zeros(3), 1.0  # the content box is in warped space, of no use here
         self.speed = 0.1
 

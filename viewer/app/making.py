@@ -6,7 +6,6 @@ machine it may take minutes, for JAX has steps under way that must end first. Th
 
 from __future__ import annotations
 
-import re
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 LOOKED_AT_EVERY_S = 0.2
 PARTING_S = 30.0  # for the child to save in, where the program ends in a way that leaves no window to wait in
-PSNR = re.compile(r"PSNR ([\d.]+)")
 KEPT_FIGURES = 400
 PICTURE_SIDE = 512  # pixels of the longer side, at most
 
@@ -56,7 +54,7 @@ class Job:
         """0 nothing heard yet, 1 training, 2 baking."""
         if self.report is None:
             return 0
-        return 1 if self.report.title == "training" else 2
+        return 1 if self.report.stage == "training" else 2
 
     def look(self) -> bool:
         """Takes in what the child has done since; True where there is something new to show."""
@@ -64,8 +62,8 @@ class Job:
         changed = report is not None and report != self.report
         if changed and report is not None:
             self.report = report
-            if match := PSNR.search(report.note):
-                self.figures = [*self.figures[-KEPT_FIGURES + 1 :], float(match[1])]
+            if "psnr" in report.metrics:
+                self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
         return self._look_at_picture() or changed
 
     def _look_at_picture(self) -> bool:

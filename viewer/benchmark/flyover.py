@@ -11,7 +11,6 @@ from console import progress
 from console.atomic import replacing
 from scenepack.pack import Pack
 from viewer.app.films import films_possible, write_film
-from viewer.app.forward_facing import rig_for
 from viewer.rendering.camera import orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
@@ -21,14 +20,13 @@ FILM_FRAMES, FILM_SIDE, FILM_FPS = 48, 320, 24
 GAP = 8  # pixels between the sheet's pictures
 
 
-def fly_over(pack: Pack, name: str, folder: Path, settings: RenderSettings | None = None) -> list[Path]:
+def fly_over(pack: Pack, name: str, folder: Path, fov: float, settings: RenderSettings | None = None) -> list[Path]:
     """Renders one turn around `pack` offscreen; the files that were written, the contact sheet first.
 
-    The film is left out where PyAV is not installed. UserError where there is no OpenGL at all.
+    fov: vertical, degrees. The film is left out where PyAV is not installed. UserError where there is no OpenGL at all.
     """
     folder.mkdir(parents=True, exist_ok=True)
     film = films_possible()
-    fov = rig_for(pack).fov
     pictures = SHEET_COLUMNS * SHEET_ROWS
     frames = FILM_FRAMES if film else 0
     written = [folder / f"{name}-orbit.png"]

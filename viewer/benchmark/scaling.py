@@ -23,8 +23,9 @@ from console.plots import Line, draw_plot
 from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp, pack_of_cube
-from viewer.benchmark.frames import Contender, measure
+from viewer.benchmark.frames import measure
 from viewer.rendering.camera import orbit_path
+from viewer.rendering.frame_times import Contender
 from viewer.rendering.settings import RenderSettings
 
 DESCRIPTION = "Plots frame time against grid resolution, picture size and opacity, on carved scenes."
@@ -99,9 +100,9 @@ def scaling(out: Path, frames: int = 12, resolutions: str = "256,512,750,1000", 
 
     Args:
         out: Folder for scaling-resolution.png, scaling-size.png, scaling-opacity.png and scaling.json.
-        frames: Of one orbit for each point.
-        resolutions: Voxels a side; 1000 takes about 4 GB of memory.
-        sizes: Pixels a side.
+        frames: Number of frames of the orbit that measures each point.
+        resolutions: Voxels per side, separated by commas. 1000 takes about 4 GB of memory.
+        sizes: Width and height of the pictures in pixels, separated by commas.
     """
     if frames < 1:
         raise UserError("needs at least one frame", where="--frames", found=frames)

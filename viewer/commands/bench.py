@@ -14,11 +14,12 @@ from console.arguments import parse_size
 from console.atomic import write_file
 from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
-from viewer.benchmark.frames import PROTOCOLS, Contender, Measurement, measure
+from viewer.benchmark.frames import Measurement, measure
+from viewer.rendering.frame_times import PROTOCOLS, Contender
 from viewer.rendering.settings import RenderSettings
 
 NO_SPARSITY = "exact, no sparsity loss"
-DESCRIPTION = "Measures frame times along a camera path, as the paper does; offscreen, without waiting for a display."
+DESCRIPTION = "Measures frame times along a camera path, as the paper does. Renders offscreen, without vertical sync."
 
 
 def bench(
@@ -39,18 +40,18 @@ def bench(
 
     Args:
         pack: Folder or .zip of a baked scene.
-        protocol: synthetic: 39 degrees, 800x800, orbit; forward-facing: 53 degrees, 1006x756, within the camera plane;
-            real360: 53 degrees, 990x773, orbit; auto: forward-facing for such packs, else synthetic.
-        frames: Of the path, after a warm-up.
-        size: WIDTHxHEIGHT in pixels instead of the protocol's.
-        fov: Vertical field of view in degrees instead of the protocol's.
-        compare: Draw each frame with the paper's marcher, too.
-        ablations: Measure the rows of the paper's performance table as well: without view MLP, view MLP at every sample;
-            and, beyond it, every sample taken.
-        dense_pack: The same scene trained without the sparsity loss, for the last row of that table.
-        json: Write the figures to this file, too.
-        markdown: Write the table to this file, too, as Markdown.
-        plot: Draw the frame times into this PNG, with p50 and p95.
+        protocol: synthetic (39 degrees, 800x800, orbit), forward-facing (53 degrees, 1006x756, in the camera plane), real360
+            (53 degrees, 990x773, orbit), or auto (forward-facing for such packs, otherwise synthetic).
+        frames: Number of frames to measure, after a warm-up.
+        size: Picture size, WIDTHxHEIGHT in pixels. The default is the protocol's.
+        fov: Vertical field of view in degrees. The default is the protocol's.
+        compare: Also render each frame with the paper's marcher.
+        ablations: Also measure the rows of the paper's performance table (without view MLP, view MLP at every sample), and
+            rendering that takes every sample.
+        dense_pack: Pack of the same scene trained without the sparsity loss, for the last row of that table.
+        json: Also write the figures to this file.
+        markdown: Also write the table to this file, as Markdown.
+        plot: Plot the frame times into this PNG, with the median and the 95th percentile.
     """
     if frames < 1:
         raise UserError("needs at least one frame", where="--frames", found=frames)

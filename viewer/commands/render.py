@@ -20,7 +20,7 @@ from viewer.rendering.camera import ViewCamera, content_box, is_mirrored, orbit_
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
 
-DESCRIPTION = "Renders pictures of a pack without a display: one view, a turn around it, or the views of photographs."
+DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit, or the views of photographs."
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0
 FIRST_AZIMUTH = 30.0  # degrees, of the one picture that is made where no pose is given
 MAY_BE_NEGATIVE = ("--eye", "--target", "--up", "--crop")
@@ -60,20 +60,20 @@ def render(
     Args:
         pack: Folder or .zip of a baked scene.
         out: FILE.png for one picture, a folder for several, FILE.mp4 for a film.
-        eye: Where the camera stands: x,y,z in the pack's OpenGL grid frame (y up).
-        target: The point it looks at; by default the middle of the content.
-        up: The direction that is up in the picture; by default 0,1,0.
-        orbit: Render this many views of one turn around the content instead.
-        scene: Render the views of this scene's photographs instead.
-        split: Which photographs: test, train or val.
-        index: Only the photograph of this number, from 0.
-        downscale: Divide the photographs' width and height by this whole number.
-        fov: Vertical field of view in degrees; by default 39. Photographs have their own.
-        size: Of the picture, WIDTHxHEIGHT in pixels; by default 800x800, or as the photographs.
-        mode: What is shown: the picture, or one of its ingredients.
-        marcher: exact, the paper's algorithm, or brute: every sample taken.
-        background: Colour behind everything, r,g,b in 0 ... 1.
-        near: Show nothing closer than this along the optical axis, in grid units.
+        eye: Position of the camera, x,y,z in the grid frame (y up).
+        target: Point that the camera looks at, x,y,z in the grid frame. The default is the centre of the content.
+        up: Up direction of the camera. The default is 0,1,0.
+        orbit: Render this many views on an orbit around the content.
+        scene: Render the views of the photographs of this scene.
+        split: Which photographs to use: test, train or val.
+        index: Render only the photograph with this number, from 0.
+        downscale: Divide width and height of the photographs by this whole number.
+        fov: Vertical field of view in degrees. The default is 39. Photographs have their own.
+        size: Picture size, WIDTHxHEIGHT in pixels. The default is 800x800, or the size of the photographs.
+        mode: What to show: the picture (normal), or one of the quantities behind it. See docs/rendering.md.
+        marcher: exact (skips empty space), paper (the paper's algorithm), or brute (takes every sample).
+        background: Background colour, r,g,b in 0 ... 1.
+        near: Hide everything closer than this along the optical axis, in grid units.
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
         fps: Frames per second of a film.
     """

@@ -18,6 +18,7 @@ from viewer.app import preferences
 from viewer.app.application import App
 from viewer.app.comparison import How
 from viewer.app.files import kind_of
+from viewer.app.forward_facing import rig_for
 from viewer.app.pose import pose_from_text
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
@@ -53,24 +54,24 @@ def view(
     frames: int | None = None,
     screenshot: Path | None = None,
 ) -> None:
-    """Opens the desktop viewer. Without a display, renders an orbit into out/ instead.
+    """Opens the desktop viewer. Without a display, it renders an orbit into out/ instead.
 
     Args:
-        pack: folder or .zip of a baked scene; without it, the start page. A folder of photographs, or a training run, is
-            offered to be made into one.
-        mode: what is shown first; "normal" is the picture.
-        pose: first camera: a pose copied from the viewer, or x,y,z,x,y,z of eye and target in the grid frame (y up).
-        compare: another pack, shown under the same camera.
-        photographs: folder of the scene that the pack was made from; by default where the pack says it was.
-        photograph: stand in this photograph; its name, or the beginning or end of it.
-        look: how photograph or other pack are compared with the picture.
-        path: camera path to load, as nerfstudio's viewer saves it (JSON).
-        export: write a .png of the view, or the path as .mp4 or into a new folder; a turntable where no path is loaded.
-        export_size: pixels of what is exported, such as 1920x1080.
-        page: page of the side panel to begin with.
-        size: of the window, in screen units, such as 1280x800; by default as it was left.
-        frames: draw this many frames, wait until the picture is sharp, and quit (for scripts).
-        screenshot: before quitting, save the window's picture, scene and panels, as this PNG; asks for --frames.
+        pack: Folder or .zip of a baked scene. Without it, the start page opens. For a folder of photographs or a training run,
+            the viewer offers to make a scene.
+        mode: What to show first. "normal" is the picture.
+        pose: First camera: a pose copied from the viewer, or x,y,z,x,y,z of eye and target in the grid frame (y up).
+        compare: Another pack, shown under the same camera.
+        photographs: Folder of the scene that the pack was made from. The default is the folder that the pack names.
+        photograph: Photograph whose camera to use: its name, or the start or end of its name.
+        look: How to compare the picture with the photograph or the other pack.
+        path: Camera path to load, as nerfstudio's viewer saves it (JSON).
+        export: Write a .png of the view, or the camera path as .mp4 or into a new folder. Without a path, a turntable.
+        export_size: Size of the export, WIDTHxHEIGHT in pixels, for example 1920x1080.
+        page: Page of the side panel to open.
+        size: Window size in screen units, for example 1280x800. The default is the last size.
+        frames: For scripts: draw this many frames, wait until the picture is sharp, and quit.
+        screenshot: For scripts: before quitting, save the window with its panels as this PNG. Implies --frames 1.
     """
     window_size = parse_size(size, least=SMALLEST_SIDE) if size else None
     if frames is not None and frames < 1:
@@ -162,7 +163,7 @@ def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
         raise UserError("is no pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
     loaded = load_pack(chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
-    for written in fly_over(loaded, name_of(chosen), OUT, RenderSettings(mode=mode)):
+    for written in fly_over(loaded, name_of(chosen), OUT, rig_for(loaded).fov, RenderSettings(mode=mode)):
         print(written)
 
 

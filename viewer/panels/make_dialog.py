@@ -271,7 +271,7 @@ def _told(job: Job) -> str:
     report = job.report
     if report is None:
         return "Starting: reading the photographs and getting the numbers ready…"
-    if report.title == "training":
+    if report.stage == "training":
         parts = [f"Step {report.done:,.0f} of {report.total:,.0f}"]
     else:
         parts = [f"{report.title[:1].upper()}{report.title[1:]}, {100 * report.share:.0f} %"]

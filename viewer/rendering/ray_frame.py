@@ -6,6 +6,7 @@ NDC packs before the warp; "ndc" after it. Source: docs/rendering.md and docs/fo
 
 from __future__ import annotations
 
+from math import atan, degrees
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,12 @@ def ndc_input(pack: Pack) -> tuple[float, float, float]:
         old if value is None else float(value) for value, old in zip(given, PUBLISHED_NDC_CAMERA, strict=True)
     )
     return width, height, focal
+
+
+def ndc_fov(pack: Pack) -> float:
+    """Vertical field of view of these photographs, degrees."""
+    _, height, focal = ndc_input(pack)
+    return degrees(2.0 * atan(0.5 * height / focal))
 
 
 def lens_reach(distortion: tuple[float, float, float, float]) -> float:

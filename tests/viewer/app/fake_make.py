@@ -5,6 +5,7 @@ python fake_make.py HOW FOLDER: "make" copies the pack FOLDER/source to FOLDER/p
 "bug" meets a bug.
 """
 
+import atexit
 import os
 import shutil
 import signal
@@ -16,8 +17,9 @@ from console import UserError, progress, run_command
 
 
 def work(how: str, folder: Path, /) -> None:
-    with progress("training", 100) as bar:
-        bar.update(40, "PSNR 21.50 dB  3.0k rays/s")
+    # Text that a program would misread: only stage and metrics are for programs.
+    with progress("the network learns", 100, stage="training") as bar:
+        bar.update(40, "PSNR 99 of the last run", metrics={"psnr": 21.5, "rays_per_second": 3000.0})
         (folder / "pid").write_text(str(os.getpid()))
         if how == "fail":
             raise UserError("the folder is empty", where=folder, remedy="choose another")
@@ -38,4 +40,5 @@ def work(how: str, folder: Path, /) -> None:
 
 
 if __name__ == "__main__":
+    atexit.register(lambda: print("snerg-make: some library's last words", flush=True))
     sys.exit(run_command(work, prog="snerg-make"))

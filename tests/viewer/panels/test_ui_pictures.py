@@ -154,6 +154,22 @@ def test_the_help_overlay_looks_as_before(ui, app, compare):
     compare(ui, "help")
 
 
+@pytest.mark.parametrize("what", ["bar", "page", "keys"])
+def test_the_smallest_window_looks_as_before(known, offscreen, app, compare, what):
+    ui = offscreen(app, size=(480, 360))
+    app.governor.rest_scale = 0.5
+    app.show(known, Path("scenes/toy"), "A scene whose name is too long")
+    app.interface.over = "camera" if what == "page" else ""
+    app.interface.help_shown = what == "keys"
+    compare(ui, f"small-{what}")
+
+
+@pytest.mark.parametrize("mode", ["depth", "samples"])
+def test_legends_look_as_before(ui, app, compare, mode):
+    app.set(mode=mode)
+    compare(ui, f"legend-{mode}")
+
+
 def test_a_failure_looks_as_before(ui, app, compare):
     app.messages.fail("lego cannot be opened", "scene_params.json: is not JSON (expected an object, found 'x')")
     compare(ui, "dialog")
@@ -192,7 +208,7 @@ def test_the_questions_how_to_make_a_scene_look_as_before(ui, app, compare, phot
 def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
     child = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
     job = app.making.job = Job(plan_of(photographs), child)
-    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0)
+    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training")
     job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
     with Image.open(photographs / "test" / "r_0.png") as opened:
         shown = np.asarray(opened.convert("RGB").resize((256, 256)))
@@ -204,6 +220,7 @@ def test_no_picture_is_left_over():
     names = {f"page-{page.id}" for page in PAGES}
     names |= {"start", "photograph", "frusta", "crop-gizmo", "help", "dialog", "path"}
     names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
+    names |= {"small-bar", "small-page", "small-keys", "legend-depth", "legend-samples"}
     assert {path.stem for path in FOLDER.glob("*.png")} == names
 
 

@@ -20,7 +20,7 @@ from viewer.window.window import NoDisplay, Window, display_problem
 HERE = Path(__file__).parent
 
 
-@pytest.mark.parametrize("live", ["live_window.py", "live_keys.py"])
+@pytest.mark.parametrize("live", ["live_window.py", "live_keys.py", "live_small_windows.py"])
 def test_the_live_window(display, live):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / live)]
     env = {**os.environ, "DISPLAY": display}

@@ -16,9 +16,9 @@ def procedural(out: tyro.conf.Positional[Path], size: int = 200, views: int = 60
 
     Args:
         out: Folder to write.
-        size: Pixels a side.
-        views: Training views; a sixth as many test views are added.
-        seed: Hues and places; 0 is the bundled demo.
+        size: Width and height of the photographs, in pixels.
+        views: Number of training views. A sixth as many test views are added.
+        seed: Random seed of colours and positions. 0 is the bundled demo.
     """
     write_procedural_scene(out, size=size, views=views, seed=seed)
 
