@@ -29,6 +29,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
         resolution: Voxels along the longest side of the content.
     """
     from baker.baking.bake import BakeConfig, bake
+    from baker.baking.pictures import with_pictures
     from baker.commands.bake import describe_pack
     from scenepack import check_target, save_pack
     from training.config import PRESETS
@@ -40,8 +41,9 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
     try:
         scene = write_procedural_scene(folder / "scene", size=SIZE, views=VIEWS)
         config = dataclasses.replace(PRESETS["cpu"], steps=steps)
-        pack = bake(train(scene, folder / "run", config), BakeConfig(resolution=resolution))
-        # The photographs do not travel with the demo: say what they were, not where.
+        run = train(scene, folder / "run", config)
+        pack = with_pictures(bake(run, BakeConfig(resolution=resolution)), run.scene, SIZE)
+        # The files of the photographs do not travel with the demo, only their copies: say what they were, not where.
         provenance = {**pack.metadata["provenance"], "scene": "training.scenes.procedural", "run": "baker.demo"}
         out.parent.mkdir(parents=True, exist_ok=True)
         save_pack(pack.with_metadata(provenance=provenance), out, png_level=9)

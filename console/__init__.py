@@ -4,10 +4,20 @@ A leaf room: it imports nothing of ours, so that the pack, the trainer and the v
 one another, still fail and report in the same voice.
 """
 
-from console.errors import UserError, refusal
+from console.errors import UserError, not_written, refusal
 from console.notices import Notice, plain_notices
 from console.progress import Progress, progress
 from console.results import write_json
 from console.run import run_command
 
-__all__ = ["Notice", "Progress", "UserError", "plain_notices", "progress", "refusal", "run_command", "write_json"]
+__all__ = [
+    "Notice",
+    "Progress",
+    "UserError",
+    "not_written",
+    "plain_notices",
+    "progress",
+    "refusal",
+    "run_command",
+    "write_json",
+]

@@ -16,7 +16,9 @@ def parse_size(text: str, where: str = "--size", *, least: int = 1) -> tuple[int
     size = (int(match[1]), int(match[2])) if match else (0, 0)
     if not all(least <= side <= MAX_SIDE for side in size):
         sides = f", sides of {least} to {MAX_SIDE}" if match else ""
-        raise UserError("is no size in pixels", where=where, expected=f"WxH such as 800x600{sides}", found=repr(text))
+        raise UserError(
+            "is not a size in pixels", where=where, expected=f"WxH such as 800x600{sides}", found=repr(text)
+        )
     return size
 
 
@@ -28,7 +30,9 @@ def parse_numbers(text: str, count: int, where: str) -> tuple[float, ...]:
         numbers = ()
     if len(numbers) != count or not all(abs(number) < 1e30 for number in numbers):
         example = ",".join("123456"[:count])
-        raise UserError("is no list of numbers", where=where, expected=f"{count} such as {example}", found=repr(text))
+        raise UserError(
+            "is not a list of numbers", where=where, expected=f"{count} such as {example}", found=repr(text)
+        )
     return numbers
 
 

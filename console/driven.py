@@ -3,7 +3,7 @@
 Two variables of the environment, for every command:
   SNERG_PROGRESS=FILE        the work of the moment is kept there as one JSON object, written aside and renamed:
                              {"title": "training", "done": 1200, "total": 6000, "note": "PSNR 27.10 dB", "seconds": 81.3,
-                             "stage": "training", "metrics": {"psnr": 27.1}, "error": "", "bug": false}
+                             "begun": 0, "stage": "training", "metrics": {"psnr": 27.1}, "error": "", "bug": false}
                              A command that fails leaves its one line there as "error"; "bug" says that the fault is ours.
   SNERG_ENDS_WITH_STDIN=1    the end of standard input is Ctrl-C: whoever holds the other end of the pipe stops the
                              command by closing it, and so does that program's own end, however it comes about
@@ -30,7 +30,8 @@ WRITTEN_EVERY_S = 0.25
 
 @dataclass(frozen=True)
 class Report:
-    """How far a piece of work is: `done` units of `total`, after `seconds`.
+    """How far a piece of work is: `done` units of `total`. begun: units that were done before it was taken up again; the
+    others took `seconds`.
 
     title, note: for people ("supersampling", "PSNR 27.10 dB"). stage, metrics: the same for programs: what the work is part
     of ("training", "baking", or the title), and figures by name, of which METRICS are some. error: why the command failed,
@@ -46,6 +47,7 @@ class Report:
     metrics: Mapping[str, float] = field(default_factory=dict)
     error: str = ""
     bug: bool = False
+    begun: float = 0.0
 
     @property
     def share(self) -> float:
@@ -55,7 +57,13 @@ class Report:
     @property
     def seconds_left(self) -> float | None:
         """An estimate; None while it is too early for one."""
-        return self.seconds * (1 / self.share - 1) if self.share > 0 and self.seconds > 1.0 else None
+        left = seconds_left(self.done, self.total, self.begun, self.seconds)
+        return left if self.seconds > 1.0 else None
+
+
+def seconds_left(done: float, total: float, begun: float, seconds: float) -> float | None:
+    """An estimate for the work from `done` to `total`, if that from `begun` to `done` took `seconds`; None for no work."""
+    return seconds * max(total - done, 0.0) / (done - begun) if done > begun else None
 
 
 METRICS: Mapping[str, Callable[[float], str]] = {
@@ -74,10 +82,11 @@ def read_report(file: Path) -> Report | None:
     try:
         values = json.loads(file.read_text(encoding="utf-8"))
         title, note = str(values["title"]), str(values["note"])
+        done, total, seconds, begun = (float(values[name]) for name in ("done", "total", "seconds", "begun"))
         return Report(
-            title, float(values["done"]), float(values["total"]), note, float(values["seconds"]),
+            title, done, total, note, seconds,
             stage=str(values["stage"]), metrics={str(k): float(v) for k, v in values["metrics"].items()},
-            error=str(values["error"]), bug=bool(values["bug"]),
+            error=str(values["error"]), bug=bool(values["bug"]), begun=begun,
         )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

@@ -8,6 +8,31 @@ from pathlib import Path
 # What the machine refuses is not a bug of ours, wherever it surfaces.
 _REFUSED = {errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE}
 
+# Why nothing can be written somewhere, in plain words, and what to do about it.
+_NOT_WRITTEN = {
+    errno.ENOENT: ("there is no such folder, and none can be made", "choose a folder that is there"),
+    errno.ENOTDIR: ("a part of the path is a file, not a folder", "choose another folder"),
+    errno.EEXIST: ("a part of the path is a file, not a folder", "choose another folder"),
+    errno.EISDIR: ("a folder of that name is there", "choose another name"),
+    errno.EACCES: ("writing there is not permitted", "choose a folder of your own"),
+    errno.EPERM: ("writing there is not permitted", "choose a folder of your own"),
+    errno.EROFS: ("that disk is read-only", "choose another disk"),
+    errno.ENOSPC: ("the disk is full", "make room or choose another disk"),
+    errno.EDQUOT: ("your share of the disk is used up", "make room or choose another disk"),
+    errno.ENAMETOOLONG: ("the name is too long", "choose a shorter one"),
+}
+
+# What an installation may lack, by the name that is imported, and the extra of ours that brings it (pyproject.toml).
+_EXTRAS = {
+    "jax": "train",
+    "jaxlib": "train",
+    "optax": "train",
+    "safetensors": "train",
+    "av": "video",
+    "pycolmap": "colmap",
+}
+_PURPOSES = {"train": "trains, bakes and measures", "video": "reads and writes films", "colmap": "reads COLMAP scenes"}
+
 
 class UserError(Exception):
     """Something the user can mend: bad arguments, files, data, or no OpenGL.
@@ -47,3 +72,18 @@ def refusal(error: BaseException) -> str | None:
     if isinstance(error, MemoryError):
         return f"this machine has not enough free memory for it ({error or 'allocation failed'})"
     return None
+
+
+def not_written(error: OSError) -> tuple[str, str]:
+    """Why something could not be written, in plain words, and the remedy."""
+    words = error.strerror or str(error) or type(error).__name__
+    return _NOT_WRITTEN.get(error.errno or 0, (words, "choose another place"))
+
+
+def missing_extra(error: BaseException) -> str | None:
+    """What to install, where `error` comes of a package that an optional part of snerg needs; else None."""
+    name = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    extra = _EXTRAS.get(name)
+    if extra is None:
+        return None
+    return f"{name} is not installed, and this installation lacks what {_PURPOSES[extra]}; pip install 'snerg[{extra}]'"

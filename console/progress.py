@@ -11,18 +11,23 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
 
-from console.driven import Report, Reporter, in_words
+from console.driven import Report, Reporter, in_words, seconds_left
 
 PLAIN_LINE_EVERY_S = 10.0
 PLAIN_QUIET_S = 2.0  # work done sooner needs no line
 
 
 class Progress:
-    """One running piece of work of `total` units; `update(done, note)` may be called as often as is handy."""
+    """One running piece of work of `total` units; `update(done, note)` may be called as often as is handy.
 
-    def __init__(self, title: str, total: float) -> None:
-        self.title, self.total, self.done, self.note = title, total, 0.0, ""
+    begun: units that were done before this process took the work up again: it goes on from its place in the whole, and
+    the time left is estimated from what is done since.
+    """
+
+    def __init__(self, title: str, total: float, begun: float = 0.0) -> None:
+        self.title, self.total, self.done, self.note = title, total, begun, ""
         self.metrics: Mapping[str, float] = {}
+        self.begun = begun
         self.started = time.monotonic()
         self._reporter: Reporter | None = None
         self._stage = title
@@ -35,6 +40,11 @@ class Progress:
         self.note = note or in_words(self.metrics)
         self.report(at_once=done >= self.total)
         self._show()
+
+    def resume_at(self, begun: float) -> None:
+        """It turns out that so many units were done before."""
+        self.begun = begun
+        self.update(begun, self.note, self.metrics)
 
     def _show(self) -> None:
         """For those that show it."""
@@ -49,8 +59,9 @@ class Progress:
         if self._reporter is not None:
             passed = time.monotonic() - self.started
             report = Report(
-                self.title, float(self.done), float(self.total), self.note, round(passed, 2), self._stage, self.metrics
-            )
+                self.title, float(self.done), float(self.total), self.note, round(passed, 2), self._stage, self.metrics,
+                begun=float(self.begun),
+            )  # fmt: skip
             self._reporter.tell(report, at_once=at_once)
 
     def advance(self, units: float = 1.0, metrics: Mapping[str, float] | None = None) -> None:
@@ -59,17 +70,21 @@ class Progress:
 
 
 class _Live(Progress):
-    def __init__(self, title: str, total: float, bars: RichProgress) -> None:
-        super().__init__(title, total)
-        self._bars, self._task = bars, bars.add_task(title, total=total, note="")
+    def __init__(self, title: str, total: float, begun: float, bars: RichProgress) -> None:
+        super().__init__(title, total, begun)
+        self._bars, self._task = bars, bars.add_task(title, total=total, completed=int(begun), note="")
+
+    def resume_at(self, begun: float) -> None:
+        self._bars.reset(self._task, completed=int(begun))  # what was done before tells nothing of the speed
+        super().resume_at(begun)
 
     def _show(self) -> None:
         self._bars.update(self._task, completed=self.done, note=self.note)
 
 
 class _Plain(Progress):
-    def __init__(self, title: str, total: float) -> None:
-        super().__init__(title, total)
+    def __init__(self, title: str, total: float, begun: float) -> None:
+        super().__init__(title, total, begun)
         self._printed: float | None = None  # when the last line was
         self._finished = False
 
@@ -87,7 +102,7 @@ class _Plain(Progress):
         share = 100.0 if finished else 100 * done / self.total
         times = duration(elapsed)
         if not finished:
-            remaining = elapsed * (self.total - done) / done if done > 0 else None
+            remaining = seconds_left(done, self.total, self.begun, elapsed)
             times += ", time left unknown" if remaining is None else f", {duration(remaining)} left"
         print(f"{self.title}: {share:.0f} %  {times}  {self.note}".rstrip(), file=sys.stderr, flush=True)
 
@@ -104,13 +119,15 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def progress(title: str, total: float, quiet: bool = False, *, stage: str | None = None) -> Iterator[Progress]:
+def progress(
+    title: str, total: float, quiet: bool = False, *, begun: float = 0.0, stage: str | None = None
+) -> Iterator[Progress]:
     """Shows `title` with a bar (terminal) or a line every ten seconds (no terminal), on stderr; nothing where quiet.
 
-    A program that started us can read it from a file as well; see console.driven. stage: what the work is part of, for
-    such a program; the title where nothing is said.
+    begun: how much of `total` was done before; see Progress. A program that started us can read it from a file as well;
+    see console.driven. stage: what the work is part of, for such a program; the title where nothing is said.
     """
-    with _shown(title, total, quiet) as work:
+    with _shown(title, total, begun, quiet) as work:
         if not quiet:
             work.report_to(Reporter(), stage or title)
         yield work
@@ -118,12 +135,12 @@ def progress(title: str, total: float, quiet: bool = False, *, stage: str | None
 
 
 @contextmanager
-def _shown(title: str, total: float, quiet: bool) -> Iterator[Progress]:
+def _shown(title: str, total: float, begun: float, quiet: bool) -> Iterator[Progress]:
     if quiet:
-        yield Progress(title, total)
+        yield Progress(title, total, begun)
         return
     if not sys.stderr.isatty():
-        yield _Plain(title, total)
+        yield _Plain(title, total, begun)
         return
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -135,4 +152,4 @@ def _shown(title: str, total: float, quiet: bool) -> Iterator[Progress]:
         TextColumn("{task.fields[note]}", markup=False),
     )
     with RichProgress(*columns, console=Console(stderr=True)) as bars:
-        yield _Live(title, total, bars)
+        yield _Live(title, total, begun, bars)

@@ -16,7 +16,7 @@ from unittest import mock
 import tyro
 
 from console.driven import Reporter, ending_with_stdin
-from console.errors import UserError, refusal
+from console.errors import UserError, missing_extra, refusal
 from console.notices import plain_notices
 
 DONE, BUG, USER_CAN_MEND, INTERRUPTED = 0, 1, 2, 130
@@ -32,12 +32,14 @@ def run_command(
     prog: str,
     description: str | None = None,
     args: Sequence[str] | None = None,
+    on_failure: Callable[[str, str], None] | None = None,
 ) -> int:
     """Parses `args` (default: sys.argv) into a call of `command`; what that raises becomes an exit status.
 
     command: a function whose parameters become options (`max_steps` is --max-steps, a bool is a flag, a
     positional-only parameter is an argument; the docstring's Args give the help), or several of them by name,
-    which become subcommands. A whole number that it returns is the exit status.
+    which become subcommands. A whole number that it returns is the exit status. on_failure: called with `prog` and the
+    line of a failure, status 1 or 2, after it was printed.
     Returns 0 done, 2 the user can mend it (one line on stderr), 1 a bug (with its traceback), 130
     interrupted. `--debug` anywhere on the command line shows tracebacks for status 2 as well.
     """
@@ -63,14 +65,12 @@ def run_command(
     except Exception as error:
         line = _mendable(error)
         Reporter().tell_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
-        if line is None:
+        if line is None or debug:
             traceback.print_exc()
-            _say(prog, "this is a bug in snerg, not in your input; please report the lines above")
-            return BUG
-        if debug:
-            traceback.print_exc()
-        _say(prog, line)
-        return USER_CAN_MEND
+        _say(prog, line or "this is a bug in snerg; please report the lines above")
+        if on_failure is not None:
+            on_failure(prog, line or f"This is a bug in snerg: {type(error).__name__}: {error}")
+        return BUG if line is None else USER_CAN_MEND
 
 
 def _say(prog: str, line: str) -> None:
@@ -86,7 +86,7 @@ def _print_any_character() -> None:
 
 def _mendable(error: Exception) -> str | None:
     """The line for an error that the user can mend, None for a bug."""
-    return str(error) if isinstance(error, UserError) else refusal(error)
+    return str(error) if isinstance(error, UserError) else refusal(error) or missing_extra(error)
 
 
 def _parse(

@@ -61,7 +61,9 @@ def open_files(path: Path) -> PackFiles:
 def _not_a_pack(path: Path, names: list[str]) -> UserError:
     inner = sorted(p.parent.name for p in path.glob(f"*/{PARAMS_NAME}")) if path.is_dir() else []
     if inner:
-        return UserError(f"is not a pack, but holds {len(inner)}", where=path, remedy=f"open {path / inner[0]} instead")
+        return UserError(
+            f"is not a pack, but contains {len(inner)}", where=path, remedy=f"open {path / inner[0]} instead"
+        )
     if not names:
         folders = sorted(p.name for p in path.glob("*/")) if path.is_dir() else []
         found = f"only folders, such as {folders[0]}" if folders else None
@@ -72,7 +74,7 @@ def _not_a_pack(path: Path, names: list[str]) -> UserError:
         f"is not a pack: it has no {PARAMS_NAME}",
         where=path,
         found=f"{len(names)} other files, such as {min(names)}",
-        remedy="give the folder or .zip that snerg-bake wrote",
+        remedy="name the folder or .zip that snerg-bake wrote",
     )
 
 
@@ -116,7 +118,7 @@ class ZipFiles:
                 "cannot be opened as a .zip",
                 where=path,
                 found=str(error) or type(error).__name__,
-                remedy="it may be damaged or half copied; copy it again",
+                remedy="the file may be damaged or incomplete; copy it again",
             ) from error
         self._lock = threading.Lock()  # one file handle, one reader at a time
         entries = {
@@ -130,7 +132,7 @@ class ZipFiles:
             tops = {""}
         if len(tops) > 1:
             self.close()
-            raise UserError(f"holds {len(tops)} packs", where=path, remedy="make a .zip of one pack alone")
+            raise UserError(f"holds {len(tops)} packs", where=path, remedy="make a .zip of a single pack")
         top = tops.pop() + "/" if tops and "" not in tops else ""
         self._entries = {
             name.removeprefix(top): info

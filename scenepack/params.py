@@ -62,7 +62,7 @@ def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> Params
             remedy="copy the pack again",
         ) from error
     if not isinstance(raw, dict):
-        raise UserError("is no JSON object", where=where, expected="{…}", found=_short(raw))
+        raise UserError("is not a JSON object", where=where, expected="{…}", found=_short(raw))
     return _Checker(raw, where, note).params()
 
 

@@ -129,7 +129,7 @@ class PieceFiles:
         settings = self.outline.metadata.get(SETTINGS)
         if not isinstance(settings, Mapping):
             raise UserError(
-                f"snerg.{SETTINGS} is missing, without which {self.codec.name} cannot be decoded",
+                f"snerg.{SETTINGS} is missing; {self.codec.name} cannot be decoded without it",
                 where=where,
                 remedy="copy the pack again",
             )

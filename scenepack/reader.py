@@ -72,7 +72,9 @@ def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: 
         else:
             if _identity(path) == before:
                 return pack
-    raise UserError("keeps changing while it is read", where=path, remedy="wait until its writer is done")
+    raise UserError(
+        "keeps changing while it is read", where=path, remedy="wait until the other program has finished writing it"
+    )
 
 
 def open_pack(path: Path) -> PackReader:

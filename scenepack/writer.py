@@ -77,7 +77,7 @@ def save_pack(
         raise UserError(
             f"the pack cannot be written: {error.strerror or error}",
             where=path,
-            remedy="what was there is untouched; make room, or choose another place",
+            remedy="the old files are untouched; free some space, or choose another place",
         ) from error
 
 
@@ -127,12 +127,12 @@ def _require_array(name: str, array: np.ndarray, shape: tuple[int, ...], kind: t
 def _require_replaceable(path: Path, as_zip: bool) -> None:
     """UserError where something lies at `path` that is not a pack: nobody's photographs are ever deleted."""
     if not path.name:
-        raise UserError("is no place for a pack", where=path, remedy="name a folder or a .zip")
+        raise UserError("is not a place for a pack", where=path, remedy="name a folder or a .zip")
     if not os.path.lexists(path):
         return
     if path.is_dir() == as_zip:
         found, expected = ("a folder", "a .zip") if as_zip else ("a file", "a folder")
-        raise UserError("is in the way", where=path, expected=expected, found=found, remedy="choose another name")
+        raise UserError("already exists", where=path, expected=expected, found=found, remedy="choose another name")
     if as_zip:
         if path.stat().st_size == 0:
             return
@@ -140,7 +140,7 @@ def _require_replaceable(path: Path, as_zip: bool) -> None:
             open_files(path).close()
         except UserError as error:
             raise UserError(
-                "holds something that is not a pack, and is left alone",
+                "holds something that is not a pack, so it is not replaced",
                 where=path,
                 remedy="remove it yourself, or choose another name",
             ) from error
@@ -149,7 +149,7 @@ def _require_replaceable(path: Path, as_zip: bool) -> None:
     foreign = [name for name in names if not _PACK_FILE.fullmatch(name)]
     if names and (foreign or PARAMS_NAME not in names):
         raise UserError(
-            "holds files that are not a pack's, and is left alone",
+            "holds files that do not belong to a pack, so it is not replaced",
             where=path,
             found=f"{(foreign or names)[0]}" + (f" and {len(foreign) - 1} others" if len(foreign) > 1 else ""),
             remedy="choose a new or empty folder",

@@ -63,13 +63,28 @@ def test_the_pack_is_sound_and_says_where_it_comes_from(made: Path, scene: Path)
     assert snerg_pack(["check", str(made / "pack")]) == 0
 
 
-def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene: Path, capsys) -> None:
-    before = (made / "run" / "config.json").stat().st_mtime_ns
-    arguments = ["--preset", "tiny", "--resolution", "40", "--no-view"]
-    assert snerg_make([str(scene), "--out", str(made), *arguments]) == 0
-    assert load_pack(made / "pack").grid_size[0] <= 60
-    assert before <= (made / "run" / "config.json").stat().st_mtime_ns
-    assert snerg_bake([str(made / "run"), "--out", str(made / "pack"), "--resolution", "64"]) == 0
+def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(made / "run", out / "run")
+    run = out / "run"
+    checkpoints = {path.name: path.read_bytes() for path in (run / "checkpoints").iterdir()}
+    journal = (run / "metrics.jsonl").read_bytes()
+    started = json.loads((run / "config.json").read_text())["provenance"]["started"]
+    line = [str(scene), "--out", str(out), "--preset", "tiny", "--resolution", "40", "--no-view"]
+
+    assert snerg_make(line) == 0
+    assert load_pack(out / "pack").grid_size[0] <= 60, "40 in whole macroblocks: it is baked again, as this line says"
+    assert (run / "metrics.jsonl").read_bytes() == journal, "not one step was taken again"
+    assert {path.name: path.read_bytes() for path in (run / "checkpoints").iterdir()} == checkpoints
+
+    assert snerg_make([*line, "--steps", "320"]) == 0
+    after = (run / "metrics.jsonl").read_bytes()
+    assert after.startswith(journal), "what was done is kept"
+    taken = [json.loads(row) for row in after[len(journal) :].splitlines()]
+    assert taken and all(300 < row["step"] <= 320 for row in taken), "and training goes on behind it"
+    assert (run / "checkpoints" / "step_00000300.safetensors").read_bytes() == checkpoints["step_00000300.safetensors"]
+    assert json.loads((run / "config.json").read_text())["provenance"]["started"] == started
+    assert load_pack(out / "pack").metadata["provenance"]["steps"] == 320
 
 
 @pytest.mark.parametrize("command", ["snerg-bake", "snerg-make"])

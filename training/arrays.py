@@ -38,7 +38,7 @@ def from_arrays(template: Tree, arrays: Mapping[str, np.ndarray], where: str = "
     for path, expected in jax.tree_util.tree_leaves_with_path(template):
         name = _name(path)
         if name not in arrays:
-            raise UserError(f'no array "{name}"', where=where, remedy="it belongs to another configuration")
+            raise UserError(f'no array "{name}"', where=where, remedy="the file belongs to another configuration")
         found = arrays[name]
         if tuple(found.shape) != tuple(expected.shape) or found.dtype != expected.dtype:
             raise UserError(
@@ -46,7 +46,7 @@ def from_arrays(template: Tree, arrays: Mapping[str, np.ndarray], where: str = "
                 where=where,
                 expected=f"{expected.dtype} {list(expected.shape)}",
                 found=f"{found.dtype} {list(found.shape)}",
-                remedy="it belongs to another configuration",
+                remedy="the file belongs to another configuration",
             )
         leaves.append(jnp.asarray(found))
     return jax.tree_util.tree_unflatten(jax.tree_util.tree_structure(template), leaves)

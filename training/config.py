@@ -21,42 +21,42 @@ class NerfConfig:
     """The paper's deferred NeRF (sections 4 and 6). Defaults are the paper's own numbers."""
 
     depth: int = 8
-    """Hidden layers of the field's MLP."""
+    """Hidden layers of the MLP."""
     width: int = 512
     """Channels per hidden layer."""
     skip_after: int = 4
-    """The encoded point is concatenated again behind this layer (counted from 0)."""
+    """The encoded point is concatenated again after this layer (counted from 0)."""
     coarse_samples: int = 192
-    """Stratified samples per ray for the coarse field; the sparsity loss is computed at these."""
+    """Stratified samples per ray for the coarse MLP. The sparsity loss uses these samples."""
     fine_samples: int = 384
-    """Samples per ray drawn from the coarse weights; the fine field is asked at both sets."""
+    """Samples per ray drawn from the coarse weights. The fine MLP is evaluated at both sets."""
     last_interval: float = 1e10
-    """World units that the last sample of a ray stands for (NeRF: all the rest, so that any density there is opaque)."""
+    """Length of the last interval of a ray, in world units. A large value makes any density there opaque, as in NeRF."""
     density_noise: float = 0.0
-    """Standard deviation of the noise on raw density while training (the release: 1.0 on real scenes)."""
+    """Standard deviation of the noise on raw density during training. The published code uses 1.0 for real scenes."""
     first_rate: float = 2e-3
     """Adam's learning rate at the start, before the warm-up factor."""
     last_rate: float = 2e-5
-    """Learning rate at the last step; between them it falls log-linearly."""
+    """Learning rate at the last step. In between it decays log-linearly."""
     warmup_steps: int = 2500
-    """Steps of the warm-up; 0 for none."""
+    """Number of warm-up steps; 0 for none."""
     warmup_factor: float = 0.1
     """Factor on the learning rate at step 0."""
     clip_value: float = 0.01
-    """Each gradient entry is clipped to this size, before the norm; 0 for no clipping."""
+    """Clip each gradient entry to this absolute value, before the norm; 0 for no clipping."""
     clip_norm: float = 0.01
-    """The whole gradient's norm is clipped to this, after the values; 0 for no clipping."""
+    """Clip the norm of the whole gradient to this value, after the entries; 0 for no clipping."""
     view: Literal["deferred", "tiny", "nerf", "none"] = "deferred"
-    """What depends on the viewing direction: the view MLP once a ray (deferred); the same MLP at every sample (tiny);
-    JAXNeRF's layer of 128 channels at every sample (nerf); nothing (none). Only deferred and none can be baked."""
+    """View dependence: the view MLP once per ray (deferred), the same MLP at every sample (tiny), JAXNeRF's layer of 128
+    channels at every sample (nerf), or no view dependence (none). Only deferred and none can be baked."""
     matmul: Literal["auto", "float32", "bfloat16"] = "auto"
-    """Type in which the field's hidden layers multiply (sums are float32 always). auto: bfloat16 but on CPUs."""
+    """Type of the products in the hidden layers; sums are always float32. auto: float32 on CPUs, bfloat16 elsewhere."""
     gradient_rays: int = 0
-    """Rays per device whose gradient is computed at once, to save memory; 0 for the whole batch. Draws no other samples."""
+    """Rays per device whose gradient is computed at once, to save memory; 0 for the whole batch. Samples stay the same."""
     render_rays: int = 1024
-    """Rays per slice when rendering."""
+    """Rays that are rendered at once."""
     query_points: int = 65536
-    """Points per slice when the field is queried."""
+    """Points that are evaluated at once when baking."""
 
 
 EngineName = Literal["auto", "jax", "fused"]
@@ -67,30 +67,30 @@ class TrainConfig:
     """A training run."""
 
     method: Literal["nerf", "voxels"] = "nerf"
-    """The field: the paper's MLPs, or the fast voxel grid."""
+    """The model: the paper's MLP (nerf), or a sparse voxel grid (voxels)."""
     engine: EngineName = "auto"
-    """What computes the steps of the voxel grid: JAX, or the fused loops for processors (Numba). auto: fused where JAX has
-    no accelerator. A run keeps the engine it began with."""
+    """What computes the steps of method voxels: JAX, or the fused loops for processors (Numba). auto: fused where JAX has no
+    accelerator. A run keeps the engine that it began with."""
     steps: int = 250_000
-    """Steps in all; the learning rate's schedule ends here."""
+    """Total number of training steps. The learning-rate schedule ends here."""
     batch_size: int = 8192
-    """Rays per step (the paper: 8,192 for synthetic scenes, 16,384 for real ones)."""
+    """Rays per step (the paper: 8,192 for synthetic scenes, 16,384 for real ones). For method voxels this is only a bound."""
     seed: int = 0
-    """Seed of everything random; the same seed repeats the same run."""
+    """Random seed. The same seed repeats the same run."""
     sparsity_weight: float = 1e-4
-    """lambda_s, weight of the Cauchy loss on density (section 4.3); 0 for none."""
+    """Weight of the sparsity loss (lambda_s, section 4.3 of the paper); 0 for none."""
     sparsity_scale: float = 0.5
-    """c of the Cauchy loss."""
+    """Scale c of the sparsity loss."""
     sparsity_over_samples: Literal["sum", "mean"] = "sum"
-    """How a ray's samples are reduced: the paper's text sums, the release averages."""
+    """How the sparsity loss reduces the samples of a ray. The paper sums, the published code averages."""
     minutes: float = 0.0
-    """Stop (with a checkpoint, resumable) after this much wall time; 0 for no limit."""
+    """Stop after this many minutes, with a checkpoint; 0 for no limit."""
     log_every: int = 100
     """Steps between lines of metrics.jsonl."""
     validate_every: int = 5000
-    """Steps between validations; 0 for only one at the end."""
+    """Steps between validations; 0 for a single one at the end."""
     validate_views: int = 1
-    """Photographs whose mean PSNR a validation measures, spread over those held out; the middle one is pictured."""
+    """Number of held-out photographs that a validation measures. It saves a picture of the middle one."""
     checkpoint_every: int = 5000
     """Steps between checkpoints."""
     nerf: NerfConfig = field(default_factory=NerfConfig)

@@ -46,7 +46,7 @@ def join_processes(coordinator: str | None = None, processes: int | None = None,
     """Connects this process with the others of its run; does nothing where it is the only one. Call before JAX is used.
 
     What is left out is taken from the launcher (Slurm, Open MPI and MPICH's environment; JAX itself knows Slurm, Open
-    MPI 4, Kubernetes jobs and TPU pods). UserError where the options do not make a whole, or the others do not come.
+    MPI 4, Kubernetes jobs and TPU pods). UserError where the options do not fit together, or the others do not come.
     """
     told = (coordinator, processes, process_id)
     found = launched()
@@ -64,7 +64,7 @@ def join_processes(coordinator: str | None = None, processes: int | None = None,
         raise UserError(
             "the processes of this run could not be joined",
             where="--coordinator, --processes, --process-id",
-            expected="HOST:PORT of process 0, how many there are, and which this is (from 0)",
+            expected="HOST:PORT of process 0, the number of processes, and the number of this one (from 0)",
             found=str(error).split("\n")[0][:160],
         ) from error
 
@@ -166,6 +166,6 @@ def together() -> Iterator[None]:
     except UserError as error:
         failure = error
     if jax.process_count() > 1 and anywhere(failure is not None) and failure is None:
-        failure = UserError("another process of this run stopped", remedy="its own message says why")
+        failure = UserError("another process of this run stopped", remedy="see the message of that process")
     if failure is not None:
         raise failure

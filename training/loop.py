@@ -55,8 +55,8 @@ def train(
     with together():
         recorder = Recorder(run)
 
-    with interruptible() as asked_to_stop, progress("training", config.steps - run.step, quiet=not is_writer()) as bar:
-        first = run.step
+    shown = progress("training", config.steps, quiet=not is_writer(), begun=run.step)
+    with interruptible() as asked_to_stop, shown as bar:
         for step in range(run.step, config.steps):
             run.state, metrics = run.method.step(run.state, step)
             run.step = step + 1
@@ -67,7 +67,7 @@ def train(
                 values = {name: float(value) for name, value in jax.device_get(metrics).items()}
                 _refuse_divergence(run, values["loss"])
                 with together():
-                    bar.update(run.step - first, metrics=recorder.log(values))
+                    bar.update(run.step, metrics=recorder.log(values))
             if last or run.step % config.checkpoint_every == 0:
                 _checkpoint(run)
             pictured = config.validate_every and run.step % config.validate_every == 0
@@ -114,7 +114,7 @@ def _refuse_divergence(run: Run, loss: float) -> None:
     saved = list_checkpoints(run.checkpoints)
     good = f"the last good checkpoint is of step {saved[-1][0]}" if saved else "no checkpoint was saved before"
     raise UserError(
-        f"training diverged at step {run.step}: the loss is no finite number; {good}",
+        f"training diverged at step {run.step}: the loss is not finite; {good}",
         where=run.path,
         remedy="train again with a lower learning rate or another --seed",
     )

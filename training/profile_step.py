@@ -198,7 +198,7 @@ def _of_run(path: Path) -> tuple[Any, Any, int, str]:
 
     config = read_description(path).config
     if config.method != "voxels":
-        raise UserError("only the fast method's step is taken apart", where=path, expected="a run of the presets cpu, fast",
+        raise UserError("only the voxel method can be profiled", where=path, expected="a run of the presets cpu, fast",
                         found=f"method {config.method}")  # fmt: skip
     run = load_run(path)
     return run.method, run.state, run.step, run.scene.path.name

@@ -110,7 +110,7 @@ def load_run(path: str | Path, *, scene_path: str | Path | None = None, config: 
                 where=path,
                 expected=f"step {first_step}",
                 found=f"step {step}",
-                remedy="the run's folder must be one that all hosts share",
+                remedy="use a folder that all hosts share",
             )
     dataset = make_dataset(scene)
     with together():

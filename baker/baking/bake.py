@@ -203,12 +203,17 @@ def _content(
 
 
 class _Rate:
-    """Tells a bar how many macroblocks are done, and how many samples a second were taken since it was made."""
+    """Tells a bar how many macroblocks are done, and how many samples a second were taken since it was made.
+
+    What is there before any sample was taken was made by an earlier bake that this one goes on with.
+    """
 
     def __init__(self, bar: Progress, count: int) -> None:
         self.bar, self.count, self.samples, self.started = bar, count, 0, time.monotonic()
 
     def __call__(self, blocks: int, samples: int) -> None:
+        if self.samples == samples == 0 and blocks < self.count:
+            self.bar.resume_at(blocks)
         self.samples += samples
         rate = self.samples / max(time.monotonic() - self.started, 1e-3) / 1e6
         self.bar.update(blocks, f"macroblock {blocks} of {self.count}, {rate:.1f} M samples/s")
@@ -230,7 +235,7 @@ def cameras_of(run: Run) -> list[dict]:
 
 def _nothing_there(run: Run) -> UserError:
     return UserError(
-        "the trained field holds nothing that its cameras see",
+        "the trained field contains nothing that its cameras see",
         where=run.path,
         remedy="train for more steps, then bake again",
     )

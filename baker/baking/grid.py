@@ -76,7 +76,7 @@ def make_grid(
     if max(blocks) > MAX_BLOCK_INDEX:
         limit = MAX_BLOCK_INDEX * block_size
         raise UserError(
-            "the grid has too many macroblocks along an axis", where="--resolution", expected=f"at most {limit}",
+            "the grid has too many macroblocks along one axis", where="--resolution", expected=f"at most {limit}",
             found=resolution, remedy="bake at a lower resolution",
         )  # fmt: skip
     extent = np.array(blocks) * block_size * voxel_size

@@ -58,6 +58,8 @@ def supersample(
 
     parts = np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE))
     pieces = [(f"voxels_{BLOCKS_AT_ONCE * i:06d}", partial(make, part)) for i, part in enumerate(parts)]
+    done = sum(len(part) for part, (name, _) in zip(parts, pieces, strict=True) if work is not None and work.has(name))
+    on_some(done, 0)
     share_out(work, pieces)
     reached = 0
     for part, piece in zip(parts, pieces, strict=True):

@@ -34,7 +34,7 @@ except ImportError:  # Windows
     fcntl = None
 
 Arrays = dict[str, np.ndarray]
-AGAIN = "type the same line again: what is done is kept"
+AGAIN = "run the same command again; finished work is kept"
 PATIENCE = 600.0  # seconds that a helper waits for the first process to begin
 
 
@@ -156,8 +156,8 @@ class WorkFolder:
         while not (file.is_file() and file.read_text(encoding="utf-8") == text):
             if time.monotonic() > until:
                 raise UserError(
-                    "process 0 of this bake has not begun", where=file,
-                    expected="the same line, with the same run and options, by every process, in folders that all share",
+                    "process 0 of this bake has not started", where=file,
+                    expected="the same command line in every process, with folders that all hosts share",
                 )  # fmt: skip
             time.sleep(0.2)
 
@@ -179,7 +179,9 @@ class WorkFolder:
 
     def _refused(self, error: OSError) -> UserError:
         return UserError(
-            f"the bake cannot be kept: {error.strerror or error}", where=self.path, remedy=f"make room, then {AGAIN}"
+            f"its pieces cannot be written: {error.strerror or error}",
+            where=self.path,
+            remedy=f"free some space; then {AGAIN}",
         )
 
 

@@ -33,6 +33,7 @@ def snerg_bake(
     seed: int = 0,
     processes: int | None = None,
     process_id: int | None = None,
+    pictures: int = 0,
 ) -> None:
     """Bakes a trained run into a pack.
 
@@ -52,6 +53,8 @@ def snerg_bake(
         processes: Number of processes that bake this pack together. Each runs the same command on a host that shares the
             folders of run and pack. Slurm and MPI set it. See docs/distributed.md.
         process_id: Number of this process, from 0. Process 0 writes the pack.
+        pictures: Put copies of the photographs into the pack, at most this many pixels a side, for viewers on other
+            computers. 0 puts in none.
     """
     from baker.baking.bake import BakeConfig  # JAX starts here, not for --help
     from scenepack import check_target
@@ -63,11 +66,11 @@ def snerg_bake(
     if share.helps:
         help_with(load_run(run), config, out, share)
     else:
-        bake_to(load_run(run), config, out, codec, share)
+        bake_to(load_run(run), config, out, codec, share, pictures)
 
 
 def share_of(processes: int | None, process_id: int | None) -> Share:
-    """This process's share of the work, from the options or the launcher. UserError where they do not make a whole."""
+    """This process's share of the work, from the options or the launcher. UserError where they do not fit together."""
     from baker.baking.work_folder import Share
     from training.devices import launched
 
@@ -75,8 +78,8 @@ def share_of(processes: int | None, process_id: int | None) -> Share:
     count, index = told or (1, 0)
     if count is None or index is None or not 0 <= index < count:
         raise UserError(
-            "do not make a whole", where="--processes, --process-id",
-            expected="how many there are, and which this is, from 0", found=f"{count}, {index}",
+            "do not fit together", where="--processes, --process-id",
+            expected="the number of processes, and the number of this one, from 0", found=f"{count}, {index}",
         )  # fmt: skip
     return Share(index, count)
 
@@ -92,13 +95,14 @@ def help_with(run: Run, config: BakeConfig, out: Path, share: Share) -> None:
 
 
 def bake_to(
-    run: Run, config: BakeConfig, out: Path, codec: str = "png", share: Share | None = None
+    run: Run, config: BakeConfig, out: Path, codec: str = "png", share: Share | None = None, pictures: int = 0
 ) -> dict[str, float]:
     """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it.
 
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
     """
     from baker.baking.bake import STAGE, Stages, bake, work_key
+    from baker.baking.pictures import with_pictures
     from baker.baking.work_folder import AGAIN, WorkFolder, work_beside
     from scenepack import save_pack
 
@@ -107,7 +111,7 @@ def bake_to(
     stages = Stages()
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
-        pack = bake(run, config, work, stages)
+        pack = with_pictures(bake(run, config, work, stages), run.scene, pictures)
         with stages("writing"), progress("writing the pack", 1, stage=STAGE) as bar:
             save_pack(pack, out, codec=codec, on_progress=lambda done, total: bar.update(done / total))
     except KeyboardInterrupt as interrupt:

@@ -78,7 +78,7 @@ def snerg_make(
             raise UserError("holds a run of another scene", where=run_path, expected=scene, found=stored.scene,
                             remedy="choose another --out")  # fmt: skip
         if box is not None and box != stored.options.aabb:
-            raise UserError("a run cannot change what it is trained on", where=OPTION, expected=stored.options.aabb or "none",
+            raise UserError("a run cannot change how its scene is read", where=OPTION, expected=stored.options.aabb or "none",
                             found=box, remedy="leave it out, or choose another --out")  # fmt: skip
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
     else:

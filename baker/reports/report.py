@@ -94,7 +94,7 @@ def _chosen(text: str, known: Sequence[str], where: str) -> list[str]:
     wrong = [name for name in names if name not in known]
     if wrong or not names:
         raise UserError(
-            "is no list of these", where=where, expected=", ".join(known), found=wrong[0] if wrong else "none"
+            "is not a list of these", where=where, expected=", ".join(known), found=wrong[0] if wrong else "none"
         )
     return sorted(names, key=known.index)
 
@@ -103,7 +103,7 @@ def _resolutions(text: str) -> list[int]:
     words = [word.strip() for word in text.split(",") if word.strip()]
     if not words or not all(word.isdecimal() for word in words):
         raise UserError(
-            "is no list of whole numbers", where="--resolutions", expected="such as 500,750", found=repr(text)
+            "is not a list of whole numbers", where="--resolutions", expected="such as 500,750", found=repr(text)
         )
     return sorted({int(word) for word in words})
 
@@ -138,7 +138,7 @@ def _study(
         require_bakeable(loaded)
     if other is not None and (other.scene.path.resolve() != run.scene.path.resolve() or other.options != run.options):
         raise UserError(
-            "is a run of another scene, or reads it otherwise", where=against,
+            "is a run of another scene, or reads the scene differently", where=against,
             expected=f"{run.scene.path}, {vars(run.options)}", found=f"{other.scene.path}, {vars(other.options)}",
         )  # fmt: skip
     photographs = run.scene.splits.get(split, ())

@@ -57,9 +57,7 @@ def chosen_quality(codec: Codec, quality: int | None) -> int | None:
     if quality is None:
         return usual
     if usual is None:
-        raise UserError(
-            "loses nothing and takes no quality", where=f"--codec {codec.name}", remedy="leave --quality out"
-        )
+        raise UserError("is lossless and has no quality", where=f"--codec {codec.name}", remedy="leave out --quality")
     if not 1 <= quality <= 100:
         raise UserError("is out of range", where="--quality", expected="1 to 100", found=quality)
     return quality

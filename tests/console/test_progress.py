@@ -64,3 +64,31 @@ def test_a_terminal_gets_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: 
 )
 def test_durations_read_well(seconds: float, text: str) -> None:
     assert duration(seconds) == text
+
+
+def test_work_taken_up_again_counts_from_its_place_in_the_whole_and_its_time_from_now(
+    clock: Callable[[float], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with progress("training", 1000, begun=600) as bar:
+        assert bar.done == 600
+        clock(10)
+        bar.update(700, "PSNR 30")
+    with progress("supersampling", 1000) as bar:
+        bar.resume_at(600)
+        clock(20)
+        bar.update(700)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["training: 70 %  10 s, 30 s left  PSNR 30", "supersampling: 70 %  10 s, 30 s left"]
+
+
+def test_a_bar_of_work_taken_up_again_begins_at_its_place(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    with progress("training", 10, begun=4):
+        pass
+    assert "4/10" in capsys.readouterr().err.replace(" ", "")
+    with progress("supersampling", 10) as bar:
+        bar.resume_at(6)
+    assert "6/10" in capsys.readouterr().err.replace(" ", "")

@@ -149,7 +149,7 @@ def test_webp_is_smaller_than_png_and_avif_than_jpeg(pack: Pack, tmp_path: Path)
 
 def test_more_quality_is_more_bytes_and_less_error(codec: str, pack: Pack, tmp_path: Path) -> None:
     if codec in LOSSLESS:
-        with pytest.raises(UserError, match="takes no quality"):
+        with pytest.raises(UserError, match="has no quality"):
             save_pack(pack, tmp_path / "pack", codec=codec, quality=50)
         return
     figures = []
@@ -360,7 +360,7 @@ def test_converting_in_place_replaces_the_pack(pack: Pack, tmp_path: Path) -> No
     ("words", "told"),
     [
         (["--codec", "gif"], "image format is not known"),
-        (["--codec", "webp", "--quality", "5"], "takes no quality"),
+        (["--codec", "webp", "--quality", "5"], "has no quality"),
         (["--codec", "avif", "--quality", "0"], "expected 1 to 100"),
         (["--codec", "png", "--png-level", "12"], "expected 0 to 9"),
     ],

@@ -86,8 +86,8 @@ def test_the_box_and_its_units_are_told_when_training_begins(
     ("value", "words"),
     [
         ("1,2,3", "expected 6 such as"),
-        ("-1,-1,-1,1,1,nan", "is no list of numbers"),
-        ("a,b,c,d,e,f", "is no list of numbers"),
+        ("-1,-1,-1,1,1,nan", "is not a list of numbers"),
+        ("a,b,c,d,e,f", "is not a list of numbers"),
         ("-1,1,-1,1,1,1", "y0 below y1"),
         ("90,90,90,91,91,91", "no photograph sees this box"),
     ],
@@ -101,7 +101,7 @@ def test_a_box_that_is_none_gets_one_line(procedural_path: Path, tmp_path: Path,
 
 def test_a_forward_facing_scene_has_no_box_to_choose(tmp_path: Path):
     path = write_llff(tmp_path / "forward", forward())
-    with pytest.raises(UserError, match=r"--aabb: .* NDC .*; leave it out"):
+    with pytest.raises(UserError, match=r"--aabb: .* NDC.*; leave it out"):
         load_scene(path, aabb=BOX)
     around = write_llff(tmp_path / "around", circle())
     box = load_scene(around, spherify=True).aabb * 0.5

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from console import Notice, UserError
+from console.driven import PROGRESS, read_report
 from training.arrays import to_arrays
 from training.commands.train import main
 from training.config import PRESETS, TINY, TrainConfig, from_json, to_json
@@ -75,7 +76,10 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_repeats_the_unbroken_one_exactly(
         train(procedural_path, out, MINUTE)
     assert signal.getsignal(signal.SIGINT) is before
     monkeypatch.undo()
+    monkeypatch.setenv(PROGRESS, str(tmp_path / "progress.json"))
     run = train(procedural_path, out, MINUTE, resume=True)
+    report = read_report(tmp_path / "progress.json")
+    assert report is not None and (report.begun, report.done, report.total) == (7, 12, 12)  # its place in the whole
     assert run.step == 12 and losses(out) == losses(unbroken)
     ours, theirs = to_arrays(run.state), to_arrays(load_run(unbroken).state)
     for name in theirs:

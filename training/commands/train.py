@@ -115,7 +115,7 @@ def _stored_options(
         before = getattr(stored, name)
         if value is not None and value != before:
             raise UserError(
-                "a run cannot change what it is trained on",
+                "a run cannot change how its scene is read",
                 where=f"--{name}",
                 expected="none" if before is None else before,
                 found=value,

@@ -191,7 +191,7 @@ def batch_slices(batch_size: int, gradient_rays: int, devices: int = 1) -> int:
         return 1
     if share % gradient_rays:
         raise UserError(
-            "the batch cannot be cut evenly",
+            "the batch cannot be split evenly",
             where="--nerf.gradient-rays",
             expected=f"a divisor of {share}",
             found=gradient_rays,

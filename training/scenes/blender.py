@@ -54,7 +54,7 @@ def _read_split(path: Path, description: Path, downscale: int) -> tuple[Photogra
     frames = frames_of(document, description)
     angle = number(document, "camera_angle_x", description)
     if not 0.0 < angle < np.pi:
-        raise UserError("camera_angle_x is no field of view", where=description, expected="0 to pi", found=angle)
+        raise UserError("camera_angle_x is not a field of view", where=description, expected="0 to pi", found=angle)
     photographs, first_size = [], None
     for index, frame in enumerate(frames):
         world_T_camera = pose(frame.get("transform_matrix"), f"{description} frame {index}")

@@ -27,7 +27,7 @@ def checked_box(values: Sequence[float]) -> Box:
     """Six finite numbers, the low corner before the high one. UserError for anything else."""
     numbers = np.array(values, np.float64)
     if numbers.shape != (6,) or not np.isfinite(numbers).all():
-        raise UserError("is no box", where=OPTION, expected="x0,y0,z0,x1,y1,z1", found=values)
+        raise UserError("is not a box", where=OPTION, expected="x0,y0,z0,x1,y1,z1", found=values)
     if not (numbers[:3] < numbers[3:]).all():
         axis = "xyz"[int(np.argmin(numbers[:3] < numbers[3:]))]
         found = f"{axis}0 = {numbers['xyz'.index(axis)]:g}, {axis}1 = {numbers['xyz'.index(axis) + 3]:g}"
@@ -43,9 +43,9 @@ def with_box(scene: Scene, box: Box) -> Scene:
     """
     if scene.ndc:
         raise UserError(
-            "a forward-facing scene has no box of its own: in NDC it is all that the cameras see",
+            "a forward-facing scene has no box: in NDC, the box is everything that the cameras see",
             where=OPTION,
-            remedy="leave it out, or read the capture with --spherify",
+            remedy="leave it out, or use --spherify",
         )
     aabb = np.array(checked_box(box)).reshape(2, 3)
     cameras = [photograph.camera for photograph in scene.splits["train"]]

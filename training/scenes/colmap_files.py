@@ -215,5 +215,5 @@ def _check_end(at: int, data: bytes, file: Path) -> None:
 
 
 def _damaged(where: Path, found: str) -> UserError:
-    return UserError("not a reconstruction of COLMAP, or damaged", where=where, found=found,
-                     remedy="copy it again, or let COLMAP write it anew")  # fmt: skip
+    return UserError("not a COLMAP reconstruction, or a damaged one", where=where, found=found,
+                     remedy="copy it again, or run COLMAP again")  # fmt: skip

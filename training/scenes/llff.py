@@ -145,7 +145,7 @@ def spherify(P: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     try:
         centre = focus_point(P)
     except np.linalg.LinAlgError as error:
-        raise UserError("the cameras all look the same way, at no point in common", where="poses_bounds.npy",
+        raise UserError("all cameras look the same way, so they have no common centre", where="poses_bounds.npy",
                         remedy="leave out --spherify") from error  # fmt: skip
     z = normalised((P[:, :3, 3] - centre).mean(0))
     x = normalised(np.cross([0.1, 0.2, 0.3], z))  # any direction across; this one is NeRF's

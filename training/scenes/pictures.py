@@ -147,7 +147,7 @@ class PictureLoader:
                 where=path,
                 expected=_times(self.source_size),
                 found=_times(found),
-                remedy="it changed since the scene was read",
+                remedy="the file changed after the scene was read",
             )
 
 

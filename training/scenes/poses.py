@@ -45,7 +45,7 @@ def number(document: dict[str, Any], key: str, path: Path, default: float | None
     """A finite number under a key. UserError where it is missing (without default) or no number."""
     value = document.get(key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-        raise UserError(f'"{key}" is no number', where=path, found="nothing" if value is None else repr(value)[:60])
+        raise UserError(f'"{key}" is not a number', where=path, found="nothing" if value is None else repr(value)[:60])
     return float(value)
 
 
@@ -54,17 +54,17 @@ def pose(matrix: Any, where: str) -> np.ndarray:
     try:
         world_T_camera = np.array(matrix, dtype=np.float64)
     except (TypeError, ValueError):
-        raise UserError("the camera's matrix is not made of numbers", where=where, expected="4x4") from None
+        raise UserError("the camera's matrix has values that are not numbers", where=where, expected="4x4") from None
     if world_T_camera.shape == (3, 4):
         world_T_camera = np.vstack([world_T_camera, [0, 0, 0, 1]])
     if world_T_camera.shape != (4, 4):
         shape = "x".join(map(str, world_T_camera.shape)) or "nothing"
         raise UserError("the camera's matrix has another shape", where=where, expected="4x4", found=shape)
     if not np.all(np.isfinite(world_T_camera)):
-        raise UserError("the camera's matrix holds numbers that are not finite", where=where)
+        raise UserError("the camera's matrix has values that are not finite", where=where)
     lengths = np.linalg.norm(world_T_camera[:3, :3], axis=0)
     if lengths.min() < 1e-9 or abs(np.linalg.det(world_T_camera[:3, :3] / lengths)) < 0.5:
-        raise UserError("the camera's matrix is no rotation and position", where=where, found="dependent axes")
+        raise UserError("the camera's matrix is not a rotation and a position", where=where, found="dependent axes")
     world_T_camera[:3, :3] /= lengths
     return world_T_camera
 

@@ -34,9 +34,9 @@ def load_scene(
     if isinstance(downscale, bool) or int(downscale) != downscale or downscale < 1:
         raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
     if not path.exists():
-        raise UserError("no such folder", where=path, expected="a scene: a folder of posed photographs")
+        raise UserError("no such folder", where=path, expected="a scene: a folder of photographs with camera poses")
     if not path.is_dir():
-        raise UserError("not a folder", where=path, expected="a scene: a folder of posed photographs")
+        raise UserError("not a folder", where=path, expected="a scene: a folder of photographs with camera poses")
     if not any(path.iterdir()):
         raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
     for layout in LAYOUTS:

@@ -21,47 +21,47 @@ class VoxelConfig:
     """The fast field (training.voxels.method). Resolutions are voxels along the longest side of the scene's box."""
 
     resolutions: tuple[int, ...] = (64, 128, 256)
-    """Grid resolution of each stage, coarse to fine."""
+    """Voxels along the longest side of the box in each stage, coarse to fine."""
     ndc_resolutions: tuple[int, ...] = (120, 240, 480)
-    """The same for forward-facing scenes, whose pictures fill their box from side to side."""
+    """The same for forward-facing scenes."""
     ndc_depth: float = 4.0
-    """Depth of a voxel in widths, in forward-facing scenes; depth there is disparity, which small baselines tell coarsely."""
+    """Depth of a voxel relative to its width, in forward-facing scenes, where depth is known less precisely."""
     stage_starts: tuple[float, ...] | None = None
-    """Where each stage begins, as a share of all steps; None: by the kind of scene, as wherever None is said below."""
+    """Start of each stage, as a fraction of all steps. Here and below, None means: chosen by the kind of scene."""
     prunings: tuple[float, ...] | None = None
-    """Where unseen voxels are dropped without refining, as shares of all steps."""
+    """When voxels that no photograph shows are pruned without refining, as fractions of all steps."""
     least_views: int | None = None
-    """Voxels that fewer training photographs see are left out from the start: what one alone sees, anything explains."""
+    """Voxels that fewer training photographs see are left out from the start."""
     samples_per_step: int = 65_536
-    """Samples of the field a step, empty space left out; rays are drawn until they fill this list."""
+    """Samples per step, without those in empty space. The number of rays adapts to it."""
     step_voxels: float = 1.0
     """Distance between samples, in voxels; at most 1."""
     density_rate: float = 0.2
-    """Adam's learning rate of raw density, at the start."""
+    """Initial learning rate of density (Adam)."""
     colour_rate: float = 0.1
-    """Adam's learning rate of raw colours and features, at the start."""
+    """Initial learning rate of colours and features (Adam)."""
     head_rate: float = 3e-3
-    """Adam's learning rate of the view MLP, at the start."""
+    """Initial learning rate of the view MLP (Adam)."""
     final_rate_factor: float = 0.05
-    """All learning rates fall log-linearly to this share at the last step."""
+    """All learning rates decay log-linearly to this fraction at the last step."""
     initial_alpha: float = 1e-4
-    """Opacity of a voxel of the first stage at the start."""
+    """Initial opacity of the voxels of the first stage."""
     keep_weight: float | None = None
-    """A voxel is kept where it, or one beside it, contributes at least this share to some pixel."""
+    """Pruning keeps a voxel if it, or one next to it, contributes at least this fraction to some pixel."""
     density_variation: float | None = None
     """Weight of the total variation of raw density."""
     colour_variation: float | None = None
     """Weight of the total variation of raw colours and features."""
     variation_share: float = 0.02
-    """Share of voxels whose variation is looked at in a step."""
+    """Fraction of the voxels whose total variation is computed in a step."""
     distortion_weight: float | None = None
-    """Weight of the distortion loss of mip-NeRF 360, with distances as shares of the box; 0 for none."""
+    """Weight of the distortion loss of mip-NeRF 360, with distances relative to the box; 0 for none."""
     sparsity_factor: float | None = None
     """Factor on the sparsity weight."""
     early_termination: float = 1e-3
-    """Transmittance at which a ray ends in a step: samples from which less light than this comes are left out."""
+    """A ray ends where its transmittance falls below this."""
     view_dependence: bool = True
-    """False trains a diffuse model: no view MLP."""
+    """If false, train a diffuse model without a view MLP."""
 
 
 @dataclass(frozen=True)

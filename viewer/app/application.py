@@ -19,7 +19,7 @@ from console import Notice, UserError
 from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.comparison import Comparison
-from viewer.app.files import FileRequest, kind_of, pack_in
+from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
 from viewer.app.keyboard import Keyboard
@@ -31,11 +31,11 @@ from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
 from viewer.app.projection import rays_through
 from viewer.app.ray_costs import CostMeter
-from viewer.app.resolution import Governor
 from viewer.app.rig import FOVS, CameraRig
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Stage, Viewport, name_of
 from viewer.app.timing import FrameTimes
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.rendering.settings import RenderSettings
 
 
@@ -46,7 +46,7 @@ class App:
     stage: Stage | None = None
     scene: OpenScene | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
-    governor: Governor = field(default_factory=Governor)
+    resolution: DynamicResolution = field(default_factory=DynamicResolution)
     times: FrameTimes = field(default_factory=FrameTimes)
     costs: CostMeter = field(default_factory=CostMeter)
     crop_tool: crop.Tool = "faces"  # what the mouse does to the crop box
@@ -126,14 +126,18 @@ class App:
         self.scene, self.filming = None, Filming(size=self.filming.size, fps=self.filming.fps)
         self.touch()
 
+    def quit(self) -> None:
+        """Ends the program with the next turn of its loop, without a question."""
+        self.quitting = True
+
     def use(self, preferences: Preferences) -> None:
         """Takes over what was remembered."""
         self.preferences = preferences
         self.interface.page = preferences.page
         self.interface.moved, self.interface.layout = list(preferences.moved), preferences.layout
         self.settings = replace(self.settings, background=preferences.background)
-        self.governor.target_fps, self.governor.enabled = preferences.target_fps, preferences.dynamic_resolution
-        self.governor.rest_scale = preferences.rest_scale
+        self.resolution.target_fps, self.resolution.enabled = preferences.target_fps, preferences.dynamic_resolution
+        self.resolution.rest_scale = preferences.rest_scale
 
     def remembered(self) -> Preferences:
         """What is to be remembered."""
@@ -143,9 +147,9 @@ class App:
             moved=list(self.interface.moved),
             layout=self.interface.layout,
             background=self.settings.background,
-            target_fps=self.governor.target_fps,
-            dynamic_resolution=self.governor.enabled,
-            rest_scale=self.governor.rest_scale,
+            target_fps=self.resolution.target_fps,
+            dynamic_resolution=self.resolution.enabled,
+            rest_scale=self.resolution.rest_scale,
         )
 
     def open(
@@ -172,6 +176,7 @@ class App:
         self.touch()
 
     def _drop(self, path: Path) -> None:
+        path = scene_around(path)
         kind = kind_of(path)
         if kind == "scene" or kind == "run":
             self.making.offer(self, kind, path)
@@ -204,6 +209,8 @@ class App:
             self.touch(2)
         self.filming.tick(self, seconds)
         self.comparison.tick(self, seconds)
+        if self.messages.toast_changed():
+            self.touch()
 
     def touch(self, frames: int = FRAMES_AFTER_EVENT) -> None:
         """Something changed: the next frames must be drawn."""
@@ -211,7 +218,7 @@ class App:
 
     @property
     def wants_frame(self) -> bool:
-        return self.frames_owed > 0 or self.messages.toast_left > 0
+        return self.frames_owed > 0
 
     def drew(self) -> None:
         """The window drew a frame."""

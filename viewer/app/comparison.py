@@ -75,6 +75,8 @@ class Comparison:
         self.photograph, self.psnr_db, self._measured, self.pixels = index, None, (), None
         app.touch()
         self.against = ""
+        if not self.photographs.has_picture(index):  # its place is all there is to see
+            return
         self.pixels = self.photographs.pixels(index)
         self.against = "photograph"
 
@@ -144,7 +146,7 @@ class Comparison:
                 self.thumbnails = thumbnails = None
         if thumbnails is None:
             wanted = self.frusta or app.interface.shows("photographs")
-            if wanted and app.scene is not None and photographs is not None and len(photographs) and photographs.folder:
+            if wanted and app.scene is not None and photographs is not None and photographs.any_pictures:
                 self.thumbnails = Thumbnails(photographs)
         elif thumbnails.news():
             app.touch(1)
@@ -169,7 +171,7 @@ class Comparison:
             return
         self._measured = key
         h, w = self.pixels.shape[:2]
-        speed = app.governor.pixels_per_ms or 1000.0
+        speed = app.resolution.pixels_per_ms or 1000.0
         scale = min(1.0, (PSNR_BUDGET_MS * speed / (w * h)) ** 0.5)
         size = max(1, round(w * scale)), max(1, round(h * scale))
         photograph = self.pixels

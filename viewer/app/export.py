@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from console import UserError, refusal
+from console import UserError, not_written
 from console.atomic import Replacement
 from viewer.app.films import FilmWriter, films_possible
-from viewer.app.resolution import tiles
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.dynamic_resolution import tiles
 from viewer.rendering.settings import RenderSettings
 
 __all__ = ["Export", "films_possible"]
@@ -77,8 +77,8 @@ class Export:
         except BaseException as error:
             self.cancel()
             if isinstance(error, OSError):
-                remedy = "nothing of it was left behind; make room or choose another disk, then start again"
-                words = refusal(OSError(error.errno, error.strerror)) or error.strerror or str(error)
+                words, remedy = not_written(error)
+                remedy = f"nothing of it was left behind; {remedy}, then start again"
                 raise UserError(words, where=self.target, remedy=remedy) from error
             raise
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from console import not_written
 from scenepack.files import PARAMS_NAME
 
 Kind = Literal["pack", "run", "scene", "pictures", "unknown"]
@@ -25,7 +28,7 @@ SCENE_FILES = (
 class FileRequest:
     """A path that the user is asked for. kind: an existing file, a folder, or a file to write.
 
-    suffixes: such as (".zip",). then: called with the path that was chosen.
+    suffixes: such as (".zip",). then: called with the path that was chosen. start: the folder to begin in.
     """
 
     title: str
@@ -33,6 +36,7 @@ class FileRequest:
     then: Callable[[Path], object]
     suffixes: tuple[str, ...] = ()
     suggestion: str = ""
+    start: Path | None = None
 
 
 def kind_of(path: Path) -> Kind:
@@ -45,8 +49,7 @@ def kind_of(path: Path) -> Kind:
         return "scene"
     if any((path / folder / "config.json").is_file() for folder in ("", "run")):
         return "run"  # of snerg-train; or what snerg-make left when it was stopped
-    pictures = path.is_dir() and any(child.suffix.lower() in PICTURES for child in path.iterdir())
-    return "pictures" if pictures else "unknown"
+    return "pictures" if _holds_pictures(path) else "unknown"
 
 
 def pack_in(path: Path) -> Path:
@@ -55,6 +58,36 @@ def pack_in(path: Path) -> Path:
         for found in sorted(path.glob(f"*/{PARAMS_NAME}")):
             return found.parent
     return path
+
+
+def scene_around(path: Path) -> Path:
+    """`path`, or where it is a folder of pictures inside a scene (SCENE/images, SCENE/images/left), that scene."""
+    if not path.is_dir() or kind_of(path) not in ("pictures", "unknown"):
+        return path
+    if not any(_holds_pictures(folder) for folder in (path, *path.glob("*/"))):
+        return path
+    return next((parent for parent in path.resolve().parents[:2] if _is_scene(parent)), path)
+
+
+def _holds_pictures(folder: Path) -> bool:
+    return folder.is_dir() and any(child.suffix.lower() in PICTURES for child in folder.iterdir())
+
+
+def existing_folder(path: Path) -> Path:
+    """`path`, or the nearest folder above it that is there."""
+    path = path.absolute()
+    return next((folder for folder in (path, *path.parents) if os.path.isdir(folder)), Path(path.anchor))
+
+
+def why_not_writable(folder: Path) -> str | None:
+    """Why nothing can be written into `folder`, which need not be there yet, and what to do; None where it can. Tries it."""
+    try:
+        above = next(place for place in (folder, *folder.parents) if os.path.lexists(place))
+        with tempfile.TemporaryDirectory(prefix=".snerg-", dir=above):
+            return None
+    except OSError as error:
+        words, remedy = not_written(error)
+        return f"{folder} cannot be written: {words}; {remedy}."
 
 
 def _is_scene(path: Path) -> bool:

@@ -155,7 +155,7 @@ class Filming:
             return
         if not app.scene.whole:
             raise UserError("the scene is still being read", remedy="wait until it is all there")
-        side = app.governor.tile_side()
+        side = app.resolution.tile_side()
         self.export = Export(cameras, app.settings, target, app.stage.snapshot, self.fps, side)
         self.playing = False
         app.touch()

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from console import UserError, refusal
 
 KEPT_LINES = 500
-TOAST_S = 4.0
+TOAST_S, READING_S, LONGEST_TOAST_S = 4.0, 0.05, 20.0  # at least; more for each letter of a warning; at most
 BUG = "That is a bug in snerg, not a mistake of yours"
 
 
@@ -48,7 +48,9 @@ class Messages:
     lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=KEPT_LINES))
     dialogs: list[Dialog] = field(default_factory=list)
     toast: str = ""
+    toast_level: str = "info"
     toast_until: float = 0.0  # time.monotonic()
+    _toast_told: str = ""
 
     def log(self, text: str, level: str = "info") -> None:
         """Adds a line to the log."""
@@ -57,7 +59,18 @@ class Messages:
     def say(self, text: str, level: str = "info") -> None:
         """Shows `text` for a few seconds, and logs it."""
         self.log(text, level)
-        self.toast, self.toast_until = text, time.monotonic() + TOAST_S
+        self.show_toast(text, level)
+
+    def show_toast(self, text: str, level: str = "info") -> None:
+        """Shows `text` for a few seconds; a warning as long as it takes to be read."""
+        more = READING_S * len(text) if level != "info" else 0.0
+        self.toast, self.toast_level = text, level
+        self.toast_until = time.monotonic() + min(TOAST_S + more, LONGEST_TOAST_S)
+
+    def toast_changed(self) -> bool:
+        """Whether a toast has come or gone since this was asked last, so that it must be drawn or taken away."""
+        told, self._toast_told = self._toast_told, self.toast if self.toast_left > 0 else ""
+        return self._toast_told != told
 
     def fail(
         self,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import json
-import os
 import shlex
 import sys
 import threading
@@ -22,12 +21,14 @@ from console import Notice, UserError
 from training.presets import PRESETS
 from training.scenes import Scene, load_scene
 from training.scenes.downscale import suggested_downscale
+from viewer.app.files import why_not_writable
 
 Subject = Literal["scene", "run"]
 OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
 DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
 KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
+MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may have masks beside them
 PARTS = ("jax", "optax", "safetensors", "scipy")  # the extra `train`
 
 
@@ -41,6 +42,7 @@ class Survey:
 
     error: why it is no scene that can be read. text: one line about it. sizes: width, height in pixels by downscale.
     automatic: the downscale of a preset that shrinks. forward: cameras (LLFF, COLMAP) that may be read as looking all around.
+    masks: whether there are any. masked: the downscales at which there is one for each photograph.
     """
 
     def __init__(self, path: Path) -> None:
@@ -52,6 +54,7 @@ class Survey:
         self.automatic: dict[str, int] = {}
         self.forward = False
         self.masks = any(path.glob("masks*"))
+        self.masked: set[int] = set()
         self._thread = threading.Thread(target=self._run, name="snerg-survey", daemon=True)
         self._thread.start()
 
@@ -91,6 +94,10 @@ class Survey:
                 with contextlib.suppress(UserError), warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     self.sizes[downscale] = _size(load_scene(self.path, downscale=downscale))
+                    if scene.kind in MASKED_KINDS:
+                        load_scene(self.path, downscale=downscale, masks=True)
+                        self.masked.add(downscale)
+            self.masks = self.masks or bool(self.masked)
             self.forward = scene.ndc
             width, height = _size(scene)
             count = sum(len(photographs) for photographs in scene.splits.values())
@@ -110,8 +117,9 @@ def _size(scene: Scene) -> tuple[int, int]:
 class Plan:
     """source: the scene's or the run's folder. out: of a scene, the folder for run/ and pack/; of a run, the pack itself.
 
-    downscale, resolution (voxels a side), steps: None leaves them to the preset, or to the command. survey: of the scene's
-    photographs. attempt: what an older run in `out` says of itself; it is gone on with.
+    downscale, resolution (voxels a side), steps: None leaves them to the preset, or to the command. masks: None cuts out
+    where there is a mask for each photograph. survey: of the scene's photographs. attempt: what an older run in `out` says
+    of itself; it is gone on with. place_problem: why nothing can be written there.
     """
 
     subject: Subject
@@ -121,10 +129,11 @@ class Plan:
     downscale: int | None = None
     resolution: int | None = None
     spherify: bool = False
-    masks: bool = False
+    masks: bool | None = None
     steps: int | None = None
     survey: Survey | None = field(default=None, repr=False)
     attempt: dict | None = field(default=None, repr=False)
+    place_problem: str | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.choose(self.out)
@@ -132,6 +141,7 @@ class Plan:
     def choose(self, out: Path) -> None:
         """Takes another folder for the results."""
         self.out, self.attempt = out, None
+        self.place_problem = why_not_writable(self.log.parent)
         if self.subject == "scene" and (self.run / "config.json").is_file():
             with contextlib.suppress(UserError):
                 self.attempt = _description(self.run)
@@ -149,6 +159,17 @@ class Plan:
             path = path / "run"
         name = "pack" if path.name == "run" else f"{path.name}-pack"
         return cls("run", path, _beside(path, name))
+
+    @property
+    def masked(self) -> bool:
+        """Whether there is a mask for each photograph, at the size that is trained on."""
+        survey = self.survey
+        return survey is not None and (self.downscale or survey.automatic.get(self.preset, 1)) in survey.masked
+
+    @property
+    def cut_out(self) -> bool:
+        """Whether only what the masks show is kept: as it was asked for, but never without the masks."""
+        return bool(self.masks) if self.survey is None else self.masked and self.masks is not False
 
     @property
     def name(self) -> str:
@@ -209,7 +230,7 @@ class Plan:
         if self.subject == "scene":
             words += ["--preset", self.preset, "--no-view"]
             names = ["downscale", "steps", "resolution"]
-            words += [f"--{name}" for name in ("spherify", "masks") if getattr(self, name)]
+            words += ["--spherify"] * self.spherify + ["--masks"] * self.cut_out
         for name in names:
             if (value := getattr(self, name)) is not None:
                 words += [f"--{name}", str(value)]
@@ -218,7 +239,7 @@ class Plan:
 
 def _beside(path: Path, name: str) -> Path:
     """A folder called `name` beside `path`, or in the user's home where nothing may be written there."""
-    return path.parent / name if os.access(path.parent, os.W_OK) else Path.home() / name
+    return path.parent / name if why_not_writable(path.parent) is None else Path.home() / name
 
 
 def _description(run: Path) -> dict:

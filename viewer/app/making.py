@@ -16,7 +16,7 @@ from PIL import Image
 
 from console.driven import Report
 from viewer.app.child import Child
-from viewer.app.files import FileRequest
+from viewer.app.files import FileRequest, existing_folder
 from viewer.app.log import Dialog
 from viewer.app.make_plan import Plan, Subject
 
@@ -130,7 +130,7 @@ class Making:
             plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
             app.touch()
 
-        app.file_request = FileRequest("Where shall it be made?", "folder", then)
+        app.file_request = FileRequest("Where shall it be made?", "folder", then, start=existing_folder(plan.out))
 
     def copy_command(self, app: App) -> None:
         """Puts the command line that does the same on the clipboard, for another machine, say."""
@@ -141,7 +141,7 @@ class Making:
     def start(self, app: App) -> None:
         """Begins. UserError where the plan cannot be carried out, with the question left open."""
         plan = self.plan
-        if plan is None or plan.problem() is not None:
+        if plan is None or plan.problem() is not None or plan.place_problem is not None:
             return
         self.job = Job(plan, Child(plan.command(), plan.log))
         self.plan = None

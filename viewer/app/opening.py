@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenepack.pack import Pack
 from viewer.app.forward_facing import rig_for
 from viewer.app.loading import Loading
+from viewer.app.state import name_of
 
 if TYPE_CHECKING:
     from viewer.app.application import App
 
+SHOWN_NOTES = 4
 Then = Callable[["App"], None]
 
 
 @dataclass
 class Opening:
     """loading: the pack that is being read. other: it shall be compared with, not shown instead. then: called once it is
-    shown.
+    shown. told: what was said of which pack.
     """
 
     loading: Loading | None = None
     other: bool = False
     then: Then | None = None
+    told: set[tuple[Path, str]] = field(default_factory=set)
     _share_told: float = -1.0
 
     def start(self, app: App, path: Path, *, other: bool = False, then: Then | None = None) -> None:
@@ -63,12 +66,24 @@ class Opening:
                 raise loading.error
             if loading.pack is not None:
                 self._show_whole(app, loading.pack, loading.path)
+                self._tell_notes(app, loading)
         except Exception as error:  # a dialog, and the program goes on
             loading.cancel()
             self.loading = None
             self._drop_unfinished(app)
             app.messages.fail(f"{loading.path.name} cannot be opened", error)
             app.touch()
+
+    def _tell_notes(self, app: App, loading: Loading) -> None:
+        """Shows what was mended in a pack that is not quite as it should be: once, however often it is opened."""
+        notes = [note for note in dict.fromkeys(loading.notes) if (loading.path, note) not in self.told]
+        self.told |= {(loading.path, note) for note in notes}
+        if notes:
+            more = len(notes) - SHOWN_NOTES
+            shown = [note.removeprefix(f"{loading.path}: ") for note in notes[:SHOWN_NOTES]]
+            rest = [f"… and {more} more, on the Log page"] if more > 0 else []
+            head = f"{name_of(loading.path)} is open, but not all in it is as it should be:"
+            app.messages.show_toast("\n".join([head, *shown, *rest]), "warning")
 
     def _take_preview(self, app: App, loading: Loading) -> None:
         """Shows what is there of a pack that is being read, unless a good scene is open: that stays until it is whole."""

@@ -1,13 +1,15 @@
 """The photographs that a pack was made from: where they were taken, and their pixels while the scene is on disk.
 
 Poses come with the pack (metadata "cameras"); pictures are read from the scene folder that its provenance names, or
-from another that the user chooses.
+from another that the user chooses. Where there is none on this computer, the small copies that a pack may bring along
+stand in for them (scenepack.pictures).
 """
 
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from PIL import Image
 
 from console import UserError
 from scenepack.pack import Pack
+from scenepack.pictures import has_picture, picture_of
 from training.scenes import load_scene
 from training.scenes.scene import Camera, Photograph
 from viewer.app.projection import frustum_points
@@ -26,22 +29,32 @@ LONGEST_SIDE = 1600  # pixels; larger photographs are shown smaller
 
 @dataclass(frozen=True)
 class Shot:
-    """One photograph's camera. camera: in the training frame. view: the same as the renderer wants it."""
+    """One photograph's camera. camera: in the training frame. view: the same as the renderer wants it. entry: all that
+    the pack says of it.
+    """
 
     name: str
     split: str
     camera: Camera
     view: ViewCamera
+    entry: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def has_copy(self) -> bool:
+        """Whether the pack brings a small copy of it along."""
+        return has_picture(self.entry)
 
 
 class Photographs:
-    """Shots of a pack. folder: the scene's, None where it is not known."""
+    """Shots of a pack. folder: the scene's, None where it is not known. reachable: whether that is on this computer."""
 
     def __init__(self, pack: Pack) -> None:
         self.shots = shots_of(pack)
         provenance = pack.metadata.get("provenance")
         scene = provenance.get("scene") if isinstance(provenance, dict) else None
-        self.folder = Path(scene) if isinstance(scene, str) and scene else None
+        self.folder = Path(scene) if isinstance(scene, str) and Path(scene).is_absolute() else None
+        self.reachable = self.folder is not None and self.folder.is_dir()
+        self._copies = any(shot.has_copy for shot in self.shots)
         self.background: tuple[float, ...] = (1.0, 1.0, 1.0)
         spherify, masks = (
             isinstance(provenance, dict) and provenance.get(key) is True for key in ("spherify", "masks")
@@ -85,7 +98,23 @@ class Photographs:
         """Takes pictures from another folder from now on. UserError where it is no scene."""
         with self._reading:
             self._read(folder)
-            self.folder, self._cache = folder, {}
+            self.folder, self.reachable, self._cache = folder, True, {}
+
+    def has_picture(self, index: int) -> bool:
+        """Whether there is something to show of a shot: its file, as far as is known, or a small copy."""
+        return self.reachable or self.shots[index].has_copy
+
+    @property
+    def any_pictures(self) -> bool:
+        """Whether there is something to show of any."""
+        return self.reachable or self._copies
+
+    def copy(self, index: int) -> np.ndarray:
+        """The small copy of a shot, uint8 [h, w, 3]. UserError where there is none."""
+        picture = picture_of(self.shots[index].entry)
+        if picture is None:
+            raise UserError("the pack's copy of the photograph cannot be decoded", where=self.shots[index].name)
+        return picture
 
     def photograph(self, index: int) -> Photograph:
         """The file behind a shot. UserError where it is not there; any thread may ask."""
@@ -102,16 +131,23 @@ class Photographs:
         return photograph
 
     def pixels(self, index: int) -> np.ndarray:
-        """The photograph over the scene's background, uint8 [h, w, 3], at most LONGEST_SIDE. UserError where it is not there."""
+        """The photograph over the scene's background, uint8 [h, w, 3], at most LONGEST_SIDE; the small copy of one that is not on
+        this computer. UserError where there is neither.
+        """
         if index not in self._cache:
-            rgba = self.photograph(index).load()
-            rgb = rgba[..., :3] * rgba[..., 3:] + np.asarray(self.background) * (1 - rgba[..., 3:])
-            picture = Image.fromarray(np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8))
+            picture = Image.fromarray(self._pixels(index))
             picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
             if len(self._cache) > 32:
                 self._cache.pop(next(iter(self._cache)))
             self._cache[index] = np.asarray(picture)
         return self._cache[index]
+
+    def _pixels(self, index: int) -> np.ndarray:
+        if not self.reachable and self.shots[index].has_copy:
+            return self.copy(index)
+        rgba = self.photograph(index).load()
+        rgb = rgba[..., :3] * rgba[..., 3:] + np.asarray(self.background) * (1 - rgba[..., 3:])
+        return np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8)
 
     def _read(self, folder: Path) -> None:
         scene = load_scene(folder, **self._options)
@@ -145,7 +181,9 @@ def shots_of(pack: Pack) -> list[Shot]:
         camera = _camera(entry)
         if camera is not None:
             view = ViewCamera.from_scene_camera(pack, camera)
-            shots.append(Shot(str(entry.get("name", len(shots))), str(entry.get("split", "train")), camera, view))
+            shots.append(
+                Shot(str(entry.get("name", len(shots))), str(entry.get("split", "train")), camera, view, entry)
+            )
     return shots
 
 

@@ -1,20 +1,33 @@
 """What is remembered from one start to the next: recent packs and settings, in one small JSON file.
 
-A file that is missing, broken or from another version is no error: what cannot be understood keeps its default.
+A file that is missing, broken or from another version is no error: what cannot be understood keeps its default. Several
+viewers may be open at once: each writes only what was changed in it, and the packs of all are remembered.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import platformdirs
 
+from console import not_written
 from console.atomic import write_file
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
 MOST_RECENT = 8
+LOCK_PATIENCE_S = 2.0
 
 
 def default_file() -> Path:
@@ -38,8 +51,7 @@ class Preferences:
 
     def opened(self, path: Path) -> None:
         """Puts a pack first among the recent ones."""
-        name = str(Path(path).resolve())
-        self.recent = [name, *(other for other in self.recent if other != name)][:MOST_RECENT]
+        self.recent = merged_recent([str(Path(path).resolve())], self.recent)
 
     def recent_packs(self) -> list[Path]:
         """Those of the recent packs that are still there."""
@@ -48,13 +60,10 @@ class Preferences:
 
 def load(file: Path) -> Preferences:
     """The preferences in `file`, with defaults for what is missing or makes no sense."""
-    try:
-        values = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        values = {}
+    values = _read(file)
     found = Preferences()
     for entry in fields(Preferences):
-        if isinstance(values, dict) and entry.name in values:
+        if entry.name in values:
             value = _like(values[entry.name], getattr(found, entry.name))
             if value is not None:
                 setattr(found, entry.name, value)
@@ -63,14 +72,82 @@ def load(file: Path) -> Preferences:
     return found
 
 
-def save(preferences: Preferences, file: Path) -> str | None:
-    """Writes them aside and renames; why not, where that fails."""
+def save(preferences: Preferences, file: Path, before: Preferences | None = None) -> str | None:
+    """Writes them aside and renames; why not, where that fails.
+
+    before: what this program last read or wrote; only what differs from it is changed, for another viewer may have
+    written since. `preferences.recent` becomes what both have opened.
+    """
     try:
+        file = file.resolve()  # what a link leads to
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_file(file, json.dumps(asdict(preferences), indent=1))
+        with _locked(file):
+            there, wanted = _read(file), asdict(preferences)
+            if before is not None and there:
+                old = asdict(before)
+                opened = opened_since(before.recent, preferences.recent)
+                others = _like(there.get("recent"), []) or []
+                wanted["recent"] = merged_recent(opened, others)
+                wanted = {name: value for name, value in wanted.items() if value != old[name]}
+            write_file(file, json.dumps({**there, **wanted}, indent=1))
+        preferences.recent = list(wanted.get("recent", preferences.recent))
     except OSError as error:
-        return f"settings were not saved: {error}"
+        words, remedy = not_written(error)
+        return f"settings are not saved: {file.parent}: {words}; {remedy}"
     return None
+
+
+def opened_since(before: list[str], after: list[str]) -> list[str]:
+    """The packs at the head of `after` that were opened since `before` was the list."""
+    tails = (after[i:] for i in range(len(after) + 1))
+    rest = next(tail for tail in tails if tail == [name for name in before if name in tail])
+    return after[: len(after) - len(rest)]
+
+
+def merged_recent(opened: list[str], others: list[str]) -> list[str]:
+    """`others` with the packs just `opened` first."""
+    return [*opened, *(name for name in others if name not in opened)][:MOST_RECENT]
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """What the file holds; nothing where there is none, or none that makes sense."""
+    try:
+        values = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return values if isinstance(values, dict) else {}
+
+
+@contextmanager
+def _locked(file: Path) -> Iterator[None]:
+    """Holds a lock while one viewer reads and writes; without it where another keeps it too long, or none is to be had."""
+    if fcntl is not None:
+        handle = os.open(file.parent, os.O_RDONLY)  # the folder: the file itself is another one after each save
+    else:
+        handle = os.open(file.with_name(f"{file.name}.lock"), os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        end = time.monotonic() + LOCK_PATIENCE_S
+        while not _lock(handle) and time.monotonic() < end:
+            time.sleep(0.02)
+        yield
+    finally:
+        os.close(handle)  # which ends the lock
+
+
+def _lock(handle: int) -> bool:
+    """Takes the lock; False where another has it. True, too, on file systems without locks."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        elif sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _like(value: Any, default: Any) -> Any:

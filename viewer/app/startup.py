@@ -87,6 +87,9 @@ class Startup:
             comparison.stand_in(app, photographs.named(self.photograph))
         elif self.look is not None:
             comparison.step(app, 1)
+        if (self.photograph is not None or self.look is not None) and comparison.pixels is None:
+            remedy = "name the scene's folder: --photographs SCENE"
+            raise UserError("its photographs are not on this computer", where=self.pack, remedy=remedy)
 
     def _export(self, app: App) -> None:
         if self.export is not None:

@@ -125,13 +125,17 @@ class Clipboard:
 
 @dataclass
 class Viewport:
-    """Where the picture is: position and size in window units, and pixels per unit."""
+    """Where the picture is: position and size in window units, and pixels per unit.
+
+    camera: what the picture of this frame is seen through, and what is drawn over it must be; None while nothing is open.
+    """
 
     x: float = 0.0
     y: float = 0.0
     width: float = 1.0
     height: float = 1.0
     pixels_per_unit: float = 1.0
+    camera: ViewCamera | None = field(default=None, compare=False)
 
     @property
     def pixels(self) -> tuple[int, int]:

@@ -68,8 +68,8 @@ class Thumbnails:
                 picture = self._small(index)
             except Exception as error:  # one photograph that is gone or broken leaves its cell empty
                 self.problem = self.problem or (str(error) if isinstance(error, UserError) else "it cannot be read")
-                if not self.photographs.found:
-                    return
+                if self.photographs.reachable and not self.photographs.found:
+                    return  # the scene cannot be read, nor could the others
                 continue
             height, width = picture.shape[:2]
             x, y = index % self.columns * self.cell, index // self.columns * self.cell
@@ -78,6 +78,10 @@ class Thumbnails:
 
     def _small(self, index: int) -> np.ndarray:
         """uint8 [h, w, 3], over the scene's background, at most `cell` pixels a side."""
+        if not self.photographs.reachable:
+            picture = Image.fromarray(self.photographs.copy(index))
+            picture.thumbnail((self.cell, self.cell), Image.Resampling.BOX)
+            return np.asarray(picture)
         photograph = self.photographs.photograph(index)
         if isinstance(photograph.load, PictureLoader):
             picture = photograph.load.thumbnail(self.cell)

@@ -3,10 +3,28 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
 KEPT = 240
+AVERAGED = 30  # frames, of the usual time and rate
+
+
+@dataclass(frozen=True)
+class FrameSummary:
+    """Milliseconds from frame to frame. mean: of the last `AVERAGED` frames, and fps, the rate that follows from it: these
+    two are shown wherever a frame time or a rate is. median, p95 and slowest: of all frames that are kept.
+    """
+
+    mean: float = 0.0
+    median: float = 0.0
+    p95: float = 0.0
+    slowest: float = 0.0
+
+    @property
+    def fps(self) -> float:
+        return 1000.0 / self.mean if self.mean > 0 else 0.0
 
 
 class FrameTimes:
@@ -29,17 +47,10 @@ class FrameTimes:
         self.frame_ms.append(frame_ms)
         self.drawn += 1
 
-    def summary(self) -> dict[str, float]:
-        """mean, p50, p95 and max of the frame times (ms), and fps; zeros while nothing was drawn."""
+    def summary(self) -> FrameSummary:
+        """Its figures; zeros while nothing was drawn."""
         if not self.frame_ms:
-            return {"mean": 0.0, "p50": 0.0, "p95": 0.0, "max": 0.0, "fps": 0.0}
+            return FrameSummary()
         times = np.asarray(self.frame_ms)
-        p50, p95 = np.percentile(times, (50, 95))
-        fps = 1000.0 / float(np.mean(times[-30:]))
-        return {
-            "mean": float(times.mean()),
-            "p50": float(p50),
-            "p95": float(p95),
-            "max": float(times.max()),
-            "fps": fps,
-        }
+        median, p95 = np.percentile(times, (50, 95))
+        return FrameSummary(float(times[-AVERAGED:].mean()), float(median), float(p95), float(times.max()))

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from console import UserError, run_command
 from console.arguments import parse_size
 from console.atomic import write_file
+from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
 from viewer.benchmark.frames import Measurement, measure
@@ -56,7 +57,7 @@ def bench(
     if frames < 1:
         raise UserError("needs at least one frame", where="--frames", found=frames)
     if fov is not None and not 0.1 <= fov < 179:
-        raise UserError("is no field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
+        raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
     pixels = parse_size(size) if size else None
     loaded = load_pack(pack)
     if protocol == "auto":
@@ -130,7 +131,7 @@ def figures(measurement: Measurement) -> dict[str, Any]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-bench; returns the exit status."""
-    return run_command(bench, prog="snerg-bench", description=DESCRIPTION, args=args)
+    return run_command(bench, prog="snerg-bench", description=DESCRIPTION, args=args, on_failure=tell_if_unseen)
 
 
 if __name__ == "__main__":

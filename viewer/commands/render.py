@@ -13,6 +13,7 @@ from PIL import Image
 from console import UserError, progress, run_command
 from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
 from console.atomic import replacing
+from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from training.scenes import load_scene
 from viewer.app.films import require_video, write_film
@@ -115,7 +116,7 @@ def _check_choice(
     """UserError where the ways of saying what to look at contradict one another, or a number makes no sense."""
     chosen = [name for name, given in (("--eye", eye), ("--orbit", orbit), ("--scene", scene)) if given is not None]
     if len(chosen) > 1:
-        raise UserError("say different things", where=" and ".join(chosen), remedy="keep one of them")
+        raise UserError("exclude each other", where=" and ".join(chosen), remedy="keep one of them")
     if eye is None and (target is not None or up is not None):
         raise UserError("needs --eye", where="--target" if target is not None else "--up")
     if scene is None and index is not None:
@@ -123,16 +124,16 @@ def _check_choice(
     if orbit is not None and orbit < 1:
         raise UserError("needs at least one view", where="--orbit", found=orbit)
     if fov is not None and scene is not None:
-        raise UserError("photographs have a field of view of their own", where="--fov", remedy="leave it out")
+        raise UserError("photographs have their own field of view", where="--fov", remedy="leave it out")
     if fov is not None and not 0.1 <= fov < 179:
-        raise UserError("is no field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
+        raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
 
 
 def _kind_of(out: Path) -> str:
     """ ".png", ".mp4" or "" for a folder. UserError for other suffixes, and for films where they cannot be made."""
     suffix = "" if out.is_dir() else out.suffix.lower()
     if suffix not in ("", ".png", ".mp4"):
-        raise UserError("is no kind of picture we write", where=out, expected="FILE.png, FILE.mp4 or a folder")
+        raise UserError("is not a supported file type", where=out, expected="FILE.png, FILE.mp4 or a folder")
     if suffix == ".mp4":
         require_video()
     if suffix == "" and out.exists() and not out.is_dir():
@@ -143,7 +144,7 @@ def _kind_of(out: Path) -> str:
 def _colour(text: str) -> tuple[float, float, float]:
     colour = parse_point(text, "--background")
     if not all(0 <= channel <= 1 for channel in colour):
-        raise UserError("is no colour", where="--background", expected="r,g,b in 0 ... 1", found=text)
+        raise UserError("is not a colour", where="--background", expected="r,g,b in 0 ... 1", found=text)
     return colour
 
 
@@ -164,9 +165,9 @@ def _posed(
     towards = np.asarray(parse_point(target, "--target")) if target else middle
     upwards = parse_point(up, "--up") if up else (0.0, 1.0, 0.0)
     if not np.any(upwards):
-        raise UserError("is no direction", where="--up", found=up)
+        raise UserError("is not a direction", where="--up", found=up)
     if np.allclose(at, towards, rtol=0, atol=1e-12):
-        raise UserError("is the point looked at", where="--eye", remedy="choose another --target")
+        raise UserError("is the same point as the target", where="--eye", remedy="choose another --target")
     return ViewCamera.look_at(at, towards, upwards, fov, size, mirrored=is_mirrored(pack))
 
 
@@ -215,7 +216,7 @@ def _write(out: Path, kind: str, views: list[View], pictures: Iterator[np.ndarra
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-render; returns the exit status."""
     words = join_negative_values(sys.argv[1:] if args is None else args, MAY_BE_NEGATIVE)
-    return run_command(render, prog="snerg-render", description=DESCRIPTION, args=words)
+    return run_command(render, prog="snerg-render", description=DESCRIPTION, args=words, on_failure=tell_if_unseen)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,21 +15,25 @@ import tyro
 
 from console import UserError, run_command
 from console.arguments import join_negative_values, parse_size
+from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
 from viewer.app import preferences
 from viewer.app.application import App
 from viewer.app.comparison import How
-from viewer.app.files import kind_of
+from viewer.app.files import kind_of, scene_around
 from viewer.app.forward_facing import rig_for
 from viewer.app.pose import pose_from_text
+from viewer.app.remembering import Keeper
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
 from viewer.benchmark.flyover import fly_over
 from viewer.rendering.settings import Mode, RenderSettings
+from viewer.window.ending import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
 
 DEMO = "demo.zip"
 OUT = Path("out")
+SCRIPTED = ("--frames", "--screenshot")
 SMALLEST_SIDE = 64  # of a window, screen units
 PageName = Literal["view", "camera", "crop", "photographs", "compare", "film", "performance", "log"]
 
@@ -53,7 +59,7 @@ def view(
     size: str | None = None,
     frames: int | None = None,
     screenshot: Path | None = None,
-) -> None:
+) -> int:
     """Opens the desktop viewer. Without a display, it renders an orbit into out/ instead.
 
     Args:
@@ -75,7 +81,7 @@ def view(
     """
     window_size = parse_size(size, least=SMALLEST_SIDE) if size else None
     if frames is not None and frames < 1:
-        raise UserError("draws nothing", where="--frames", expected="1 or more", found=frames)
+        raise UserError("is too small", where="--frames", expected="1 or more", found=frames)
     if screenshot is not None and frames is None:
         frames = 1
     if pose is not None:
@@ -96,11 +102,12 @@ def view(
     if pack is None:
         _check_has_pack(wishes)
     try:
-        _show_window(wishes, Script(window_size, frames, screenshot))
+        return _show_window(wishes, Script(window_size, frames, screenshot))
     except NoDisplay as reason:
         if frames is not None or export is not None:
             raise UserError(str(reason), remedy="start it with xvfb-run, or use snerg-render") from reason
         _render_instead(pack, mode, reason)
+        return 0
 
 
 @dataclass(frozen=True)
@@ -125,24 +132,16 @@ def _check_has_pack(wishes: Startup) -> None:
             raise UserError("needs a pack", where=f"--{name}", expected=f"snerg-view PACK --{name} …")
 
 
-def _show_window(wishes: Startup, script: Script) -> None:
-    """Runs the viewer until it is closed. NoDisplay where there is none; UserError where a script met a failure."""
+def _show_window(wishes: Startup, script: Script) -> int:
+    """Runs the viewer until it is closed; the exit status. NoDisplay without one; UserError where a script met a failure."""
     problem = display_problem()
     if problem:
         raise NoDisplay(problem)
     app = App(demo=demo_pack())
-    scripted = script.frames is not None  # scripts get the same picture whatever was remembered
-    if not scripted:
-        app.use(preferences.load(preferences.default_file()))
-    with Window(app, script.size or app.preferences.window) as window:
+    if script.frames is None:
+        return _live(app, wishes, script.size)
+    with Window(app, script.size or app.preferences.window) as window:  # the same picture whatever was remembered
         wishes.begin(app)
-        if script.frames is None:
-            window.run()
-            app.preferences.window, app.interface.layout = window.size, window.ui.layout
-            problem = preferences.save(app.remembered(), preferences.default_file())
-            if problem:
-                print(f"snerg-view: {problem}", file=sys.stderr)
-            return
         window.draw_frames(script.frames)
         if script.screenshot is not None:
             window.save_screenshot(script.screenshot)
@@ -152,15 +151,48 @@ def _show_window(wishes: Startup, script: Script) -> None:
         if dialog.failed:
             raise UserError(f"{dialog.title}: {dialog.text}")
         print(f"snerg-view: warning: {dialog.text}", file=sys.stderr)
+    return 0
+
+
+def _live(app: App, wishes: Startup, size: tuple[int, int] | None) -> int:
+    """A window until it is closed, or the program is ended from outside; the exit status."""
+    file = preferences.default_file()
+    with signals_ask(app.quit) as ended:
+        app.use(preferences.load(file))
+        with Window(app, size or app.preferences.window) as window:
+            wishes.begin(app)
+            _keep(app, window, Keeper(app, file, lambda: window.size, lambda: window.layout))
+    if ended.signal == signal.SIGINT:
+        raise KeyboardInterrupt
+    return ended.status
+
+
+def _keep(app: App, window: Window, keeper: Keeper) -> None:
+    """Runs the window; whatever ends it, `keeper` has saved what is to be remembered."""
+
+    def leave() -> None:
+        keeper.finish(window=False)
+        app.making.end()
+
+    if window.on_x11:
+        on_lost_display(leave)
+    try:
+        window.run(keeper.look)
+    finally:
+        problem = keeper.finish()
+        if problem:
+            with contextlib.suppress(OSError):  # the terminal may be gone
+                print(f"snerg-view: {problem}", file=sys.stderr)
 
 
 def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
     chosen = path or demo_pack()
     if chosen is None:
         raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
+    chosen = scene_around(chosen)
     if kind_of(chosen) in ("scene", "run"):
         command = "snerg-make" if kind_of(chosen) == "scene" else "snerg-bake"
-        raise UserError("is no pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
+        raise UserError("is not a pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
     loaded = load_pack(chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
     for written in fly_over(loaded, name_of(chosen), OUT, rig_for(loaded).fov, RenderSettings(mode=mode)):
@@ -170,7 +202,8 @@ def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-view; returns the exit status."""
     words = join_negative_values(sys.argv[1:] if args is None else args, ("--pose",))
-    return run_command(view, prog="snerg-view", args=words)
+    scripted = any(word.startswith(SCRIPTED) for word in words)  # nobody is there to close a box
+    return run_command(view, prog="snerg-view", args=words, on_failure=None if scripted else tell_if_unseen)
 
 
 if __name__ == "__main__":

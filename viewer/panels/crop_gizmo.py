@@ -28,7 +28,7 @@ class CropGizmo:
 
     def show(self, app: App, box: Box) -> None:
         """Draws it over the picture's box, where it is wanted, and applies what the mouse does to it."""
-        camera, cut = app.camera(), app.settings.crop
+        camera, cut = app.viewport.camera, app.settings.crop
         operation = OPERATIONS.get(app.crop_tool)
         wanted = cut is not None and operation is not None and app.interface.shows("crop")
         if not wanted or camera is None or app.scene is None or cut is None or operation is None:

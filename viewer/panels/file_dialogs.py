@@ -47,16 +47,19 @@ class FileDialogs:
 
     def _begin(self, request: FileRequest) -> None:
         self._request, self._text = request, ""
+        start = str(request.start or "")
         if request.kind == "save":
-            self._text = str(Path.cwd() / request.suggestion)
+            self._text = str((request.start or Path.cwd()) / request.suggestion)
+        elif start:
+            self._text = start
         if not self.native:
             return
         filters = [f"*{suffix}" for suffix in request.suffixes]
         filters = ["Files", " ".join(filters)] if filters else ["All files", "*"]
         if request.kind == "folder":
-            self._dialog = pfd.select_folder(request.title)
+            self._dialog = pfd.select_folder(request.title, start)
         elif request.kind == "open":
-            self._dialog = pfd.open_file(request.title, "", filters)
+            self._dialog = pfd.open_file(request.title, start, filters)
         else:
             self._dialog = pfd.save_file(request.title, self._text, filters)
 

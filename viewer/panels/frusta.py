@@ -62,7 +62,7 @@ def draw(app: App, canvas: Canvas, box: Box) -> int | None:
 
 def _placed(app: App, box: Box) -> list[_Frustum]:
     """What of the frusta is to be seen, the farthest first."""
-    camera, comparison, scene = app.camera(), app.comparison, app.scene
+    camera, comparison, scene = app.viewport.camera, app.comparison, app.scene
     assert camera is not None and comparison.photographs is not None and scene is not None
     visible = comparison.visible()
     depth = comparison.frusta_size * (DEPTH_BOUNDED if scene.rig.bounded else DEPTH * scene.rig.radius)

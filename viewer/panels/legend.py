@@ -33,7 +33,7 @@ class Legend:
 
 def legend(app: App) -> Legend | None:
     """The legend of the mode that is shown; None where it needs none."""
-    camera, mode = app.camera(), app.settings.mode
+    camera, mode = app.viewport.camera, app.settings.mode
     if camera is None or app.scene is None:
         return None
     if mode in COUNTED:

@@ -53,7 +53,7 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
     if problem is None or plan.attempt is not None:
         _where(app, plan, told=problem is None)
     imgui.dummy(ImVec2(0, px(8)))
-    _answer(app, plan, problem is None and not surveying)
+    _answer(app, plan, problem is None and plan.place_problem is None and not surveying)
     imgui.end_popup()
 
 
@@ -108,20 +108,23 @@ def _choices(app: App, plan: Plan) -> None:
     if survey.forward:
         _label("From all around")
         plan.spherify = switch("spherify", plan.spherify)
-    if survey.masks:
+    if plan.masked:
         _label("Cut out")
-        plan.masks = switch("masks", plan.masks)
+        plan.masks = switch("masks", plan.cut_out)
         tip("Keeps only what the masks beside the photographs show")
+    elif survey.masks:
+        _label("Cut out")
+        hint("Not possible: there is no mask for some photographs of this size.")
 
 
 def _label(text: str) -> None:
     label(text, LABELS)
 
 
-def _indented(text: str) -> None:
+def _indented(text: str, colour: str = theme.FAINT) -> None:
     if text:
         imgui.indent(px(LABELS) - px(PADDING))
-        hint(text)
+        hint(text, colour)
         imgui.unindent(px(LABELS) - px(PADDING))
 
 
@@ -142,7 +145,7 @@ def _where(app: App, plan: Plan, told: bool) -> None:
     if not remark and plan.pack.exists():
         remark = "A pack is there already; it is replaced once the new one is done."
     if told:
-        _indented(remark)
+        _indented(plan.place_problem or remark, theme.WARN if plan.place_problem else theme.FAINT)
 
 
 def _answer(app: App, plan: Plan, possible: bool) -> None:

@@ -14,7 +14,7 @@ from viewer.app.keyboard import KeyPress
 from viewer.panels import theme
 from viewer.panels.ui import Ui
 from viewer.window.canvas import Canvas
-from viewer.window.presenting import awaited, present, unfinished
+from viewer.window.presenting import awaited, unfinished
 
 FRAME_S = 1.0 / 60.0
 PLACES = {
@@ -41,6 +41,7 @@ class OffscreenUi:
         scale: float = 1.0,
     ) -> None:
         self.ctx, self.app, self.canvas = ctx, app, Canvas(ctx)
+        self.canvas.rest_s = 0.0  # nobody waits here
         app.stage = self.canvas
         self.ui = Ui()
         self.density, self.scale = density, scale
@@ -66,7 +67,7 @@ class OffscreenUi:
         return imgui.get_io()
 
     def frame(self, seconds: float = FRAME_S) -> None:
-        """One frame: time passes, panels see the events, the picture and the panels are drawn."""
+        """One frame: time passes, panels see the events, the picture and the panels are drawn. seconds: between frames."""
         assert self.framebuffer is not None
         io = self.io
         io.display_size = ImVec2(float(self.size[0]), float(self.size[1]))
@@ -75,13 +76,15 @@ class OffscreenUi:
         self.app.tick(seconds)
         self.canvas.sweep()
         self.ui.frame(self.app, self.canvas, self.scale)
-        drawn = present(self.app, self.canvas, wait=False)
-        if drawn:
-            self.app.times.add(self.canvas.scene_ms, max(self.canvas.scene_ms, 1000.0 * seconds), self.canvas.gpu_ms)
+        drawn = self.canvas.drawn
         self.framebuffer.use()
         self.framebuffer.viewport = (0, 0, *self.framebuffer.size)
         self.framebuffer.clear(*(theme.rgb(theme.BASE).x, theme.rgb(theme.BASE).y, theme.rgb(theme.BASE).z, 1.0))
         self.ui.draw()
+        if drawn is not None:
+            frame_ms = max(drawn.scene_ms, 1000.0 * seconds)
+            self.app.times.add(drawn.scene_ms, frame_ms, drawn.gpu_ms)
+            self.app.resolution.frame_ended(frame_ms)
         self.app.drew()
 
     def settle(self, most: int = 400) -> None:
@@ -94,7 +97,7 @@ class OffscreenUi:
                 if not awaited(self.app):
                     break
                 time.sleep(0.01)
-        for _ in range(2):  # the layers of the last tile reach the screen with the frame after
+        for _ in range(2):  # figures that were measured at rest reach the screen with the frame after
             self.frame()
 
     def picture(self) -> np.ndarray:

@@ -11,8 +11,9 @@ from viewer.app.pose import view_camera
 from viewer.app.projection import BOX_EDGES, FRUSTUM_EDGES, box_points, frustum_points, project
 from viewer.panels import theme
 from viewer.panels.widgets import chip, chip_size, elided, font, px
-from viewer.window.canvas import Canvas, Layer
+from viewer.window.canvas import Canvas
 from viewer.window.presenting import other_layers
+from viewer.window.targets import Layer
 
 Box = tuple[float, float, float, float]
 AXIS_COLOURS = ("#f2777a", "#6fd08c", "#6cb2f5")
@@ -84,7 +85,7 @@ class _Screen:
     """Projects grid points to window units."""
 
     def __init__(self, app: App, box: Box) -> None:
-        camera = app.camera()
+        camera = app.viewport.camera
         assert camera is not None
         self.camera, self.box = camera, box
         self.scale = 1.0 / app.viewport.pixels_per_unit

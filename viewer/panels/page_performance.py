@@ -5,6 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from viewer.app.application import App
+from viewer.app.timing import AVERAGED
 from viewer.panels import theme, time_plots
 from viewer.panels.page_view import headline
 from viewer.panels.theme import Fonts
@@ -14,11 +15,11 @@ from viewer.window.canvas import Canvas
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     """Draws the page."""
-    summary, target = app.times.summary(), app.governor.target_ms
+    summary, target = app.times.summary(), app.resolution.target_ms
     with card("time", fonts, "Frame time"):
         headline(app, fonts)
         time_plots.rolling(app.times, target, px(104))
-        figure("From frame to frame", f"{summary['p50']:.1f} ms", fonts, dot=time_plots.FRAME)
+        figure("From frame to frame", f"{summary.mean:.1f} ms", fonts, dot=time_plots.FRAME)
         figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", fonts, dot=time_plots.WALL)
         gpu = canvas.picture_gpu_ms
         figure(
@@ -33,8 +34,13 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         tip("v-sync: no more frames than the screen shows")
     with card("spread", fonts, "Spread"):
         time_plots.histogram(app.times, target, px(96))
-        for name, key in (("Mean", "mean"), ("95th percentile", "p95"), ("Slowest", "max")):
-            figure(name, f"{summary[key]:.1f} ms", fonts)
+        for name, value in (
+            ("Median", summary.median),
+            ("95th percentile", summary.p95),
+            ("Slowest", summary.slowest),
+        ):
+            figure(name, f"{value:.1f} ms", fonts)
+        hint(f"Of the last {len(app.times.frame_ms)} frames; the figures above are of the last {AVERAGED}.")
     with card("rays", fonts, "Rays"):
         _rays(app, fonts)
     with card("card", fonts, "Graphics card"):

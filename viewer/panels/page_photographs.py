@@ -7,7 +7,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.files import FileRequest
+from viewer.app.files import FileRequest, existing_folder
 from viewer.app.photographs import Photographs
 from viewer.panels import frusta, theme
 from viewer.panels.theme import Fonts
@@ -17,7 +17,7 @@ from viewer.window.canvas import Canvas
 HOW = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
 ROW, THUMBNAIL = 46.0, 54.0
 SMALLEST_LIST = 4.3  # rows
-FOLDER_HEIGHT = 136.0  # of what lies below the list
+FOLDER_HEIGHT, MORE_WORDS = 136.0, 32.0  # of what lies below the list; and where the photographs are elsewhere
 LOGARITHMIC = imgui.SliderFlags_.logarithmic
 
 
@@ -49,11 +49,22 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("list", fonts, _list_title(app)):
         _list(app, canvas, photographs, bottom)
     with card("folder", fonts, "Scene folder"):
-        hint(str(photographs.folder) if photographs.folder else "not known")
+        hint(_where(photographs))
         if comparison.thumbnails is not None and comparison.thumbnails.problem:
             hint(comparison.thumbnails.problem, theme.WARN)
         if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose…", ImVec2(-1, 0)):
-            app.file_request = FileRequest("The folder of photographs", "folder", photographs.look_in)
+            start = existing_folder(photographs.folder) if photographs.folder else None
+            app.file_request = FileRequest("The folder of photographs", "folder", photographs.look_in, start=start)
+
+
+def _where(photographs: Photographs) -> str:
+    """Where the photographs come from, in words."""
+    if photographs.reachable:
+        return str(photographs.folder)
+    if photographs.any_pictures:
+        return "These are copies that came with the pack. Choose the folder of the scene to compare with its own files."
+    there = f" They were in {photographs.folder}." if photographs.folder else ""
+    return f"The photographs are not on this computer.{there} Choose their folder to see them here."
 
 
 def _look_of_frusta(app: App) -> None:
@@ -73,7 +84,9 @@ def _look_of_frusta(app: App) -> None:
 
 def _list_title(app: App) -> str:
     visible, chosen = app.comparison.visible(), app.comparison.photograph
-    return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} photographs"
+    photographs = app.comparison.photographs
+    what = "photographs" if photographs is not None and photographs.any_pictures else "cameras"
+    return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} {what}"
 
 
 def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
@@ -89,7 +102,8 @@ def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> 
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(4), px(4)))
     imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(0, 0))
     # As high as the page has room for, with the folder's card below it.
-    room = bottom - imgui.get_cursor_screen_pos().y - px(FOLDER_HEIGHT)
+    folder = FOLDER_HEIGHT if photographs.reachable else FOLDER_HEIGHT + MORE_WORDS
+    room = bottom - imgui.get_cursor_screen_pos().y - px(folder)
     height = max(room, px(SMALLEST_LIST * ROW))
     with coloured(child_bg=theme.BASE):
         imgui.begin_child("##shots", ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
@@ -124,7 +138,9 @@ def _row(app: App, canvas: Canvas, photographs: Photographs, index: int) -> None
         stand_in(app, index)
     draw = imgui.get_window_draw_list()
     low, high = ImVec2(at.x + px(5), at.y + px(3)), ImVec2(at.x + px(5 + THUMBNAIL), at.y + px(ROW - 3))
-    if not frusta.picture(canvas, app.comparison.thumbnails, index, low, high):
+    if not photographs.any_pictures:  # nothing is coming, nor is room kept for it
+        high = ImVec2(at.x + px(2), high.y)
+    elif not frusta.picture(canvas, app.comparison.thumbnails, index, low, high):
         draw.add_rect_filled(low, high, theme.packed(theme.CARD), px(4))
         icon = fa.ICON_FA_CAMERA
         size = imgui.calc_text_size(icon)
@@ -171,6 +187,8 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
             width, height = comparison.psnr_size
             if comparison.psnr_db is not None:
                 figure("Measured at", f"{width} × {height}", fonts)
+            if comparison.photographs is not None and not comparison.photographs.reachable:
+                hint("Against the copy that came with the pack.")
         if imgui.button("End comparison", ImVec2(-1, 0)):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
             app.touch()

@@ -54,21 +54,21 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
                 app.set(cost_scale=value)
         _background(app)
     with card("resolution", fonts, "Resolution"):
-        picked = segments("rest", list(RESOLUTIONS), str(app.governor.rest_scale), RESOLUTIONS)
+        picked = segments("rest", list(RESOLUTIONS), str(app.resolution.rest_scale), RESOLUTIONS)
         if picked:
-            app.governor.rest_scale = float(picked)
+            app.resolution.rest_scale = float(picked)
             app.touch()
         label("Drop to keep pace")
-        app.governor.enabled = switch("dynamic", app.governor.enabled)
-        if app.governor.enabled:
+        app.resolution.enabled = switch("dynamic", app.resolution.enabled)
+        if app.resolution.enabled:
             label("Target")
-            changed, fps = imgui.slider_float("##target", app.governor.target_fps, 10.0, 120.0, "%.0f fps")
+            changed, fps = imgui.slider_float("##target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
             if changed:
-                app.governor.target_fps = fps
+                app.resolution.target_fps = fps
         hint("Fewer pixels while the camera moves; all of them once it rests.")
     with card("time", fonts, "Frame time"):
         headline(app, fonts)
-        time_plots.rolling(app.times, app.governor.target_ms, px(84))
+        time_plots.rolling(app.times, app.resolution.target_ms, px(84))
         width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
 
@@ -100,11 +100,11 @@ def _background(app: App) -> None:
 
 
 def headline(app: App, fonts: Fonts) -> None:
-    """The figures that matter: the usual time of a frame, and frames per second."""
+    """The figures that matter: the mean time of a frame, and the frames per second that follow from it."""
     summary = app.times.summary()
     with font(fonts.bold, 26.0):
-        imgui.text_unformatted(f"{summary['p50']:.1f}")
+        imgui.text_unformatted(f"{summary.mean:.1f}")
     imgui.same_line(0, px(5))
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
     with coloured(text=theme.MUTED):
-        imgui.text_unformatted(f"ms      {summary['fps']:.0f} fps")
+        imgui.text_unformatted(f"ms      {summary.fps:.0f} fps")

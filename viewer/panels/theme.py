@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import imgui_bundle
 from imgui_bundle import ImVec2, ImVec4, imgui
+
+from viewer.app.system_fonts import SAMPLES, FontFile
 
 FONT_SIZE = 15.0
 SMALL, LARGE, HUGE = 13.0, 20.0, 34.0
@@ -40,13 +43,31 @@ GOOD, WARN, BAD = "#6fd08c", "#f2b866", "#f2777a"
 
 
 class Fonts:
-    """regular, bold and mono; icons of Font Awesome are merged into the first two. Made once per imgui context."""
+    """regular, bold and mono; icons of Font Awesome are merged into the first two. Made once per imgui context.
+
+    Glyphs are drawn into the atlas when they are first seen, so that fonts of many thousand letters cost only their file.
+    """
 
     def __init__(self) -> None:
         atlas = imgui.get_io().fonts
         self.regular = self._with_icons(atlas, "Roboto/Roboto-Regular.ttf")
         self.bold = self._with_icons(atlas, "Roboto/Roboto-Bold.ttf")
         self.mono = atlas.add_font_from_file_ttf(str(_FONTS / "Inconsolata-Medium.ttf"), FONT_SIZE)
+
+    @property
+    def missing(self) -> str:
+        """The letters of system_fonts.SAMPLES that cannot be shown."""
+        return "".join(letter for letter in SAMPLES if not self.regular.is_glyph_in_font(ord(letter)))
+
+    def add(self, file: FontFile) -> None:
+        """Takes the letters that are missing from another font, if it has any that are known to be."""
+        if file.brings and not set(file.brings) & set(self.missing):
+            return
+        for font in (self.regular, self.bold):
+            merged = imgui.ImFontConfig()
+            merged.merge_mode, merged.dst_font, merged.font_no = True, font, file.number
+            with contextlib.suppress(RuntimeError):  # a font that is broken, or of a kind that imgui does not read
+                imgui.get_io().fonts.add_font_from_file_ttf(str(file.path), FONT_SIZE, merged)
 
     @staticmethod
     def _with_icons(atlas: imgui.ImFontAtlas, name: str) -> imgui.ImFont:

@@ -10,6 +10,7 @@ from imgui_bundle import ImVec2, imgui, implot
 from viewer.app.application import App
 from viewer.app.keyboard import Keyboard, KeyPress
 from viewer.app.state import Clipboard
+from viewer.app.system_fonts import FontSearch
 from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, theme, top_bar, viewport
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.file_dialogs import FileDialogs
@@ -35,9 +36,11 @@ class Ui:
     """Dear ImGui and the panels. An OpenGL context must be current, now and whenever it is used.
 
     window: address of a GLFW window whose events to listen to; None where the caller feeds `imgui.get_io()` itself.
+    system_fonts: take letters that our fonts lack from the system's; None where there is a window, so that pictures
+    without one are the same everywhere.
     """
 
-    def __init__(self, window: int | None = None) -> None:
+    def __init__(self, window: int | None = None, *, system_fonts: bool | None = None) -> None:
         self.context = imgui.create_context()
         imgui.set_current_context(self.context)  # another may be there already
         io = imgui.get_io()
@@ -54,6 +57,8 @@ class Ui:
         if window is not None:
             imgui.backends.glfw_init_for_opengl(window, True)
         imgui.backends.opengl3_init(GLSL_VERSION)
+        wanted = window is not None if system_fonts is None else system_fonts
+        self._font_search = FontSearch(self.fonts.missing) if wanted else None
         self.plots = implot.create_context()
         self.file_dialogs = FileDialogs(native=None if window is not None else False)
 
@@ -93,6 +98,7 @@ class Ui:
         """Once through all panels."""
         if self.scale == 0:
             self._docking.restore(app.interface.layout)
+        self._take_fonts(app)
         if scale != self.scale:
             theme.apply(scale)
             self.scale = scale
@@ -116,6 +122,21 @@ class Ui:
         dialogs.show(app, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
         self.keyboard.seen()
+
+    def _take_fonts(self, app: App) -> None:
+        """Adds what the search has found, one font a frame."""
+        search = self._font_search
+        if search is not None and search.finished:
+            if search.found:
+                self.fonts.add(search.found.pop(0))
+                app.touch()
+            else:
+                self._font_search = None
+
+    @property
+    def fonts_coming(self) -> bool:
+        """Whether there may be more letters soon."""
+        return self._font_search is not None
 
     def draw(self) -> None:
         """Draws what `frame` prepared into the framebuffer that is bound."""

@@ -14,17 +14,22 @@ from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import chip, coloured, px
 from viewer.window.canvas import Canvas
+from viewer.window.presenting import present
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
+TOAST_WIDTH = 560.0
 WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
 def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGizmo) -> None:
-    """Draws the picture into `box` and listens to the mouse there."""
+    """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
+    app.viewport.camera = app.camera()
+    present(app, canvas)
     with coloured(window_bg=theme.BASE):
-        layout.begin("##viewport", box, (0, 0), imgui.WindowFlags_.no_scroll_with_mouse)
+        still = imgui.WindowFlags_.no_scroll_with_mouse if app.scene is not None else 0  # the wheel is the camera's
+        layout.begin("##viewport", box, (0, 0), still)
     if app.scene is None:
         start_page.show(app, fonts)
     else:
@@ -80,6 +85,8 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
         if _hands.holds != "wipe":
             rig.remember()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
+    if imgui.is_item_activated():
+        dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
     if active and (dx or dy):
         _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
         _drag(app, box, dx, dy)
@@ -169,9 +176,22 @@ def _corner(app: App, box: layout.Box) -> None:
 
 
 def _toast(app: App, box: layout.Box) -> None:
-    if app.messages.toast_left > 0:
-        width = imgui.calc_text_size(app.messages.toast).x
-        chip(app.messages.toast, box[0] + 0.5 * (box[2] - width) - px(12), box[1] + box[3] - px(52))
+    """What was said just now, at the foot of the picture, in as many lines as it takes; a stripe marks a warning."""
+    text, warning = app.messages.toast, app.messages.toast_level != "info"
+    if app.messages.toast_left <= 0:
+        return
+    draw, room = imgui.get_window_draw_list(), min(px(TOAST_WIDTH), box[2] - px(64))
+    size = imgui.calc_text_size(text, wrap_width=room)
+    x, y = box[0] + 0.5 * (box[2] - size.x), box[1] + box[3] - px(36) - size.y
+    low, high = ImVec2(x - px(14), y - px(8)), ImVec2(x + size.x + px(14), y + size.y + px(8))
+    draw.add_rect_filled(low, high, theme.packed(theme.BASE, 0.88), px(10))
+    if warning:
+        draw.add_rect_filled(
+            ImVec2(low.x + px(4), low.y + px(7)), ImVec2(low.x + px(7), high.y - px(7)), theme.packed(theme.WARN)
+        )
+    draw.add_text(
+        imgui.get_font(), imgui.get_font_size(), ImVec2(x, y), theme.packed(theme.TEXT), text, wrap_width=room
+    )
 
 
 def _progress(app: App, box: layout.Box, fonts: Fonts) -> None:

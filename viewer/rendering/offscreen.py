@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from typing import Any
 
+import glcontext
 import moderngl
 import numpy as np
 
@@ -12,26 +14,38 @@ from console import UserError
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_scene import Limits
+from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
 
 GL_VERSION = 330
-INSTALL = "install a graphics driver, or Mesa's software one: apt-get install libegl1 libgl1-mesa-dri"
+OLDER = (320, 310, 210)  # asked for to learn what is there; drivers give the newest that they have of the kind
 
 
 def create_context() -> moderngl.Context:
     """An offscreen OpenGL >= 3.3 core context. UserError, one line, where there is none to be had."""
+    # macOS and Windows know no EGL; there moderngl opens a hidden native context.
+    options: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
     try:
-        # macOS and Windows know no EGL; there moderngl opens a hidden native context.
-        options: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
         ctx = moderngl.create_context(standalone=True, require=GL_VERSION, **options)
     except Exception as error:  # glcontext raises bare Exception for a missing library, moderngl its own for versions
-        raise UserError(
-            "no OpenGL to draw with", expected="OpenGL 3.3 or later", found=str(error).strip() or "none", remedy=INSTALL
-        ) from error
+        raise opengl_refusal(_version_at_hand(), str(error)) from error
     while ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
         pass
     return ctx
+
+
+def _version_at_hand() -> str:
+    """What OpenGL there is without a display, where it is older than ours; "" where there is none."""
+    backend = glcontext.get_backend_by_name("egl") if sys.platform.startswith("linux") else glcontext.default_backend()
+    for version in OLDER:
+        with contextlib.suppress(Exception):  # as create_context: whatever a driver that is not there leads to
+            context = backend(mode="standalone", glversion=version)
+            found = version_at(context.load("glGetString"))
+            context.release()
+            if found:
+                return found
+    return ""
 
 
 def lost(ctx: moderngl.Context) -> bool:

@@ -1,7 +1,8 @@
 """The picture inside the window: framebuffers of its own, quick pictures while things move, tiles while they rest.
 
 Implements viewer.app.state.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
-the lower left corner, so that a change of scale allocates nothing.
+the lower left corner, so that a change of scale allocates nothing. They are drawn while the panels of the same frame are
+built, so that what the panels name and what the textures hold is one picture of one camera.
 """
 
 from __future__ import annotations
@@ -12,117 +13,29 @@ from dataclasses import dataclass, replace
 import moderngl
 import numpy as np
 
-from console import UserError
 from scenepack.pack import Pack
-from viewer.app.resolution import Governor, tiles
 from viewer.app.thumbnails import Thumbnails
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
 from viewer.rendering.gpu_clock import GpuClock
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
-from viewer.rendering.shader_source import assemble, compile_program
 from viewer.window.sheet_texture import SheetTexture
+from viewer.window.targets import MARGIN, Box, Difference, Layer, Target, unbind_framebuffers, with_margin
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun
 
 
 @dataclass(frozen=True)
-class Layer:
-    """A piece of texture to draw: texture (OpenGL name), its part uv0 … uv1 (top left, bottom right), and where on the
-    viewport it belongs, box x0, y0, x1, y1 in 0 … 1 from the top left.
+class Drawn:
+    """What a frame drew of the picture, or of both pictures of a comparison: milliseconds by the wall clock around finish(),
+    and by the card's own clock, None where that is not to be trusted.
     """
 
-    texture: int
-    uv0: tuple[float, float]
-    uv1: tuple[float, float]
-    box: tuple[float, float, float, float]
-
-
-def _unbind_framebuffers(ctx: moderngl.Context) -> None:
-    """Binds a framebuffer that outlives ours: moderngl binds the last one again whenever it makes another."""
-    if ctx.screen is not None:
-        ctx.screen.use()
-        return
-    if ctx.extra is None:
-        ctx.extra = ctx.simple_framebuffer((1, 1))
-    ctx.extra.use()
-
-
-class _Target:
-    """A texture to draw into, grown as needed. Textures that it no longer needs go to `retired`; see Canvas.sweep."""
-
-    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
-        self.ctx, self.size, self.retired = ctx, (0, 0), retired
-        self.framebuffer: moderngl.Framebuffer | None = None
-
-    def fit(self, width: int, height: int) -> moderngl.Framebuffer:
-        if self.framebuffer is None or self.size[0] < width or self.size[1] < height:
-            self.release()
-            texture = self.ctx.texture((width, height), 4)
-            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-            depth = self.ctx.depth_renderbuffer((width, height))
-            self.framebuffer, self.size = self.ctx.framebuffer([texture], depth), (width, height)
-            if self.ctx.error != "GL_NO_ERROR":
-                self.release()
-                raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
-        return self.framebuffer
-
-    @property
-    def texture(self) -> moderngl.Texture:
-        assert self.framebuffer is not None
-        return self.framebuffer.color_attachments[0]  # type: ignore[return-value]
-
-    def release(self) -> None:
-        if self.framebuffer is not None:
-            _unbind_framebuffers(self.ctx)
-            texture = self.texture
-            self.framebuffer.depth_attachment.release()  # type: ignore[union-attr]
-            self.framebuffer.release()
-            self.retired.append(texture)
-        self.framebuffer, self.size = None, (0, 0)
-
-    def layer(self, size: tuple[int, int], part: tuple[int, int, int, int] | None = None) -> Layer:
-        """What draws `part` (x, y, w, h from the top left) of a picture of `size` in this texture's lower left."""
-        (tw, th), (width, height) = self.size, size
-        x, y, w, h = part or (0, 0, width, height)
-        if part is not None:  # off the outermost texels' outer halves, which are blended with what is not drawn yet
-            x, y, w, h = x + 0.5, y + 0.5, w - 1, h - 1
-        uv0, uv1 = (x / tw, (height - y) / th), ((x + w) / tw, (height - y - h) / th)
-        box = (x / width, y / height, (x + w) / width, (y + h) / height)
-        return Layer(self.texture.glo, uv0, uv1, box)
-
-
-class Difference:
-    """Subtracts two layers; see shaders/difference.frag."""
-
-    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
-        self.ctx, self._target = ctx, _Target(ctx, retired)
-        self.program = compile_program(ctx, assemble("fullscreen.vert"), assemble("difference.frag"))
-        self.triangle = ctx.vertex_array(self.program, [])
-
-    def draw(self, a: Layer, b: Layer, size: tuple[int, int], gain: float) -> Layer:
-        """The layer that shows |a - b| · gain on the whole viewport of `size` pixels."""
-        framebuffer = self._target.fit(*size)
-        framebuffer.use()
-        framebuffer.viewport = (0, 0, *size)
-        self.ctx.enable_only(moderngl.NOTHING)
-        for unit, (name, layer) in enumerate((("a", a), ("b", b))):
-            texture = self.ctx.external_texture(layer.texture, (1, 1), 4, 0, "f1")
-            texture.use(unit)
-            self.program[f"picture_{name}"] = unit
-            self.program[f"box_{name}"] = layer.box
-            self.program[f"part_{name}"] = (*layer.uv0, *layer.uv1)
-        self.program["target_size"] = size
-        self.program["gain"] = gain
-        self.triangle.render(moderngl.TRIANGLES, vertices=3)
-        return self._target.layer(size)
-
-    def release(self) -> None:
-        self._target.release()
-        self.triangle.release()
-        self.program.release()
+    scene_ms: float
+    gpu_ms: float | None
 
 
 class Canvas:
@@ -133,25 +46,27 @@ class Canvas:
         self.renderer: Renderer | None = None
         self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
         self._retired = [] if retired is None else retired
-        self._quick, self._full, self._still = (_Target(ctx, self._retired) for _ in range(3))
+        self._quick, self._full, self._still = (Target(ctx, self._retired) for _ in range(3))
         self._wanted: tuple[object, ...] = ()
         self._changed_at = 0.0
-        self._tiles: list[tuple[int, int, int, int]] | None = None  # still to draw; None: not begun
-        self._done: list[tuple[int, int, int, int]] = []
-        self._quick_size = (0, 0)
+        self._tiles: list[Box] | None = None  # still to draw, margin included; None: not begun
+        self._done: list[Box] = []
         self._tile_ms = self._tile_gpu_ms = 0.0
         self.layers: list[Layer] = []
+        self.quick: Layer | None = None  # all of the picture, at the scale of movements
         self.other: Canvas | None = None  # another pack under the same camera
         self.difference: Layer | None = None
         self._difference: Difference | None = None
         self._images: dict[str, tuple[int, moderngl.Texture]] = {}
         self._sheet = SheetTexture(ctx, self._retired)
         self.clock = GpuClock(ctx)
+        self.rest_s = REST_S
         self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
         self.gpu_ms: float | None = None  # of the same, by the card's own clock
         self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
         self.picture_gpu_ms: float | None = None  # likewise, by the card's own clock
         self.drawn_size = (0, 0)  # pixels of the picture that is shown
+        self.drawn: Drawn | None = None  # by this frame; see viewer.window.presenting
 
     # Stage
 
@@ -192,6 +107,7 @@ class Canvas:
         other = None
         if pack is not None:
             other = Canvas(self.ctx, self._retired)
+            other.rest_s = self.rest_s
             other.show(pack)
         if self.other is not None:
             self.other.release()
@@ -215,13 +131,11 @@ class Canvas:
         if name in self._images:
             self._retired.append(self._images.pop(name)[1])
 
-    def subtract(self, other: Layer, size: tuple[int, int], gain: float) -> None:
+    def subtract(self, picture: Layer, other: Layer, size: tuple[int, int], gain: float) -> None:
         """Sets `difference` to |picture - other| · gain, at `size` (width, height in pixels)."""
-        if not self.layers:
-            return
         if self._difference is None:
             self._difference = Difference(self.ctx, self._retired)
-        self.difference = self._difference.draw(self.layers[0], other, size, gain)
+        self.difference = self._difference.draw(picture, other, size, gain)
 
     def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
         """See Stage.distance_at. Asks the renderer for one pixel's depth; None in forward-facing packs."""
@@ -256,7 +170,7 @@ class Canvas:
             pixels = np.frombuffer(framebuffer.read(components=3, dtype="f4"), "f4")
             return pixels.reshape(camera.height, camera.width, 3)[::-1]
         finally:
-            _unbind_framebuffers(self.ctx)
+            unbind_framebuffers(self.ctx)
             framebuffer.release()
             depth.release()
             texture.release()
@@ -290,27 +204,33 @@ class Canvas:
 
     # Drawing
 
-    def draw(self, camera: ViewCamera | None, settings: RenderSettings, governor: Governor, wait: bool = True) -> bool:
-        """Brings `layers` up to date as far as one frame's time allows. True where anything was drawn.
-
-        wait: leave a moment after the last change before the full picture is begun.
+    def follow(
+        self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution, *, anew: bool = False
+    ) -> bool:
+        """Draws a quick picture if `layers` do not show this camera and these settings, or if it shall be drawn `anew`; True
+        where it drew one.
         """
         if self.renderer is None or camera is None:
             self.layers = []
             return False
         self._receive()
-        wanted = _key(camera, settings, governor.rest_scale)
-        if wanted != self._wanted:
-            self._wanted, self._changed_at, self._tiles = wanted, time.monotonic(), None
-            self._draw_quick(camera, settings, governor)
-            return True
-        if (
-            self._tiles == []
-            or not self.pending
-            or (self._tiles is None and wait and time.monotonic() - self._changed_at < REST_S)
-        ):
+        wanted = _key(camera, settings, resolution.rest_scale)
+        if wanted == self._wanted and not anew:
             return False
-        self._draw_tile(camera, settings, governor)
+        self._wanted, self._changed_at, self._tiles = wanted, time.monotonic(), None
+        self._draw_quick(camera, settings, resolution)
+        return True
+
+    def sharpen(self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution) -> bool:
+        """Draws the next tile of the full picture, once nothing has changed for `rest_s`; True where it drew one.
+
+        Call it after follow(), with the same arguments.
+        """
+        if self.renderer is None or camera is None or not self._wanted or self._tiles == []:
+            return False
+        if self._tiles is None and time.monotonic() - self._changed_at < self.rest_s:
+            return False
+        self._draw_tile(camera, settings, resolution)
         return True
 
     def sweep(self) -> None:
@@ -322,7 +242,7 @@ class Canvas:
 
     def forget(self) -> None:
         """Begins anew with the next draw, after one that failed."""
-        self._wanted, self._tiles, self.layers, self.difference = (), None, [], None
+        self._wanted, self._tiles, self.layers, self.quick, self.difference = (), None, [], None, None
 
     @property
     def pending(self) -> bool:
@@ -331,33 +251,37 @@ class Canvas:
             return False
         return self.renderer.arriving or self._coming is not None or (bool(self._wanted) and self._tiles != [])
 
-    def _draw_quick(self, camera: ViewCamera, settings: RenderSettings, governor: Governor) -> None:
-        size = _scaled(camera, governor.moving_scale)
-        target = self._quick.fit(camera.width, camera.height)
-        self._timed(target, camera.resized(*size), settings, (0, 0, *size))
+    def _draw_quick(self, camera: ViewCamera, settings: RenderSettings, resolution: DynamicResolution) -> None:
+        size = _scaled(camera, resolution.moving_scale)
+        drawn = with_margin(camera.resized(*size))
+        whole = with_margin(camera)
+        target = self._quick.fit(whole.width, whole.height)
+        self._timed(target, drawn, settings, (0, 0, drawn.width, drawn.height))
         self.picture_ms, self.picture_gpu_ms = self.scene_ms, self.gpu_ms
-        governor.moved(self.scene_ms, size[0] * size[1])
-        self._quick_size = self.drawn_size = size
-        self.layers = [self._quick.layer(size)]
-        if size == _scaled(camera, governor.rest_scale):
+        resolution.moved(self.scene_ms, drawn.width * drawn.height)
+        self.drawn_size = size
+        self.quick = self._quick.layer(size)
+        self.layers = [self.quick]
+        if size == _scaled(camera, resolution.rest_scale):
             self._tiles = []
 
-    def _draw_tile(self, camera: ViewCamera, settings: RenderSettings, governor: Governor) -> None:
-        size = _scaled(camera, governor.rest_scale)
+    def _draw_tile(self, camera: ViewCamera, settings: RenderSettings, resolution: DynamicResolution) -> None:
+        size = _scaled(camera, resolution.rest_scale)
+        whole = with_margin(camera.resized(*size))
         if self._tiles is None:
-            self._tiles, self._done = tiles(*size, governor.tile_side()), []
+            self._tiles, self._done = tiles(whole.width, whole.height, resolution.tile_side()), []
             self._tile_ms, self._tile_gpu_ms = 0.0, 0.0
-        whole = camera.resized(*size)
-        target = self._full.fit(*size)
+        target = self._full.fit(whole.width, whole.height)
         x, y, w, h = self._tiles.pop(0)
         part = replace(whole, width=w, height=h, cx=whole.cx - x, cy=whole.cy - y)
-        self._timed(target, part, settings, (x, size[1] - y - h, w, h))
-        governor.measured(self.scene_ms, w * h)
+        self._timed(target, part, settings, (x, whole.height - y - h, w, h))
+        resolution.measured(self.scene_ms, w * h)
         self._tile_ms += self.scene_ms
         self._tile_gpu_ms += self.gpu_ms or 0.0
-        self._done.append((x, y, w, h))
+        self._done.append((x, y - MARGIN, w, h))
         if self._tiles:
-            self.layers = [self._quick.layer(self._quick_size), *(self._full.layer(size, box) for box in self._done)]
+            assert self.quick is not None
+            self.layers = [self.quick, *(self._full.layer(size, box) for box in self._done)]
         else:
             self.layers, self.drawn_size, self.picture_ms = [self._full.layer(size)], size, self._tile_ms
             self.picture_gpu_ms = None if self.gpu_ms is None else self._tile_gpu_ms

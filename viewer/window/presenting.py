@@ -1,45 +1,67 @@
-"""One frame's work on the picture, shared by the window and the offscreen interface: scene, comparison, figures."""
+"""One frame's work on the picture, for the window and the offscreen interface: scene, comparison, figures.
+
+It is done while the panels are built (viewer.panels.viewport calls it), so that the picture, what it is compared with,
+and what is drawn over it are all of one camera, and lie where this frame's layout has them.
+"""
 
 from __future__ import annotations
 
 from console import UserError
 from viewer.app.application import App
 from viewer.rendering.settings import RenderSettings
-from viewer.window.canvas import Canvas, Layer
+from viewer.window.canvas import Canvas, Drawn
+from viewer.window.targets import Layer
 
 PHOTOGRAPH = "photograph"
 
 
-def present(app: App, canvas: Canvas, *, wait: bool = True) -> bool:
-    """Draws as much as this frame has time for; True where anything was drawn. Failures become dialogs."""
+def present(app: App, canvas: Canvas) -> None:
+    """Draws as much as one frame has time for, and notes it in canvas.drawn. Failures become dialogs."""
+    canvas.drawn = None
     try:
-        return _present(app, canvas, wait)
+        canvas.drawn = _present(app, canvas)
     except UserError as error:  # e.g. no room for a picture of this size
         app.messages.fail("The picture cannot be drawn", error)
         app.settings = RenderSettings()
         app.comparison.stop()
         canvas.forget()
-        return True
+        app.touch()
 
 
-def _present(app: App, canvas: Canvas, wait: bool) -> bool:
-    camera, comparison = app.camera(), app.comparison
-    drawn = canvas.draw(camera, app.settings, app.governor, wait)
-    pending = canvas.pending
+def _present(app: App, canvas: Canvas) -> Drawn | None:
+    comparison, scene = app.comparison, (app.viewport.camera, app.settings, app.resolution)
+    shown = [canvas]
     if comparison.against == "pack" and canvas.other is not None:
-        if not drawn or canvas.other.renderer is None or not pending:
-            drawn = canvas.other.draw(camera, app.settings, app.governor, wait) or drawn
-        pending = pending or canvas.other.pending
-    other = other_layers(app, canvas)
-    if comparison.how == "difference" and other:
-        if drawn or canvas.difference is None or app.frames_owed:
-            canvas.subtract(other[0], app.viewport.pixels, comparison.gain)
+        shown.append(canvas.other)
+    drew = [each for each in shown if each.follow(*scene)]
+    if drew:  # two pictures that are compared are of one sharpness
+        drew += [each for each in shown if each not in drew and each.follow(*scene, anew=True)]
+    for each in shown:
+        if not drew and each.sharpen(*scene):  # one tile a frame
+            drew = [each]
+    pair = _compared(app, canvas)
+    if comparison.how == "difference" and pair is not None:
+        if drew or canvas.difference is None or app.frames_owed:
+            canvas.subtract(*pair, app.viewport.pixels, comparison.gain)
     else:
         canvas.difference = None
-    if not pending and not drawn:
-        comparison.measure(app)
-        app.costs.measure(app)
-    return drawn
+    if not drew:
+        if not unfinished(app, canvas):
+            comparison.measure(app)
+            app.costs.measure(app)
+        return None
+    gpu = [each.gpu_ms for each in drew if each.gpu_ms is not None]
+    return Drawn(sum(each.scene_ms for each in drew), sum(gpu) if gpu else None)
+
+
+def _compared(app: App, canvas: Canvas) -> tuple[Layer, Layer] | None:
+    """All of the picture, and all of what it is compared with; two packs are both quick until both are whole."""
+    other = other_layers(app, canvas)
+    if not other or not canvas.layers:
+        return None
+    if app.comparison.against == "pack" and canvas.other is not None and unfinished(app, canvas):
+        return (canvas.quick, canvas.other.quick) if canvas.quick and canvas.other.quick else None
+    return canvas.layers[0], other[0]
 
 
 def other_layers(app: App, canvas: Canvas) -> list[Layer]:

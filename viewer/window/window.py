@@ -27,15 +27,18 @@ from viewer.app.making import LOOKED_AT_EVERY_S
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.panels import theme
 from viewer.panels.ui import SystemClipboard, Ui
+from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.window.canvas import Canvas
-from viewer.window.presenting import awaited, present, unfinished
+from viewer.window.presenting import awaited, unfinished
 
 import glfw  # isort: skip  (after imgui_bundle, which viewer.panels imports)
 
+PROGRAM = "snerg"
 SMALLEST = (480, 360)
 IDLE_WAIT_S = 1.0
 BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
 LONGEST_STEP_S = 0.1  # after a pause, movements go on from where they were
+PAUSE_MS = 500.0  # what takes longer is no frame of a movement: a pack was opened, shaders were compiled
 SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
 MODIFIERS = frozenset(
     getattr(glfw, f"KEY_{side}_{name}") for side in ("LEFT", "RIGHT") for name in ("CONTROL", "SHIFT", "ALT", "SUPER")
@@ -66,7 +69,10 @@ def display_problem() -> str | None:
 
 
 class Window:
-    """A window on `app`. Raises NoDisplay where GLFW cannot open one. size: width, height in screen units."""
+    """A window on `app`. Raises NoDisplay where there is no display, UserError where it lacks OpenGL.
+
+    size: width, height in screen units.
+    """
 
     def __init__(self, app: App, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
         problem = display_problem()
@@ -85,8 +91,9 @@ class Window:
         self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value)
         self.ui.keyboard.local_name = _local_name
         app.clipboard = SystemClipboard()
-        self._v_sync = True
+        self._v_sync, self._title = True, PROGRAM
         self._last = time.monotonic()
+        self._frame_began = time.perf_counter()  # what was waited for before a frame is none of its time
 
     def _listen(self) -> None:
         """Any event wakes the loop; imgui's own callbacks, set later, call these first."""
@@ -133,11 +140,12 @@ class Window:
 
     # The loop
 
-    def run(self) -> None:
-        """Until the window is closed or the app quits."""
+    def run(self, each: Callable[[], None] = lambda: None) -> None:
+        """Until the window is closed or the app quits. each: called in every turn of the loop, at least once a second."""
         with _notices_logged(self.app.messages.log):
             while not self.app.quitting:
                 self.step()
+                each()
                 if glfw.window_should_close(self.handle):
                     glfw.set_window_should_close(self.handle, False)
                     self.app.making.ask_to_quit(self.app)
@@ -145,31 +153,36 @@ class Window:
     def step(self) -> bool:
         """Waits for something to do, and draws a frame if there is; True where it drew."""
         app = self.app
-        if app.wants_frame or self._touched or self.ui.hears:
+        waits = not (app.wants_frame or self._touched or self.ui.hears)
+        if not waits:
             glfw.poll_events()
-        elif awaited(app) or unfinished(self.app, self.canvas):
+        elif awaited(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
             glfw.wait_events_timeout(BUSY_WAIT_S)
         elif app.making.busy:
             glfw.wait_events_timeout(LOOKED_AT_EVERY_S)
         else:
             glfw.wait_events_timeout(0.4 if self.ui.typing else IDLE_WAIT_S)
             self._last = max(self._last, time.monotonic() - 1 / 60)
+        if waits:
+            self._frame_began = time.perf_counter()
         if self._touched:
             self._touched = False
             app.touch()
         now = time.monotonic()
         app.tick(min(now - self._last, LONGEST_STEP_S))
-        if not (app.wants_frame or unfinished(self.app, self.canvas) or self.ui.typing or self.ui.hears):
+        self._last = now
+        if not (
+            app.wants_frame or unfinished(app, self.canvas) or self.ui.typing or self.ui.hears or self.ui.fonts_coming
+        ):
             return False
-        self._frame(now)
+        self._frame()
         return True
 
-    def _frame(self, now: float) -> None:
-        """Picture first, then the panels over it, then the screen."""
+    def _frame(self) -> None:
+        """The panels, and the picture as they come to it; then the screen."""
         app = self.app
-        frame_ms = 1000.0 * (now - self._last)
-        self._last = now
         self._follow_full_screen()
+        self._follow_title()
         if self.app.interface.v_sync != self._v_sync:
             self._v_sync = self.app.interface.v_sync
             glfw.swap_interval(int(self._v_sync))
@@ -180,23 +193,28 @@ class Window:
             return
         self.canvas.sweep()
         self.ui.frame(app, self.canvas, scale=max(1.0, scale_x / (pixels[0] / units[0])))
-        if self._picture() and frame_ms < 500.0:
-            app.times.add(self.canvas.scene_ms, frame_ms, self.canvas.gpu_ms)
         self.ctx.screen.use()
         self.ctx.screen.viewport = (0, 0, *pixels)
         base = theme.rgb(theme.BASE)
         self.ctx.screen.clear(base.x, base.y, base.z, 1.0)
         self.ui.draw()
+        self.ctx.finish()
+        finished = time.perf_counter()
         glfw.swap_buffers(self.handle)
+        self._measure(finished, time.perf_counter())
         app.drew()
 
-    def _picture(self) -> bool:
-        """Draws as much of the picture as this frame has time for; True where it drew any."""
-        app = self.app
-        drawn = present(app, self.canvas)
-        if drawn:
-            app.touch(2)  # what was drawn just now is shown by the next frame
-        return drawn
+    def _measure(self, finished: float, shown: float) -> None:
+        """Notes how long the frame took: its drawing until `finished`, and with the swap until `shown` (s)."""
+        app, drawn = self.app, self.canvas.drawn
+        frame_ms, swap_ms = 1000.0 * (shown - self._frame_began), 1000.0 * (shown - finished)
+        self._frame_began = shown
+        if drawn is None:
+            return
+        app.resolution.frame_ended(frame_ms, swap_ms)
+        if frame_ms < PAUSE_MS:
+            app.times.add(drawn.scene_ms, frame_ms, drawn.gpu_ms)
+        app.touch(2)  # goes on at once; and the figures of the last frame are shown
 
     def _follow_full_screen(self) -> None:
         full = bool(glfw.get_window_monitor(self.handle))  # a null pointer where the window has a place of its own
@@ -213,6 +231,13 @@ class Window:
         mode = glfw.get_video_mode(monitor)
         glfw.set_window_monitor(self.handle, monitor, 0, 0, *mode.size, mode.refresh_rate)
 
+    def _follow_title(self) -> None:
+        scene = self.app.scene
+        title = PROGRAM if scene is None else f"{scene.name} – {PROGRAM}"
+        if title != self._title:
+            self._title = title
+            glfw.set_window_title(self.handle, title)
+
     # Pictures of the window
 
     def draw_frames(self, frames: int) -> None:
@@ -221,7 +246,7 @@ class Window:
             self.app.touch(1)
             self.step()
         for _ in range(SETTLE_ROUNDS):
-            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas))
+            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming)
             for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
                 self.app.touch(1)
                 self.step()
@@ -261,6 +286,16 @@ class Window:
             return self._placed[2], self._placed[3]
         return glfw.get_window_size(self.handle)
 
+    @property
+    def layout(self) -> str:
+        """Where the pages are docked, to be remembered."""
+        return self.ui.layout if self.ui.scale else self.app.interface.layout
+
+    @property
+    def on_x11(self) -> bool:
+        """Whether it is an X server that shows it."""
+        return glfw.get_platform() == glfw.PLATFORM_X11
+
     def close(self) -> None:
         """Frees everything and closes the window."""
         self.app.making.end()
@@ -291,6 +326,17 @@ def _notices_logged(log: Callable[[str, str], None]) -> Iterator[None]:
 
         warnings.showwarning = show
         yield
+
+
+def _version_at_hand() -> str:
+    """What OpenGL a window may have here, where it is older than ours; "" where there is none."""
+    glfw.default_window_hints()
+    glfw.window_hint(glfw.VISIBLE, False)
+    handle = glfw.create_window(16, 16, PROGRAM, None, None)
+    if not handle:
+        return ""
+    glfw.make_context_current(handle)
+    return version_at(ctypes.cast(glfw.get_proc_address("glGetString"), ctypes.c_void_p).value)
 
 
 def _name(key: int, scancode: int) -> str:
@@ -329,10 +375,14 @@ def _open(size: tuple[int, int], visible: bool):
         (glfw.DEPTH_BITS, 0),
     ):
         glfw.window_hint(hint, value)
-    handle = glfw.create_window(*size, "snerg", None, None)
+    for hint in (glfw.X11_CLASS_NAME, glfw.X11_INSTANCE_NAME, glfw.WAYLAND_APP_ID):  # what desktops group windows by
+        glfw.window_hint_string(hint, PROGRAM)
+    handle = glfw.create_window(*size, PROGRAM, None, None)
     if not handle:
+        complaint = complaints[-1] if complaints else ""
+        version = _version_at_hand()
         glfw.terminate()
-        raise NoDisplay(f"no window can be opened: {complaints[-1] if complaints else 'no OpenGL 3.3'}")
+        raise opengl_refusal(version, complaint, window=True)
     glfw.set_window_size_limits(handle, *SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
     glfw.make_context_current(handle)
     glfw.swap_interval(1)

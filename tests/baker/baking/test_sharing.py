@@ -85,7 +85,7 @@ def test_a_helper_that_comes_late_finds_that_the_bake_has_ended(dataset, tmp_pat
 def test_a_helper_of_another_bake_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = WorkFolder(tmp_path / "work", KEY, Share(0, 2))
     monkeypatch.setattr("baker.baking.work_folder.PATIENCE", 0.3)
-    with pytest.raises(UserError, match="has not begun"):
+    with pytest.raises(UserError, match="has not started"):
         WorkFolder(tmp_path / "work", {"bake": 2}, Share(1, 2))
     assert first.file("key.json").parent.is_dir()
     first.remove()
@@ -100,7 +100,7 @@ def test_shares_come_from_options_or_the_launcher(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("SLURM_PROCID", "5")
     assert share_of(None, None) == Share(5, 8) and share_of(1, 0) == Share(0, 1)
     for processes, process in ((4, None), (None, 1), (4, 4), (0, 0), (2, -1)):
-        with pytest.raises(UserError, match="do not make a whole"):
+        with pytest.raises(UserError, match="do not fit together"):
             share_of(processes, process)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,10 +19,17 @@ SIDE = 64
 ANGLE = 0.7  # radians, horizontal
 
 
-def photographed(pack: Pack, folder: Path, per_split: int = 3) -> Pack:
-    """Renders photographs of `pack` into a Blender scene at `folder`; the pack with its cameras in the metadata."""
+Render = Callable[[ViewCamera], np.ndarray]
+
+
+def photographed(pack: Pack, folder: Path, per_split: int = 3, render: Render | None = None) -> Pack:
+    """Renders photographs of `pack` into a Blender scene at `folder`; the pack with its cameras in the metadata.
+
+    render: what draws them, uint8 [h, w, 3]; by default a context of their own.
+    """
     cameras = []
-    with OffscreenRenderer(pack) as renderer:
+    with ExitStack() as stack:
+        render = render or stack.enter_context(OffscreenRenderer(pack)).render
         for split in ("train", "test"):
             frames = []
             (folder / split).mkdir(parents=True)
@@ -29,7 +38,7 @@ def photographed(pack: Pack, folder: Path, per_split: int = 3) -> Pack:
                 view = ViewCamera.orbit(pack, azimuth, 25, size=(SIDE, SIDE))
                 focal = 0.5 * SIDE / np.tan(0.5 * ANGLE)
                 view = replace(view, fx=focal, fy=focal)
-                picture = np.dstack([renderer.render(view), np.full((SIDE, SIDE), 255, np.uint8)])
+                picture = np.dstack([render(view), np.full((SIDE, SIDE), 255, np.uint8)])
                 Image.fromarray(picture).save(folder / split / f"r_{i}.png")
                 matrix = (pack.worldspace_T_opengl @ view.grid_T_camera).tolist()
                 frames.append({"file_path": f"./{split}/r_{i}", "transform_matrix": matrix})

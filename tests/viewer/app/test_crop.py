@@ -11,7 +11,7 @@ from viewer.app.projection import project
 @pytest.fixture
 def ui(offscreen, app, pack, pack_folder):
     ui = offscreen(app)
-    app.governor.rest_scale = 0.25
+    app.resolution.rest_scale = 0.25
     app.show(pack, pack_folder)
     app.interface.page = "crop"
     app.set(crop=crop.placed(pack, np.zeros(3), np.full(3, 0.8)))

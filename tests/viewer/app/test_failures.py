@@ -33,7 +33,7 @@ def shapes_folder(tmp_path_factory) -> Path:
 def ui(offscreen, app, shapes_folder, tmp_path):
     """The interface with a pack that was opened from a folder of its own."""
     folder = shutil.copytree(shapes_folder, tmp_path / "open")
-    app.governor.enabled = False
+    app.resolution.enabled = False
     ui = offscreen(app, size=(900, 560))
     app.open(folder)
     app.loading.wait(30)
@@ -193,6 +193,38 @@ def test_an_old_picture_stays_when_the_new_one_does_not_fit(ui, small_disk):
     app.filming.still(app, small_disk / "still.png")
     assert "the disk is full" in wait_for_dialog(ui)
     assert np.asarray(Image.open(small_disk / "still.png"))[0, 0].tolist() == [1, 2, 3]
+
+
+# A place that cannot be written
+
+
+@pytest.mark.parametrize(
+    ("place", "code", "words"),
+    [
+        ("/proc/nope/x.png", None, "there is no such folder"),
+        ("file/x.png", None, "a part of the path is a file"),
+        ("x.png", errno.EROFS, "that disk is read-only"),
+        ("x.png", errno.EACCES, "writing there is not permitted"),
+        ("x.png", errno.ENOSPC, "make room"),
+    ],
+)
+def test_why_a_picture_cannot_be_written_is_told_by_the_systems_own_reason(
+    ui, tmp_path, monkeypatch, place, code, words
+):
+    app = ui.app
+    (tmp_path / "file").touch()
+    if code is not None:
+
+        def refuse(self, picture) -> None:
+            raise OSError(code, "whatever the system says")
+
+        monkeypatch.setattr(export_module._Still, "add", refuse)
+    app.filming.size = (32, 32)
+    app.filming.still(app, tmp_path / place)
+    told = wait_for_dialog(ui)
+    assert words in told and str(tmp_path / place) in told and ("make room" in told) == (code == errno.ENOSPC)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "open"]
+    still_alive(ui)
 
 
 # A card too small

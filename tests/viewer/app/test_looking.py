@@ -89,6 +89,7 @@ def test_a_click_on_a_frustum_stands_in_it(ui, app):
 
 def test_a_photograph_that_is_not_there_is_told_and_the_camera_stays(app, scene_pack, pack_folder, tmp_path):
     app.stage = FakeStage()
+    (tmp_path / "gone").mkdir()  # the folder is there, but not what was in it
     app.show(scene_pack.with_metadata(provenance={"scene": str(tmp_path / "gone")}), pack_folder)
     with pytest.raises(UserError):
         app.comparison.stand_in(app, 0)
@@ -165,12 +166,12 @@ def test_what_is_remembered_comes_back(tmp_path, pack_folder):
     app = App()
     app.preferences.opened(pack_folder)
     app.set(background=(0.0, 0.0, 0.0))
-    app.governor.target_fps = 48.0
+    app.resolution.target_fps = 48.0
     app.interface.page = "film"
     assert preferences.save(app.remembered(), file) is None
     other = App()
     other.use(preferences.load(file))
-    assert other.settings.background == (0.0, 0.0, 0.0) and other.governor.target_fps == 48.0
+    assert other.settings.background == (0.0, 0.0, 0.0) and other.resolution.target_fps == 48.0
     assert other.interface.page == "film" and other.preferences.recent_packs() == [pack_folder.resolve()]
 
 

@@ -247,14 +247,68 @@ def test_a_bug_of_the_child_is_told_as_one(making):
     )
 
 
-def test_a_folder_that_cannot_be_written_is_told_and_asked_about_again(offscreen, app, tmp_path):
+@pytest.mark.parametrize("place", ["file/pack", "/proc/nope/pack"])
+def test_a_folder_that_cannot_be_written_is_told_before_anything_begins(offscreen, app, tmp_path, place):
     (tmp_path / "file").touch()
     ui = offscreen(app, size=(700, 500))
-    app.making.plan = Plan("run", tmp_path / "run", tmp_path / "file" / "pack")
+    app.making.plan = Plan("run", tmp_path / "run", tmp_path / place)
     ui.settle()
     ui.key(imgui.Key.enter)
-    assert app.making.job is None and app.making.plan is not None
-    assert str(tmp_path / "file") in app.messages.dialogs[0].text
+    plan = app.making.plan
+    assert app.making.job is None and plan is not None and not app.messages.dialogs
+    assert f"{(tmp_path / place).parent} cannot be written" in plan.place_problem
+    plan.choose(tmp_path / "elsewhere" / "pack")
+    assert plan.place_problem is None and not (tmp_path / "elsewhere").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_change_begins_at_the_folder_of_now(offscreen, app, tmp_path):
+    (tmp_path / "something").touch()
+    app.making.plan = Plan("run", tmp_path / "run", tmp_path / "not there yet" / "pack")
+    app.making.ask_where(app)
+    assert app.file_request.start == tmp_path
+    ui = offscreen(app)
+    ui.settle()
+    ui.key(imgui.Key.enter)  # the line that is there, as it is
+    assert app.file_request is None and app.making.plan.out == tmp_path / "pack"
+
+
+@pytest.fixture
+def masked(tmp_path) -> Path:
+    """A capture with a mask for each photograph."""
+    scene = write_colmap(tmp_path / "shrine", around(), ball())
+    (scene / "masks").mkdir()
+    for picture in (scene / "images").rglob("*.png"):
+        mask = scene / "masks" / picture.relative_to(scene / "images")
+        mask.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("L", Image.open(picture).size, 255).save(mask)
+    return scene
+
+
+def surveyed(path: Path) -> Plan:
+    app = App(stage=FakeStage())
+    app.drop([path])
+    app.making.plan.survey.wait(30)
+    return app.making.plan
+
+
+def test_cut_out_is_on_where_there_is_a_mask_for_each_photograph(masked):
+    plan = surveyed(masked)
+    assert plan.masked and plan.cut_out and "--masks" in plan.command()
+    plan.masks = False
+    assert "--masks" not in plan.command()
+
+
+def test_cut_out_is_not_offered_where_a_mask_is_missing(masked):
+    next((masked / "masks").rglob("*.png")).unlink()
+    plan = surveyed(masked)
+    assert plan.survey.masks and not plan.masked and not plan.cut_out and "--masks" not in plan.command()
+
+
+def test_a_folder_of_pictures_inside_a_scene_leads_to_the_scene(masked, scene):
+    assert surveyed(masked / "images").source == masked
+    assert surveyed(masked / "images" / "left").source == masked
+    assert surveyed(scene / "train").source == scene
 
 
 def test_quitting_asks_first_and_leaves_no_child(making, tmp_path):

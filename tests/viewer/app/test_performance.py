@@ -1,13 +1,16 @@
 """What the performance page tells: both clocks, what rays cost, and texture memory by use."""
 
+import re
+
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 
 from tests.viewer.app.test_application import FakeStage
 from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
 from viewer.app.ray_costs import LONGEST_SIDE, RayCosts
-from viewer.app.timing import FrameTimes
+from viewer.app.timing import AVERAGED, KEPT, FrameSummary, FrameTimes
 from viewer.panels.time_plots import _top
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_clock import GpuClock, is_software
@@ -127,3 +130,34 @@ def test_the_plots_scale_is_round_and_holds_target_and_frames():
     assert _top(times, 33.3) == 200
     times.add(1.0, 10.0, 0.5)
     assert np.isnan(times.gpu_ms[0]) and times.gpu_ms[-1] == 0.5
+
+
+def test_the_rate_follows_from_the_time_that_is_shown_and_both_are_of_late():
+    times = FrameTimes()
+    assert times.summary() == FrameSummary() and times.summary().fps == 0.0
+    for _ in range(500):
+        times.add(3.0, 60.0)
+    for _ in range(AVERAGED):
+        times.add(3.0, 20.0)
+    summary = times.summary()
+    assert (summary.mean, summary.fps, summary.median, summary.slowest) == (20.0, 50.0, 60.0, 60.0)
+    assert len(times.frame_ms) < 500
+
+
+def test_one_time_and_one_rate_are_shown_everywhere(offscreen, app, pack, pack_folder, monkeypatch):
+    ui = offscreen(app)
+    app.show(pack, pack_folder)
+    ui.settle()
+    app.times = FrameTimes()
+    for i in range(KEPT):
+        app.times.add(3.0, 60.0 if i < KEPT - AVERAGED else 25.0 + i % 2)
+    shown = []
+    write = imgui.text_unformatted
+    monkeypatch.setattr(imgui, "text_unformatted", lambda text: (shown.append(text), write(text))[1])
+    for page in ("view", "performance"):
+        shown.clear()
+        app.interface.page = page
+        ui.frame()
+        rates = {word for text in shown for word in re.findall(r"(\d+) fps", text)}
+        assert rates == {"39"} and len([text for text in shown if "fps" in text]) == 2  # the top bar's and the page's
+        assert "25.5" in shown and (page == "view" or "25.5 ms" in shown)  # the headline and the plot's legend

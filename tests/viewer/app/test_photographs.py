@@ -67,8 +67,6 @@ def test_one_broken_photograph_leaves_the_others(many, pack, tmp_path):
     (tmp_path / "scene" / "train" / "r_1.png").write_bytes(b"no picture")
     thumbnails = ready(photographs)
     assert set(thumbnails.boxes) == {0, 2, 3, 4, 5} and "r_1.png" in thumbnails.problem
-    gone = ready(Photographs(known.with_metadata(provenance={"scene": str(tmp_path / "gone")})))
-    assert not gone.boxes and "gone" in gone.problem
 
 
 def test_a_jpeg_and_its_mask_become_a_thumbnail(tmp_path):

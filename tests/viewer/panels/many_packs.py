@@ -49,7 +49,7 @@ def main(warm_up: str, times: str, rounds: str, *packs: str) -> None:
     """See the module."""
     ctx = moderngl.create_context(standalone=True, backend="egl")  # pyright: ignore[reportArgumentType]
     ui = OffscreenUi(ctx, App(), size=(480, 360))
-    ui.app.governor.enabled = False
+    ui.app.resolution.enabled = False
     paths = [Path(pack) for pack in packs]
     open_and_close(ui, paths, int(warm_up))
     held = [(resident_bytes(), ui.canvas.gpu_bytes)]

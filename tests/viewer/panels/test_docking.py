@@ -13,7 +13,7 @@ from viewer.panels.docking import HEADER
 @pytest.fixture
 def ui(offscreen, app, pack, pack_folder):
     ui = offscreen(app)
-    app.governor.rest_scale = 0.25
+    app.resolution.rest_scale = 0.25
     app.show(pack, pack_folder)
     ui.settle()
     return ui
@@ -134,7 +134,7 @@ def test_a_layout_that_makes_no_sense_is_the_usual_one(offscreen, pack, pack_fol
     app = App()
     app.interface.layout = text
     ui = offscreen(app, size=(1180, 760))
-    app.governor.rest_scale = 0.25
+    app.resolution.rest_scale = 0.25
     app.show(pack, pack_folder)
     for page in ("view", "camera"):
         app.interface.opens(page)

@@ -73,7 +73,7 @@ def test_a_thousand_random_events_cause_no_exception_and_no_gl_error(ui, sequenc
     if app.scene is None:
         app.show(toy_pack(), Path("toy"))
     ui.resize(*SIZE)
-    app.governor.rest_scale = 0.25
+    app.resolution.rest_scale = 0.25
     for event in sequence:
         act(ui, event)
         assert ui.ctx.error == "GL_NO_ERROR"

@@ -116,7 +116,7 @@ def test_a_dialog_waits_for_its_answer_and_keeps_the_keys(ui, app):
 
 
 def test_every_page_and_every_mode_draws_without_gl_errors(ui, app):
-    app.governor.rest_scale = 0.25
+    app.resolution.rest_scale = 0.25
     for page in PAGES:
         app.interface.page = page.id
         for _ in range(3):
@@ -161,7 +161,7 @@ def test_every_window_size_keeps_room_for_the_picture(offscreen, app, pack, pack
 
 
 def test_the_picture_is_quick_while_moving_and_whole_at_rest(ui, app):
-    app.governor.scale = 0.3
+    app.resolution.scale = 0.3
     app.scene.rig.orbit(0.2, 0.0)
     ui.frame()
     ui.frame()

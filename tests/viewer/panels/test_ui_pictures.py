@@ -45,7 +45,7 @@ def known(tmp_path_factory, pack):
 @pytest.fixture
 def ui(known, offscreen, app):
     ui = offscreen(app, size=SIZE)
-    app.governor.rest_scale = 0.5  # the scene's own pictures are compared elsewhere
+    app.resolution.rest_scale = 0.5  # the scene's own pictures are compared elsewhere
     app.show(known, Path("scenes/toy"), "toy")
     return ui
 
@@ -157,7 +157,7 @@ def test_the_help_overlay_looks_as_before(ui, app, compare):
 @pytest.mark.parametrize("what", ["bar", "page", "keys"])
 def test_the_smallest_window_looks_as_before(known, offscreen, app, compare, what):
     ui = offscreen(app, size=(480, 360))
-    app.governor.rest_scale = 0.5
+    app.resolution.rest_scale = 0.5
     app.show(known, Path("scenes/toy"), "A scene whose name is too long")
     app.interface.over = "camera" if what == "page" else ""
     app.interface.help_shown = what == "keys"

@@ -147,16 +147,18 @@ def test_a_pack_can_be_drawn_while_it_arrives(ctx: moderngl.Context, shapes: Pac
 def test_a_canvas_goes_on_drawing_until_all_has_arrived(
     ctx: moderngl.Context, shapes: Pack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from viewer.app.resolution import Governor
+    from viewer.rendering.dynamic_resolution import DynamicResolution
     from viewer.rendering.settings import RenderSettings
     from viewer.window import canvas as canvas_module
 
     monkeypatch.setattr(canvas_module, "ARRIVING_S", 1e-9)
     canvas = Canvas(ctx)
+    canvas.rest_s = 0.0
     canvas.show(shapes)
     camera, frames = ViewCamera.orbit(shapes, 35, size=(48, 36)), 0
     while canvas.pending and frames < 200:
-        canvas.draw(camera, RenderSettings(), Governor(), wait=False)
+        if not canvas.follow(camera, RenderSettings(), DynamicResolution()):
+            canvas.sharpen(camera, RenderSettings(), DynamicResolution())
         frames += 1
     assert canvas.renderer is not None and not canvas.renderer.arriving and 2 < frames < 200
     canvas.close()

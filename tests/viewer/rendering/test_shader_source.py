@@ -8,7 +8,6 @@ import moderngl
 import numpy as np
 import pytest
 
-from scenepack import constants
 from tests.viewer.rendering.shapes import glossy_mlp
 from viewer.rendering.shader_source import (
     SHADER_FOLDER,
@@ -17,7 +16,6 @@ from viewer.rendering.shader_source import (
     compile_program,
     define_lines,
     glsl_float,
-    shared_constants,
 )
 from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
 
@@ -91,19 +89,6 @@ def test_definitions_are_floats_integers_bare_names_or_nothing() -> None:
     assert (
         define_lines({"A": 1.0, "B": 2, "C": True, "D": False, "E": None}) == "#define A 1.0\n#define B 2\n#define C\n"
     )
-
-
-def test_the_constants_that_shaders_see_are_those_of_scenepack() -> None:
-    seen = dict(line.split()[1:] for line in shared_constants().splitlines())
-    for name in ("ALPHA_CONTRIBUTES", "TRANSMITTANCE_STOP", "TRANSMITTANCE_SHADED", "UNPREMULTIPLY_GAIN", "NDC_NEAR"):
-        assert np.float32(seen[name]) == np.float32(getattr(constants, name))
-    assert int(seen["VIEW_INPUTS"]) == constants.VIEW_MLP_WIDTHS[0] == constants.VIEW_ENCODING + 3 + constants.FEATURES
-
-
-def test_no_constant_of_scenepack_is_written_out_again_in_a_shader() -> None:
-    for path in SHADER_FOLDER.iterdir():
-        code = "\n".join(line.split("//")[0] for line in path.read_text(encoding="utf-8").splitlines())
-        assert "255.0" not in code and "254.0" not in code, path.name
 
 
 def test_every_shader_file_opens_with_what_it_is_for() -> None:

@@ -20,7 +20,7 @@ __all__ = ["opened", "window", "xdotool"]  # fixtures
 
 
 def resize(window: Window, xdotool, width: int, height: int) -> None:
-    xdotool("search", "--name", "^snerg", "windowsize", "--sync", width, height)
+    xdotool("search", "--class", "^snerg$", "windowsize", "--sync", width, height)
     wait_until(window, lambda: glfw.get_window_size(window.handle) == (width, height))
     pump(window, 0.2)
 

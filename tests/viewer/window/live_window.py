@@ -5,7 +5,6 @@ is opened while another test's EGL context is current in the same thread.
 """
 
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -16,7 +15,7 @@ import pytest
 from PIL import Image
 
 from scenepack import save_pack
-from tests.viewer.conftest import SCREEN, missing, toy_pack
+from tests.viewer.conftest import SCREEN, toy_pack
 from viewer.app.application import App
 from viewer.app.make_plan import Plan
 from viewer.window.window import Window
@@ -24,20 +23,6 @@ from viewer.window.window import Window
 SIZE = (900, 600)
 CLIENT = Path(__file__).with_name("x11_client.py")
 FAKE = CLIENT.parents[1] / "app" / "fake_make.py"
-
-
-@pytest.fixture
-def xdotool(display):
-    """Moves the mouse and presses keys on our display."""
-    program = shutil.which("xdotool")
-    if program is None:
-        missing("xdotool")
-
-    def call(*words: object) -> None:
-        command = [str(program), *(str(word) for word in words)]
-        subprocess.run(command, check=True, env={**os.environ, "DISPLAY": display}, stdout=subprocess.DEVNULL)
-
-    return call
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +101,20 @@ def test_real_events_move_the_camera_and_run_commands(window, xdotool):
     assert window.ctx.error == "GL_NO_ERROR"
 
 
+def test_a_press_after_a_quick_move_leaves_the_camera_where_it_is(window, xdotool):
+    """Both may come within one slow frame, and the move was not a drag."""
+    start = window.app.scene.rig.goal
+    xdotool("mousemove", 100, 200)
+    pump(window)
+    xdotool("mousemove", 400, 400, "mousedown", 1)
+    pump(window)
+    xdotool("mouseup", 1)
+    pump(window)
+    assert window.app.scene.rig.goal == start
+
+
 def test_the_window_follows_a_new_size(window, xdotool):
-    xdotool("search", "--name", "^snerg", "windowsize", "--sync", 1100, 700)
+    xdotool("search", "--class", "^snerg$", "windowsize", "--sync", 1100, 700)
     pump(window, 0.5)
     assert window.app.viewport.height > 640
     assert window.screenshot().shape == (700, 1100, 3)

@@ -58,7 +58,7 @@ def test_the_window_shows_a_photograph_through_its_lens_as_snerg_eval_does(ui, a
     app.comparison.stand_in(app, index)
     app.comparison.stop()  # the picture alone
     ui.settle()
-    app.governor.pixels_per_ms = 10.0  # so that it is drawn in tiles
+    app.resolution.pixels_per_ms = 10.0  # so that it is drawn in tiles
     app.settings = replace(app.settings, background=(1.0, 1.0, 0.999))
     ui.settle()
     box, rows_columns = app.viewport, part_with_the_photograph(app)
@@ -75,10 +75,10 @@ def test_the_window_shows_a_photograph_through_its_lens_as_snerg_eval_does(ui, a
 def test_the_quick_picture_has_the_lens_too(ui, app, ctx, distorted):
     app.comparison.stand_in(app, 0)
     app.comparison.stop()
-    app.governor.scale = 0.5
+    app.resolution.scale = 0.5
     camera = app.camera()
     ui.canvas.forget()
-    ui.canvas.draw(camera, app.settings, app.governor)
+    ui.canvas.follow(camera, app.settings, app.resolution)
     assert ui.canvas.pending and ui.canvas.drawn_size[0] < camera.width
     target = ui.canvas._quick.framebuffer
     width, height = ui.canvas.drawn_size

@@ -31,13 +31,15 @@ COLOUR, SQUARED, PENALTY, SCATTER, RAYS, SAMPLES = range(
 
 
 class Numbers(NamedTuple):
-    """Constants of a step, float32 but for the horizon: see training.voxels.settings.Settings. scatter: distortion's weight over its
-    spread, in steps; sparsity: its weight times the spacing's share."""
+    """Constants of a step, float32 but for last_depth: see training.voxels.settings.Settings.
+
+    scatter: distortion's weight over its spread, in steps; sparsity: its weight times the spacing's share.
+    """
 
     step: np.float32
     shift: np.float32
     reference: np.float32
-    horizon: np.int64
+    last_depth: np.int64
     sparsity: np.float32
     sparsity_scale: np.float32
     scatter: np.float32
@@ -86,11 +88,11 @@ def make_scratch(room: int) -> Scratch:
 
 
 @njit(nogil=True, cache=True)
-def march_chunk(bricks: Bricks, batch: Batch, low, high, step, horizon, offset, room, ids, weights, t, first):
+def march_chunk(bricks: Bricks, batch: Batch, low, high, step, last_depth, offset, room, ids, weights, t, first):
     """Lists the samples of rays low … high - 1 that have support, from `offset` on, of which there is room for any number.
 
     Samples lie at start + (phase + k) step. Empty blocks and bricks are jumped over by whole steps; a ray ends behind
-    `horizon` units of remembered optical depth. t [room] and first [CHUNK + 1] are the chunk's own; ids and weights
+    `last_depth` units of remembered optical depth. t [room] and first [CHUNK + 1] are the chunk's own; ids and weights
     [., 8] are the step's. Tables are taken out of their tuples once: passing these on costs more than the march.
     """
     slots, blocks, base, bits = bricks.slots, bricks.blocks, bricks.base, bricks.bits
@@ -126,7 +128,7 @@ def march_chunk(bricks: Bricks, batch: Batch, low, high, step, horizon, offset, 
             along_now, along = along, start + (phase + np.float32(k)) * step
             if code == 0:
                 continue
-            if deep >= horizon:
+            if deep >= last_depth:
                 break
             if count >= room:  # cannot be; memory is worth a test
                 break
@@ -189,7 +191,7 @@ def render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shadi
     metrics[:] = 0.0
     first = scratch.first
     march_chunk(
-        bricks, batch, low, high, numbers.step, numbers.horizon, offset, room, work.ids, work.weights, scratch.t, first
+        bricks, batch, low, high, numbers.step, numbers.last_depth, offset, room, work.ids, work.weights, scratch.t, first
     )
     count = first[high - low]
     work.counts[chunk] = count

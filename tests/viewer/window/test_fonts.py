@@ -1,0 +1,108 @@
+"""Names in other scripts are shown with the system's fonts, not as boxes."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from imgui_bundle import imgui
+from PIL import Image
+
+from scenepack import save_pack
+from viewer.app import system_fonts
+from viewer.app.log import Dialog
+from viewer.app.system_fonts import FontFile, FontSearch, chosen_fonts, find_fonts
+
+JAPANESE = "日本棚"
+
+
+def needs_japanese() -> None:
+    """Skips where no font has Japanese letters."""
+    if not shutil.which("fc-list"):
+        pytest.skip("fontconfig's programs are not installed")
+    listed = subprocess.run(
+        ["fc-list", ":charset=65e5 68da", "file"], capture_output=True, text=True, timeout=60
+    ).stdout
+    if not any(line.rstrip(": ").endswith(system_fonts.SUFFIXES) for line in listed.splitlines()):
+        pytest.skip("no font with Japanese letters is installed (such as fonts-noto-cjk or fonts-droid-fallback)")
+
+
+def picture_of_name(name: str, display: str, pack, folder: Path, **environment: str) -> np.ndarray:
+    """The window's upper bar with a pack of that name open, int [40, 330, 3]."""
+    save_pack(pack, folder / "packs" / name)
+    words = [str(folder / "packs" / name), "--frames", "3", "--screenshot", str(folder / "a.png"), "--size", "900x500"]
+    environment = {**os.environ, "DISPLAY": display, "PYTHONUTF8": "1", **environment}
+    command = [sys.executable, "-m", "viewer.commands.view", *words]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=180)
+    assert done.returncode == 0, done.stderr
+    return np.asarray(Image.open(folder / "a.png")).astype(int)[4:44, 100:160]
+
+
+def test_a_japanese_name_is_shown_in_the_real_window(display, pack, tmp_path):
+    needs_japanese()
+    one = picture_of_name(JAPANESE, display, pack, tmp_path)
+    other = picture_of_name(JAPANESE[::-1], display, pack, tmp_path)
+    assert np.abs(one - other).max() > 60  # boxes are the same whatever they stand for
+
+
+def test_without_any_font_the_window_opens_all_the_same(display, pack, tmp_path):
+    (tmp_path / "fonts.conf").write_text("<fontconfig></fontconfig>")
+    bar = picture_of_name(JAPANESE, display, pack, tmp_path, FONTCONFIG_FILE=str(tmp_path / "fonts.conf"))
+    assert bar.max() > 150
+
+
+def test_letters_that_were_boxes_are_drawn_once_their_font_is_there(offscreen, app, tmp_path):
+    needs_japanese()
+    ui = offscreen(app, size=(600, 300))
+    fonts = ui.ui.fonts
+    app.messages.dialogs.append(Dialog(JAPANESE, JAPANESE * 3))
+    ui.settle()
+    boxes = ui.picture()
+    assert "漢" in fonts.missing and "A" not in fonts.missing
+    (tmp_path / "broken.ttf").write_bytes(b"no font")
+    for file in [FontFile(tmp_path / "broken.ttf"), FontFile(tmp_path / "gone.ttf"), *find_fonts(fonts.missing)]:
+        fonts.add(file)
+    imgui.set_current_context(ui.ui.context)
+    assert fonts.bold.is_glyph_in_font(ord("日")) and "漢" not in fonts.missing
+    app.touch()
+    ui.settle()
+    assert np.abs(ui.picture().astype(int) - boxes).max() > 100 and ui.ctx.error == "GL_NO_ERROR"
+
+
+LISTED = (
+    "/fonts/Latin.ttf\t0\tFalse\t20-7e a0-ff\n"
+    "/fonts/Emoji.ttf\t0\tTrue\t2605 3042\n"
+    "/fonts/Old.pfb\t0\tFalse\t3042\n"
+    "/fonts/Kana.ttc\t65538\tFalse\t3041-3096 6f22\n"
+    "/fonts/Same.ttf\t0\tFalse\t3042\n"
+    "/fonts/Star.otf\t0\tFalse\t2605\n"
+)
+
+
+def test_fonts_are_taken_for_the_letters_that_none_before_has():
+    assert chosen_fonts(LISTED, "あ漢★") == [
+        FontFile(Path("/fonts/Kana.ttc"), 2, "あ漢"),
+        FontFile(Path("/fonts/Star.otf"), 0, "★"),
+    ]
+    assert chosen_fonts(LISTED, "") == [] == chosen_fonts("", "あ") == chosen_fonts("nonsense\n\t\t\n", "あ")
+
+
+def test_a_search_that_fails_finds_nothing(monkeypatch):
+    def fail(missing: str) -> list[FontFile]:
+        raise OSError("no such program")
+
+    monkeypatch.setattr(system_fonts, "find_fonts", fail)
+    search = FontSearch("あ")
+    search.wait(30)
+    assert search.finished and search.found == []
+
+
+@pytest.mark.parametrize("platform", ["win32", "darwin"])
+def test_other_systems_name_their_fonts(platform, monkeypatch):
+    monkeypatch.setattr(system_fonts.sys, "platform", platform)
+    monkeypatch.setattr(Path, "is_file", lambda path: True)
+    found = find_fonts("あ")
+    assert len(found) > 8 and {file.path.suffix for file in found} <= {".ttf", ".ttc"}

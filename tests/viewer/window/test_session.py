@@ -1,0 +1,149 @@
+"""What was changed is kept however the program ends: killed, asked by a signal, left without a display, closed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from scenepack import Pack, save_pack
+from tests.viewer.app.test_making import gone
+from tests.viewer.conftest import missing
+from tests.viewer.window.running import RunningViewer, wait_until
+
+CAMERA = 1  # the place of its icon
+X11_CLIENT = Path(__file__).with_name("x11_client.py")
+MAKING = Path(__file__).with_name("making_viewer.py")
+
+
+@pytest.fixture
+def viewer(display: str, tmp_path: Path, pack_folder: Path) -> Iterator[RunningViewer]:
+    """A viewer with the toy open."""
+    with RunningViewer(display, tmp_path / "home", pack_folder, "--size", "900x600") as running:
+        wait_until(lambda: running.saved.get("recent"), "the pack to be remembered")
+        yield running
+
+
+def test_what_was_changed_outlives_kill_9(viewer: RunningViewer, pack_folder: Path) -> None:
+    assert viewer.saved["recent"] == [str(pack_folder)]
+    viewer.open_page(CAMERA)
+    wait_until(lambda: viewer.saved.get("page") == "camera", "the page to be remembered")
+    assert viewer.saved["window"] == [900, 600] and "Docking" in viewer.saved["layout"]
+    assert viewer.signal(signal.SIGKILL) == -signal.SIGKILL
+    assert viewer.saved["page"] == "camera"
+    assert [path.name for path in viewer.file.parent.iterdir()] == ["viewer.json"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_ends_it_like_quit_and_is_told_in_the_exit_status(viewer: RunningViewer, number: int) -> None:
+    assert viewer.signal(number) == 128 + number
+    assert "Traceback" not in viewer.process.stderr.read()
+    assert viewer.saved["recent"]
+
+
+def test_the_last_change_before_sigterm_is_saved(viewer: RunningViewer) -> None:
+    settled = viewer.saved
+    viewer.xdotool("windowsize", "--sync", viewer.window, 760, 520)
+    assert viewer.signal(signal.SIGTERM) == 128 + signal.SIGTERM
+    assert viewer.saved["window"] == [760, 520] != settled["window"]
+
+
+def test_closing_the_window_ends_it_with_status_0(viewer: RunningViewer) -> None:
+    command = [sys.executable, str(X11_CLIENT), "close", viewer.window]
+    subprocess.run(command, env=viewer.environment, check=True, timeout=60)
+    assert viewer.process.wait(60) == 0 and not viewer.process.stderr.read()
+    assert viewer.saved["recent"]
+
+
+@pytest.fixture
+def own_display() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A display that a test may end."""
+    program = shutil.which("Xvfb")
+    if program is None:
+        missing("Xvfb")
+    read, write = os.pipe()
+    command = [str(program), "-displayfd", str(write), "-screen", "0", "1000x700x24", "-nolisten", "tcp", "-noreset"]
+    server = subprocess.Popen(command, pass_fds=(write,), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        number = pipe.readline().strip()
+    yield f":{number}", server
+    server.kill()
+    server.wait(10)
+
+
+def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(
+    own_display: tuple[str, subprocess.Popen[bytes]], tmp_path: Path, pack_folder: Path
+) -> None:
+    name, server = own_display
+    with RunningViewer(name, tmp_path / "home", pack_folder, "--size", "900x600") as viewer:
+        wait_until(lambda: viewer.saved.get("recent"), "the pack to be remembered")
+        server.kill()
+        assert viewer.process.wait(60) == 129
+        told = viewer.process.stderr.read()
+        assert "the connection to the display is lost" in told and "Traceback" not in told
+        assert viewer.saved["recent"] == [str(pack_folder)]
+
+
+@pytest.mark.parametrize("how", ["SIGTERM", "SIGHUP", "display"])
+def test_what_is_being_made_saves_when_the_session_ends(
+    own_display: tuple[str, subprocess.Popen[bytes]], tmp_path: Path, how: str
+) -> None:
+    name, server = own_display
+    command = [sys.executable, str(MAKING), str(tmp_path)]
+    with RunningViewer(name, tmp_path / "home", command=command) as viewer:
+        wait_until((tmp_path / "pid").exists, "the child")
+        wait_until(lambda: viewer.saved, "the window to live")
+        if how == "display":
+            server.kill()
+            assert viewer.process.wait(60) == 129
+        else:
+            number = getattr(signal, how)
+            assert viewer.signal(number) == 128 + number
+        wait_until((tmp_path / "saved").exists, "the child to save")  # before the viewer ended, but on a busy machine
+        wait_until(lambda: gone(int((tmp_path / "pid").read_text())), "the child's end")
+
+
+def test_two_viewers_at_once_keep_each_others_packs(display: str, tmp_path: Path, pack: Pack) -> None:
+    for name in ("one", "two", "three"):
+        save_pack(pack, tmp_path / name)
+    home = tmp_path / "home"
+    with RunningViewer(display, home, tmp_path / "one") as first:
+        wait_until(lambda: first.saved.get("recent"), "the first viewer")
+        with RunningViewer(display, home, tmp_path / "two") as second:
+            wait_until(lambda: len(second.saved.get("recent", [])) == 2, "the second viewer")
+            second.open_page(CAMERA)
+            wait_until(lambda: second.saved.get("page") == "camera", "the second viewer's page")
+            first.xdotool("windowsize", "--sync", first.window, 800, 560)
+            wait_until(lambda: first.saved.get("window") == [800, 560], "the first viewer's size")
+            assert first.saved["page"] == "camera"  # the first did not change it back
+            assert first.signal(signal.SIGTERM) == 128 + signal.SIGTERM
+            assert second.signal(signal.SIGTERM) == 128 + signal.SIGTERM
+            assert [Path(name).name for name in second.saved["recent"]] == ["two", "one"]
+
+
+def test_settings_that_cannot_be_saved_are_told_once_and_nothing_else_happens(
+    display: str, tmp_path: Path, pack_folder: Path
+) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "snerg").write_text("a file where the folder should be")
+    with RunningViewer(display, home, pack_folder) as viewer:
+        assert viewer.window
+        wait_until(lambda: "toy" in viewer.name, "the scene")
+        viewer.open_page(CAMERA)
+        assert viewer.signal(signal.SIGTERM) == 128 + signal.SIGTERM
+        assert "Traceback" not in viewer.process.stderr.read()
+
+
+def test_the_title_names_the_scene_that_is_open(viewer: RunningViewer, tmp_path: Path, pack: Pack) -> None:
+    wait_until(lambda: viewer.name == "toy – snerg", "the scene's name")
+    viewer.xdotool("key", "--window", viewer.window, "ctrl+w")
+    viewer.xdotool("mousemove", "--window", viewer.window, 300, 300, "key", "ctrl+w")
+    wait_until(lambda: viewer.name == "snerg", "the start page's title")

@@ -1,0 +1,147 @@
+"""How many pixels to draw: few enough while the camera moves to hold a frame rate, all of them once it rests.
+
+Notation: scale, the side of the drawn picture over that of its place in the window. All times are in milliseconds.
+A frame takes
+
+    frame = panels + swap + picture,    picture = fixed + pixels / speed,
+
+and scale changes `pixels` only. What it cannot change, rest = panels + swap + fixed, is measured while the camera moves,
+and the pixels get
+
+    max(target - rest, rest / 2).
+
+The first term holds the target. The second takes over where the rest leaves less than that: the rate is then lost
+anyway, and a still smaller picture would hardly bring any of it back. With half of the rest for the pixels, a frame takes
+at most 1.5 times as long as one without a picture; this is also where pixels × rate³ is largest.
+
+A swap that is long may be waiting for the screen (v-sync) and cost nothing: then a larger picture fits into the same
+frame. So only as much of it counts as makes frames late: this share grows while they are, and shrinks while they are not.
+
+At rest the full picture is drawn tile by tile, some each frame, so that the window answers on slow cards too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import ceil, sqrt
+
+SMALLEST_SCALE = 0.12
+STEP = 1.25  # the most that scale changes in one frame
+STEADY = 0.04  # changes of scale by less than this share are not made, so that the sharpness does not flicker
+HEADROOM = 0.9  # of the target is planned for: pictures differ
+LATE = 1.02  # times the target: a frame that takes longer is late; screens of 59.94 Hz hold 60
+SWAP_GAIN = 0.1  # how fast the counted share of the swap follows
+FORGETTING = 0.8  # weight of a measurement after each further one
+TELLING = 0.15  # of their mean: pictures must differ in size by so much to tell the pixels' share of the cost
+FIRST_TILE = 96  # pixels a side, until speed is known
+
+
+@dataclass
+class _PictureCost:
+    """The line fixed + pixels · slope through the pictures of late, by least squares with fading weights.
+
+    share: of the cost, what is the pixels' own; kept where the sizes of late differ too little to tell.
+    """
+
+    share: float = 1.0
+    weight: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    xx: float = 0.0
+    xy: float = 0.0
+
+    def add(self, milliseconds: float, pixels: int) -> None:
+        """A picture of `pixels` took so long."""
+        self.weight = FORGETTING * self.weight + 1.0
+        self.x = FORGETTING * self.x + pixels
+        self.y = FORGETTING * self.y + milliseconds
+        self.xx = FORGETTING * self.xx + float(pixels) ** 2
+        self.xy = FORGETTING * self.xy + pixels * milliseconds
+        x, y = self.x / self.weight, self.y / self.weight
+        told = (TELLING * x) ** 2  # spread of sizes whose slope counts as much as what was known before
+        slope = (self.xy / self.weight - x * y + told * self.share * y / x) / (self.xx / self.weight - x**2 + told)
+        self.share = min(max(slope * x / y, 0.01), 1.0)
+
+    def line(self) -> tuple[float, float]:
+        """fixed (ms) and slope (ms a pixel)."""
+        return (1.0 - self.share) * self.y / self.weight, self.share * self.y / self.x
+
+
+@dataclass
+class DynamicResolution:
+    """Keeps the time of a whole frame near a target by choosing the scale.
+
+    target_fps: frames per second wanted while the camera moves. rest_scale: scale once it rests. enabled: whether
+    scale may drop at all. scale: of the next picture while the camera moves. pixels_per_ms: how fast pictures were
+    drawn lately; 0 = not known yet.
+    """
+
+    target_fps: float = 30.0
+    rest_scale: float = 1.0
+    enabled: bool = True
+    scale: float = 0.5
+    pixels_per_ms: float = 0.0
+    _panels_ms: float | None = None
+    _swap_ms: float = 0.0
+    _counted_swap_ms: float = 0.0
+    _cost: _PictureCost = field(default_factory=_PictureCost)
+    _picture_ms: float = 0.0  # of the pictures of this frame that were drawn because the camera moved
+    _pixels: int = 0
+
+    @property
+    def target_ms(self) -> float:
+        return 1000.0 / self.target_fps
+
+    @property
+    def moving_scale(self) -> float:
+        """Scale for a frame while the camera moves."""
+        return min(self.scale, self.rest_scale) if self.enabled else self.rest_scale
+
+    def measured(self, milliseconds: float, pixels: int) -> None:
+        """`pixels` took so long to draw."""
+        speed = pixels / max(milliseconds, 1e-3)
+        self.pixels_per_ms = speed if self.pixels_per_ms == 0 else 0.6 * self.pixels_per_ms + 0.4 * speed
+
+    def moved(self, milliseconds: float, pixels: int) -> None:
+        """As measured(), for one of this frame's pictures at moving_scale; a comparison of two packs has two."""
+        self.measured(milliseconds, pixels)
+        self._picture_ms += max(milliseconds, 1e-3)
+        self._pixels += pixels
+
+    def frame_ended(self, frame_ms: float, swap_ms: float = 0.0) -> None:
+        """The frame is on the screen; the next scale follows if the camera moved in it.
+
+        frame_ms: all of it, from its first event to the end of swapping buffers. swap_ms: of that, swapping alone.
+        """
+        picture_ms, pixels = self._picture_ms, self._pixels
+        self._picture_ms, self._pixels = 0.0, 0
+        if not pixels:
+            return
+        panels = max(frame_ms - swap_ms - picture_ms, 0.0)
+        self._panels_ms = panels if self._panels_ms is None else 0.7 * self._panels_ms + 0.3 * panels
+        self._swap_ms = 0.7 * self._swap_ms + 0.3 * swap_ms
+        late = frame_ms - LATE * self.target_ms
+        self._counted_swap_ms = min(max(self._counted_swap_ms + SWAP_GAIN * late, 0.0), self._swap_ms)
+        self._cost.add(picture_ms, pixels)
+        fixed, slope = self._cost.line()
+        rest = self._panels_ms + self._counted_swap_ms + fixed
+        factor = sqrt(max(HEADROOM * self.target_ms - rest, 0.5 * rest) / (slope * pixels))
+        if abs(factor - 1.0) > STEADY:
+            factor = min(max(factor, 1.0 / STEP), STEP)
+            self.scale = min(max(self.moving_scale * factor, SMALLEST_SCALE), 1.0)
+
+    def tile_side(self) -> int:
+        """Pixels a side of a tile that takes about half of a frame's time."""
+        if self.pixels_per_ms <= 0:
+            return FIRST_TILE
+        return int(min(max(sqrt(0.5 * self.target_ms * self.pixels_per_ms), 48), 4096))
+
+
+def tiles(width: int, height: int, side: int) -> list[tuple[int, int, int, int]]:
+    """Rectangles x, y, w, h that cover width × height exactly, from the middle outwards, each about `side` a side."""
+    columns, rows = max(1, ceil(width / side)), max(1, ceil(height / side))
+    xs = [round(width * i / columns) for i in range(columns + 1)]
+    ys = [round(height * i / rows) for i in range(rows + 1)]
+    boxes = [(x0, y0, x1 - x0, y1 - y0) for y0, y1 in pairwise(ys) for x0, x1 in pairwise(xs)]
+    return sorted(boxes, key=lambda b: (b[0] + b[2] / 2 - width / 2) ** 2 + (b[1] + b[3] / 2 - height / 2) ** 2)

@@ -1,0 +1,80 @@
+"""Ends that do not come through the window: SIGTERM, SIGHUP, Ctrl-C in the terminal, and a display that goes away.
+
+They end the program like Quit: what is to be remembered is saved, and what is being made is asked to save. Nobody is
+asked, for nobody may be there to answer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import FrameType
+
+SIGNALED = 128  # exit status of a program that a signal ended: 128 + its number, as shells say it
+HUNG_UP = SIGNALED + 1  # SIGHUP's
+ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT", "SIGBREAK") if hasattr(signal, name)]
+_kept: list[object] = []  # a handler that C code may call at any time must not be collected
+
+
+@dataclass
+class Ended:
+    """signal: the number of the one that came, None while there was none."""
+
+    signal: int | None = None
+
+    @property
+    def status(self) -> int:
+        """The exit status that says so."""
+        return SIGNALED + self.signal if self.signal is not None else 0
+
+
+@contextlib.contextmanager
+def signals_ask(ask: Callable[[], None]) -> Iterator[Ended]:
+    """Within the block a signal that would end the program calls `ask`; the second one ends it at once."""
+    ended = Ended()
+    before: dict[int, object] = {}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]  (as signal.signal gave it)
+
+    def came(number: int, _: FrameType | None) -> None:
+        ended.signal = number
+        restore()
+        ask()
+
+    for number in ENDING:
+        if signal.getsignal(number) not in (signal.SIG_IGN, None):  # as under nohup
+            before[number] = signal.signal(number, came)
+    try:
+        yield ended
+    finally:
+        restore()
+
+
+def on_lost_display(end: Callable[[], None]) -> None:
+    """When the connection to the X server breaks, calls `end` and ends the program; Xlib itself would end it at once.
+
+    `end` may not talk to the display.
+    """
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError:
+        return
+
+    def lost(_: object) -> int:
+        try:
+            end()
+            print("snerg-view: the connection to the display is lost; settings are saved", file=sys.stderr, flush=True)
+        finally:
+            os._exit(HUNG_UP)  # Xlib must not go on, and Python's own end would close the window, through Xlib
+
+    handler = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(lost)
+    _kept[:] = [handler]
+    x11.XSetIOErrorHandler.restype = ctypes.c_void_p
+    x11.XSetIOErrorHandler(handler)
