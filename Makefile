@@ -29,7 +29,7 @@ lint: $(VENV)/.developer
 	$(BIN)/pyright
 
 demo: $(VENV)/.developer gl
-	$(BIN)/python -m baker.demo --out $(DEMO)
+	$(BIN)/python -m baker.commands.demo --out $(DEMO)
 
 gl:
 	@sh scripts/ensure-gl.sh

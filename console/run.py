@@ -9,9 +9,8 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
-from unittest import mock
 
 import tyro
 
@@ -23,7 +22,7 @@ DONE, BUG, USER_CAN_MEND, INTERRUPTED = 0, 1, 2, 130
 
 Command = Callable[..., Any]
 _FLAGS = (tyro.conf.FlagCreatePairsOff,)  # --resume, and no --no-resume beside it
-_WIDE = {"COLUMNS": "4000"}
+_HELP = {"-h", "--help"}
 
 
 def run_command(
@@ -107,20 +106,31 @@ def _parse(
         return tyro.cli(_deferred(command), prog=prog, description=description, args=words, config=_FLAGS)
 
     box = io.StringIO()
+    # Help is for the screen as it is; a complaint is read by us, so no line of it should be broken in two.
+    screen = contextlib.nullcontext() if _HELP & set(words) else _wide_screen()
     try:
-        with contextlib.redirect_stderr(box):
+        with screen, contextlib.redirect_stderr(box):
             return parse()
     except SystemExit as stop:  # --help, or arguments that do not fit
         if stop.code in (None, DONE):
             return DONE
-    # Once more, on a screen so wide that no line of the box is broken in two.
-    box = io.StringIO()
-    with mock.patch.dict(os.environ, _WIDE), contextlib.redirect_stderr(box), contextlib.suppress(SystemExit):
-        parse()
     line = f"{unboxed(box.getvalue())}; see {prog} --help"
     Reporter().tell_failure(prog, line)
     _say(prog, line)
     return USER_CAN_MEND
+
+
+@contextlib.contextmanager
+def _wide_screen() -> Iterator[None]:
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "4000"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["COLUMNS"]
+        else:
+            os.environ["COLUMNS"] = before
 
 
 def _deferred(function: Command) -> Command:

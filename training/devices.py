@@ -76,11 +76,6 @@ def every_device() -> Mesh:
     return Mesh(np.array(devices), (AXIS,))
 
 
-def first_devices(count: int) -> Mesh:
-    """A mesh of the first devices, for comparisons."""
-    return Mesh(np.array(jax.devices()[:count]), (AXIS,))
-
-
 def is_writer() -> bool:
     """Whether this process writes the run's files."""
     return jax.process_index() == 0

@@ -21,10 +21,10 @@ from training.config import TrainConfig
 from training.devices import agree, anywhere, is_writer, together
 from training.interrupt import interruptible
 from training.recorder import Recorder
-from training.run import Run, resume_run, start_run
+from training.run import Run, RunDescription, read_description, resume_run, start_run
 from training.scenes import SceneOptions
 from training.scenes.box import box_line
-from training.scenes.scene import Box
+from training.scenes.read import AS_IT_IS
 
 AGREE_EVERY = 10  # steps between asking the other processes whether one was told to stop
 
@@ -33,23 +33,23 @@ def train(
     scene_path: str | Path,
     out: str | Path,
     config: TrainConfig,
+    options: SceneOptions = AS_IT_IS,
     *,
-    downscale: int = 1,
-    spherify: bool | None = None,
-    masks: bool = False,
-    aabb: Box | None = None,
-    resume: bool = False,
+    resume: bool | RunDescription = False,
 ) -> Run:
     """Trains into the folder `out` until config.steps, and returns the finished run.
 
-    resume: go on from the newest checkpoint in `out` (the scene is read as it was then). Ctrl-C saves a
-    checkpoint and raises KeyboardInterrupt that says how to go on. UserError for bad scenes, divergence, a
-    full disk, and for an `out` that exists already.
+    options: how the photographs are read. resume: go on from the newest checkpoint in `out`, whose photographs are read as
+    they were then; its description, where that was read before. Ctrl-C saves a checkpoint and raises KeyboardInterrupt that
+    says how to go on. UserError for bad scenes, divergence, a full disk, and for an `out` that exists already.
     """
     keep_freed_memory()
     scene_path, out = Path(scene_path), Path(out)
-    options = SceneOptions(downscale, spherify, masks, aabb)
-    run = resume_run(out, scene_path, config) if resume else start_run(out, scene_path, config, options)
+    if resume:
+        stored = read_description(out) if resume is True else resume
+        run = resume_run(out, stored, scene_path, config)
+    else:
+        run = start_run(out, scene_path, config, options)
     if is_writer() and (line := box_line(run.scene, given=run.options.aabb is not None)):
         print(line, file=sys.stderr, flush=True)
     with together():

@@ -8,13 +8,10 @@ from console import UserError
 from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.method import Method
-from training.scenes import Scene
 
 
-def make_method(config: TrainConfig, scene: Scene, dataset: RayDataset) -> Method:
-    """Builds the method that config names for the training rays of a scene; modules are imported only when
-    asked for.
-    """
+def make_method(config: TrainConfig, dataset: RayDataset) -> Method:
+    """The method that config names, for the rays of a dataset; its modules are imported only when asked for."""
     if config.method == "nerf":
         from training.nerf.method import NerfMethod
 

@@ -218,7 +218,7 @@ def _trained(
 
     scene = load_scene(path, downscale=downscale or suggested_downscale(path, KINDS[preset].longest_side))
     config = dataclasses.replace(PRESETS[preset], steps=steps)
-    method = make_method(config, scene, make_dataset(scene))
+    method = make_method(config, make_dataset(scene))
     state = method.start(jax.random.PRNGKey(config.seed))
     with progress("training", steps) as bar:
         for step in range(steps):

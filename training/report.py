@@ -19,7 +19,7 @@ from console.progress import duration
 from training.checkpoints import cannot_write
 from training.config import to_json
 from training.curves import draw_psnr_over_minutes, series
-from training.run import Run, read_description
+from training.run import Run
 
 Records = Sequence[Mapping[str, Any]]
 
@@ -66,7 +66,7 @@ def report_figures(run: Run, records: Records) -> dict[str, Any]:
         "best_validation_psnr": max((v["psnr"] for v in validation), default=None),
         "rays_per_second": float(np.median(speeds)) if speeds else None,
         "config": to_json(run.config),
-        "provenance": read_description(run.path).provenance,
+        "provenance": run.description.provenance,
     }
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import platform
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -32,18 +32,37 @@ from training.scenes.box import checked_box
 FORMAT = 1
 
 
+@dataclass(frozen=True)
+class RunDescription:
+    """What config.json says: how the run was asked for."""
+
+    config: TrainConfig
+    scene: Path
+    options: SceneOptions
+    provenance: dict[str, Any]
+
+
 @dataclass
 class Run:
     """A training run in memory. `state` is what `method` made of `step` steps; see training.method."""
 
     path: Path
-    config: TrainConfig
+    description: RunDescription
     scene: Scene
-    options: SceneOptions
     dataset: RayDataset
     method: Method
     state: Any
     step: int
+
+    @property
+    def config(self) -> TrainConfig:
+        """How it is trained."""
+        return self.description.config
+
+    @property
+    def options(self) -> SceneOptions:
+        """How the photographs were read."""
+        return self.description.options
 
     @property
     def downscale(self) -> int:
@@ -56,52 +75,65 @@ class Run:
         return self.path / "checkpoints"
 
 
-@dataclass(frozen=True)
-class RunDescription:
-    """What config.json says: how the run was asked for."""
-
-    config: TrainConfig
-    scene: Path
-    options: SceneOptions
-    provenance: dict[str, Any]
-
-    @property
-    def downscale(self) -> int:
-        """What the photographs were shrunk by."""
-        return self.options.downscale
-
-
 def start_run(path: Path, scene_path: Path, config: TrainConfig, options: SceneOptions) -> Run:
-    """Reads the scene, initialises the method and writes config.json. UserError where `path` holds
-    something already.
-    """
+    """A new run, its method initialised, its config.json written. UserError where `path` holds something already."""
     with together():
         if is_writer() and path.exists() and (not path.is_dir() or any(path.iterdir())):
             remedy = "continue it with --resume, or choose another --out" if is_run(path) else "choose another --out"
             raise UserError("exists already", where=path, remedy=remedy)
-        scene = load_scene(scene_path, **vars(options))
-    dataset = make_dataset(scene)
-    config = settled(config)
+    description = RunDescription(settled(config), scene_path.resolve(), options, _provenance())
+    run = _assemble(path, description, scene_path)
     with together():
-        method = make_method(config, scene, dataset)
-    state = method.start(jax.random.PRNGKey(config.seed))
-    with together():
-        write_description(path, RunDescription(config, scene_path.resolve(), options, _provenance()))
-    return Run(path, config, scene, options, dataset, method, state, step=0)
+        write_description(path, run.description)
+    return run
 
 
-def load_run(path: str | Path, *, scene_path: str | Path | None = None, config: TrainConfig | None = None) -> Run:
+def load_run(path: str | Path, *, scene_path: str | Path | None = None) -> Run:
     """The run as its newest readable checkpoint left it (a damaged one is passed over with a warning line).
 
-    scene_path: where the photographs are now, if they moved. config: replaces the stored one (more steps,
-    say). UserError where the folder is no run, has no readable checkpoint, or its scene is gone.
+    scene_path: where the photographs are now, if they moved. UserError where the folder is no run, has no readable
+    checkpoint, or its scene is gone.
     """
     path = Path(path)
     description = read_description(path)
-    config = config or description.config
+    return _assemble(path, description, Path(scene_path or description.scene), _newest_checkpoint(path))
+
+
+def resume_run(path: Path, description: RunDescription, scene_path: Path, config: TrainConfig) -> Run:
+    """The run at `path`, so described, to go on with; one that was stopped before its first checkpoint starts over.
+
+    config: its own, but for settings that may change (more steps, say); it is stored, as is where the photographs are now.
+    """
+    description = replace(description, config=config, scene=scene_path.resolve())
+    checkpoint = _newest_checkpoint(path) if list_checkpoints(path / "checkpoints") else None
+    run = _assemble(path, description, scene_path, checkpoint)
+    with together():
+        write_description(path, description)
+    return run
+
+
+def _assemble(
+    path: Path, description: RunDescription, scene_path: Path, checkpoint: tuple[int, dict[str, np.ndarray]] | None = None
+) -> Run:  # fmt: skip
+    """Photographs -> Scene -> RayDataset -> Method -> state: that of a checkpoint, or the one before step 0."""
+    config = description.config
+    with together():
+        scene = load_scene(scene_path, description.options)
+    dataset = make_dataset(scene)
+    with together():
+        method = make_method(config, dataset)
+    if checkpoint is None:
+        state, step = method.start(jax.random.PRNGKey(config.seed)), 0
+    else:
+        step, arrays = checkpoint
+        state = _restored(method, arrays, path)
+    return Run(path, description, scene, dataset, method, state, step)
+
+
+def _newest_checkpoint(path: Path) -> tuple[int, dict[str, np.ndarray]]:
+    """(step, arrays) of a run's newest readable checkpoint. UserError where there is none, or processes see others."""
     with together():
         step, arrays = read_newest_checkpoint(path / "checkpoints")
-        scene = load_scene(scene_path or description.scene, **vars(description.options))
     first_step = int(agree(np.array(step)))
     with together():
         if step != first_step:
@@ -112,10 +144,7 @@ def load_run(path: str | Path, *, scene_path: str | Path | None = None, config: 
                 found=f"step {step}",
                 remedy="use a folder that all hosts share",
             )
-    dataset = make_dataset(scene)
-    with together():
-        method = make_method(config, scene, dataset)
-    return Run(path, config, scene, description.options, dataset, method, _restored(method, arrays, path), step)
+    return step, arrays
 
 
 def _restored(method: Method, arrays: dict[str, np.ndarray], path: Path) -> Any:
@@ -129,25 +158,6 @@ def _restored(method: Method, arrays: dict[str, np.ndarray], path: Path) -> Any:
             expected=f"{missing.args[0]!r} in its checkpoint",
             remedy="train it again into another folder",
         ) from missing
-
-
-def resume_run(path: Path, scene_path: Path, config: TrainConfig) -> Run:
-    """load_run for going on with it: a run that was stopped before its first checkpoint starts over."""
-    description = read_description(path)
-    if list_checkpoints(path / "checkpoints"):
-        run = load_run(path, scene_path=scene_path, config=config)
-    else:
-        with together():
-            scene = load_scene(scene_path, **vars(description.options))
-        dataset = make_dataset(scene)
-        method = make_method(config, scene, dataset)
-        state = method.start(jax.random.PRNGKey(config.seed))
-        run = Run(path, config, scene, description.options, dataset, method, state, step=0)
-    write_description(
-        path,
-        RunDescription(config, Path(scene_path).resolve(), description.options, description.provenance),
-    )
-    return run
 
 
 def require_bakeable(run: Run) -> None:

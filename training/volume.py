@@ -33,11 +33,6 @@ def alpha_of(sigma: jax.Array, delta: jax.Array | float) -> jax.Array:
     return -jnp.expm1(-sigma * delta)
 
 
-def density_of(alpha: jax.Array, delta: jax.Array | float) -> jax.Array:
-    """The inverse of alpha_of: sigma = -log(1 - alpha) / delta."""
-    return -jnp.log1p(-alpha) / delta
-
-
 def transmittance(sigma_delta: jax.Array) -> jax.Array:
     """T [..., K] before each sample, from optical depths sigma delta [..., K]. T of the first sample is 1."""
     before = jnp.cumsum(sigma_delta[..., :-1], axis=-1)

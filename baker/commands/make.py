@@ -55,7 +55,7 @@ def snerg_make(
         no_view: Do not open the viewer at the end.
     """
     from baker.baking.bake import BakeConfig
-    from baker.commands.bake import bake_to
+    from baker.baking.to_pack import bake_to
     from scenepack import check_target
     from training.config import PRESETS as CONFIGS
     from training.loop import train
@@ -71,9 +71,8 @@ def snerg_make(
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
     started = time.monotonic()
-    resume = is_run(run_path)
-    if resume:
-        stored = read_description(run_path)
+    stored = read_description(run_path) if is_run(run_path) else None
+    if stored is not None:
         if stored.scene != scene.resolve():
             raise UserError("holds a run of another scene", where=run_path, expected=scene, found=stored.scene,
                             remedy="choose another --out")  # fmt: skip
@@ -84,7 +83,7 @@ def snerg_make(
     else:
         downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
     options = SceneOptions(downscale or 1, spherify or None, masks, box)
-    run = train(scene, run_path, config, **vars(options), resume=resume)
+    run = train(scene, run_path, config, options, resume=stored or False)
     trained = time.monotonic()
     voxels = resolution or PRESETS[preset].resolution
     bake_to(run, BakeConfig(resolution=voxels, fine_tune=fine_tune), pack_path)

@@ -1,24 +1,20 @@
-"""`python -m baker.reports.codec_report PACK --scene SCENE`: the storage table, codec by codec (SNeRG paper, section 6).
+"""The storage table, codec by codec (SNeRG paper, section 6).
 
 Each codec writes the pack anew, reads it back and is drawn by the OpenGL renderer: megabytes (10⁶ bytes) on disk,
 PSNR, SSIM and LPIPS against the photographs, PSNR against the pictures of the pack as it was, seconds to encode and to
-decode. Writes Markdown to stdout and to --out, and JSON beside it.
+decode.
 """
 
 from __future__ import annotations
 
-import json
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from console import UserError, run_command
-from console.atomic import write_file
+from console import UserError
 
-DESCRIPTION = "Size, quality and time of every codec on one pack, as a table."
 # Each codec as it comes, and what places them on one curve.
 LADDER: tuple[tuple[str, int | None], ...] = (
     ("png", None),
@@ -35,39 +31,6 @@ LADDER: tuple[tuple[str, int | None], ...] = (
     ("avif", 60),
 )
 VIEWS, SIZE = 8, (400, 400)
-
-
-def codec_report(
-    pack: Path, /, scene: Path, downscale: int = 1, split: str = "test", out: Path | None = None, quick: bool = False
-) -> None:
-    """Writes a pack with every codec and tabulates size, quality through OpenGL, and time.
-
-    Args:
-        pack: A lossless pack (png or webp), a folder or a .zip.
-        scene: Folder of the photographs.
-        downscale: Divide width and height of the photographs by this whole number.
-        split: Which photographs to use: test, train or val.
-        out: Also write the table to this Markdown file, and the figures to a .json next to it.
-        quick: Measure only the default quality of each codec.
-    """
-    from training.scenes import load_scene
-
-    photographs = load_scene(scene, downscale=downscale)
-    rows = []
-    ladder = [step for step in LADDER if not (quick and step[1] is not None)]
-    with tempfile.TemporaryDirectory(prefix="snerg-codecs-") as folder:
-        for row in measured(pack, photographs, split, ladder, Path(folder)):
-            print(f"{row['codec']} {row['quality'] or ''}: {row['bytes'] / 1e6:.2f} MB", file=sys.stderr, flush=True)
-            rows.append(row)
-    table = as_markdown(rows)
-    print(table)
-    if out is not None:
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            write_file(out, table + "\n")
-            write_file(out.with_suffix(".json"), json.dumps(rows, indent=2) + "\n")
-        except OSError as error:
-            raise UserError(f"cannot be written: {error.strerror or error}", where=out) from error
 
 
 def measured(
@@ -126,12 +89,3 @@ def as_markdown(rows: Sequence[dict[str, Any]]) -> str:
         cells += [f"{row['ssim']:.4f}", lpips, against, f"{row['encode_s']:.1f}", f"{row['decode_s']:.1f}"]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
-    return run_command(codec_report, prog="python -m baker.reports.codec_report", description=DESCRIPTION, args=args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

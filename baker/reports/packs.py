@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from baker.baking.bake import BakeConfig, work_key
-from baker.commands.bake import bake_to
+from baker.baking.to_pack import bake_to
 from baker.reports.evaluation import evaluate
 from console.atomic import write_file
 from training.run import Run

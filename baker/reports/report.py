@@ -1,118 +1,60 @@
-"""`python -m baker.reports.report RUN --out DIR`: the SNeRG paper's tables of one run (section 6), measured.
-
-Writes DIR/report.md, report.json, plots and cross-sections. Packs are baked into DIR/packs, and scored pictures lie in
-DIR/pictures. Typed again, the line goes on: packs are kept, and so are tables that are not asked for this time.
-"""
+"""The SNeRG paper's tables of one run (section 6), measured one after another and kept in the report's folder."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from console import UserError, run_command
+from baker.baking.bake import BLOCK_SIZE, BakeConfig
+from baker.reports import tables
+from baker.reports.packs import Study
+from baker.reports.pages import draw_report_plots, report_text
+from console import UserError
+from console.atomic import write_file
+from scenepack.constants import MAX_BLOCK_INDEX
+from training.run import load_run, require_bakeable
 
-if TYPE_CHECKING:
-    from baker.baking.bake import BakeConfig
-    from baker.reports.packs import Study
 
-DESCRIPTION = "Measures the paper's tables on a trained run: quality ladder, resolution, codecs, sparsity loss."
-TABLES = ("ladder", "resolution", "codecs", "sparsity")
-RUNGS = ("none", "view-mlp", "all")
-
-
-def report(
-    run: Path,
-    /,
-    out: Path,
-    scene: Path | None = None,
-    split: str = "test",
-    views: int = 0,
-    tables: str = "ladder,resolution,codecs,sparsity",
-    resolution: int = 512,
-    resolutions: str = "500,750,1000",
-    fine_tune: str = "none,view-mlp,all",
-    fine_tune_epochs: int = 100,
-    against: Path | None = None,
-    frames: int = 150,
-    size: str | None = None,
-    quick: bool = False,
-) -> None:
-    """Measures the paper's tables on a trained run and writes them as Markdown, JSON and pictures.
-
-    Args:
-        run: Folder of the run, from snerg-train.
-        out: Folder for the report. The packs that it bakes stay in OUT/packs and are reused.
-        scene: Folder of the photographs, if they moved. The default is where the run read them.
-        split: Which photographs to use: test, train or val.
-        views: Score at most this many of them, evenly spread; 0 for all.
-        tables: Tables to make, separated by commas: ladder, resolution, codecs, sparsity.
-        resolution: Voxels along the longest side, for the tables ladder, codecs and sparsity.
-        resolutions: Voxels along the longest side, separated by commas, for the table resolution.
-        fine_tune: Rows of the table ladder, separated by commas: none, view-mlp, all (by far the slowest).
-        fine_tune_epochs: Passes over the training pixels while the view MLP is tuned, as for snerg-bake.
-        against: For the table sparsity: a second run of the same scene, trained without the sparsity loss.
-        frames: For the table resolution: number of frames to time.
-        size: For the table resolution: picture size, WIDTHxHEIGHT in pixels. The default is that of snerg-bench.
-        quick: For the table codecs: measure only the default quality of each codec.
+@dataclass(frozen=True)
+class Wanted:
+    """What tables show. rungs: of fine-tuning, above the field. resolutions: of the resolution table, whose frame times
+    are of `frames` frames of `size` (width, height; None: the protocol's). quick: only each codec's default quality.
     """
-    chosen = _chosen(tables, TABLES, "--tables")
-    rungs = _chosen(fine_tune, RUNGS, "--fine-tune")
-    sides = _resolutions(resolutions)
-    if resolution < 1 or frames < 1 or views < 0:
-        raise UserError("is too small", where="--resolution, --frames or --views")
-    if out.exists() and not out.is_dir():
-        raise UserError("is a file", where=out, expected="a folder, or nothing yet")
-    from baker.baking.bake import BakeConfig
-    from baker.reports import tables as report_tables
-    from console.arguments import parse_size
 
-    pixels = parse_size(size) if size else None
-    options = BakeConfig(resolution=resolution, fine_tune_epochs=fine_tune_epochs)
-    study = _study(run, out, scene, split, views, options, against)
-    _check_resolutions([resolution, *sides])
+    rungs: Sequence[tables.Tuned]
+    resolutions: Sequence[int]
+    frames: int
+    size: tuple[int, int] | None
+    quick: bool
+
+
+def write_tables(study: Study, chosen: Sequence[str], wanted: Wanted) -> None:
+    """Makes the tables `chosen`, of ladder, resolution, codecs and sparsity, and writes the report anew after each.
+
+    UserError, before anything is baked, where a resolution cannot be.
+    """
+    _check_resolutions([study.options.resolution, *wanted.resolutions])
     document = _begun(study)
     makers = {
-        "ladder": lambda: report_tables.ladder_table(study, rungs),  # type: ignore[arg-type]
-        "resolution": lambda: report_tables.resolution_table(study, sides, frames, pixels),
-        "codecs": lambda: report_tables.codecs_table(study, quick),
-        "sparsity": lambda: report_tables.sparsity_table(study),
+        "ladder": lambda: tables.ladder_table(study, wanted.rungs),
+        "resolution": lambda: tables.resolution_table(study, wanted.resolutions, wanted.frames, wanted.size),
+        "codecs": lambda: tables.codecs_table(study, wanted.quick),
+        "sparsity": lambda: tables.sparsity_table(study),
     }
     for name in chosen:
         document["tables"][name] = makers[name]()
-        _write(out, document)  # now: what follows may take an hour
-        print(f"{name}: in {out / 'report.md'}", flush=True)
-
-
-def _chosen(text: str, known: Sequence[str], where: str) -> list[str]:
-    names = list(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
-    wrong = [name for name in names if name not in known]
-    if wrong or not names:
-        raise UserError(
-            "is not a list of these", where=where, expected=", ".join(known), found=wrong[0] if wrong else "none"
-        )
-    return sorted(names, key=known.index)
-
-
-def _resolutions(text: str) -> list[int]:
-    words = [word.strip() for word in text.split(",") if word.strip()]
-    if not words or not all(word.isdecimal() for word in words):
-        raise UserError(
-            "is not a list of whole numbers", where="--resolutions", expected="such as 500,750", found=repr(text)
-        )
-    return sorted({int(word) for word in words})
+        _write(study.out, document)  # now: what follows may take an hour
+        print(f"{name}: in {study.out / 'report.md'}", flush=True)
 
 
 def _check_resolutions(sides: Sequence[int]) -> None:
     """UserError, before anything is baked, where a grid can be too coarse or too fine."""
-    from baker.baking.bake import BLOCK_SIZE
-    from scenepack.constants import MAX_BLOCK_INDEX
-
     most = MAX_BLOCK_INDEX * BLOCK_SIZE
     for side in sides:
         if not BLOCK_SIZE <= side <= most:
@@ -120,7 +62,7 @@ def _check_resolutions(sides: Sequence[int]) -> None:
                             expected=f"{BLOCK_SIZE} ... {most} voxels", found=side)  # fmt: skip
 
 
-def _study(
+def open_study(
     run_path: Path,
     out: Path,
     scene_path: Path | None,
@@ -129,9 +71,10 @@ def _study(
     options: BakeConfig,
     against: Path | None,
 ) -> Study:
-    from baker.reports.packs import Study
-    from training.run import load_run, require_bakeable
+    """The run, its photographs that count, and the run to compare with. UserError where they do not fit together.
 
+    scene_path: where the photographs are now. views: score at most this many of `split`; 0 for all.
+    """
     run = load_run(run_path, scene_path=scene_path)
     other = None if against is None else load_run(against, scene_path=scene_path)
     for loaded in filter(None, (run, other)):
@@ -170,19 +113,7 @@ def _begun(study: Study) -> dict[str, Any]:
 
 
 def _write(out: Path, document: dict[str, Any]) -> None:
-    from baker.reports.pages import draw_report_plots, report_text
-    from console.atomic import write_file
-
     out.mkdir(parents=True, exist_ok=True)
     draw_report_plots(out, document["tables"])
     write_file(out / "report.json", json.dumps(document, indent=2) + "\n")
     write_file(out / "report.md", report_text(document))
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
-    return run_command(report, prog="python -m baker.reports.report", description=DESCRIPTION, args=args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -16,7 +16,7 @@ from tests.training.test_training import MINUTE
 from training.commands.train import main
 from training.loop import train
 from training.run import load_run, read_description
-from training.scenes import load_scene
+from training.scenes import SceneOptions, load_scene
 from training.scenes.box import box_text
 
 BOX = (-0.5, -0.75, -0.25, 1.0, 0.5, 0.75)
@@ -27,7 +27,7 @@ WORDS = "-0.5,-0.75,-0.25,1,0.5,0.75"
 def boxed(procedural_path: Path, tmp_path_factory) -> Path:
     """A finished run within BOX."""
     out = tmp_path_factory.mktemp("runs") / "boxed"
-    train(procedural_path, out, MINUTE, aabb=BOX)
+    train(procedural_path, out, MINUTE, SceneOptions(aabb=BOX))
     return out
 
 

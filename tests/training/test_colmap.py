@@ -12,11 +12,12 @@ import pytest
 from PIL import Image
 
 from console import Notice, UserError
+from tests.training.ndc import ndc_points
 from tests.training.reconstructions import SIZE, around, ball, save_picture, side_by_side, write_colmap
 from tests.training.test_captures import complaint, everyone, write_transforms
 from training.scenes import load_scene
 from training.scenes.colmap_files import FILES, read_reconstruction
-from training.scenes.rays import camera_rays, ndc_points
+from training.scenes.rays import camera_rays
 from training.scenes.scene import Scene
 
 

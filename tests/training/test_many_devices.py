@@ -12,6 +12,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from jax.sharding import Mesh
 
 from console import UserError
 from tests.training.train_both import SHARED, TWINS
@@ -124,9 +125,9 @@ def test_two_processes_leave_the_files_of_one(trained: dict[str, Path], method: 
 
 
 def test_rows_are_shared_out_evenly_and_padded() -> None:
-    from training.devices import every_device, first_devices
+    from training.devices import AXIS, every_device
 
-    assert own_rows(1000, first_devices(1)) == (0, 1000)
+    assert own_rows(1000, Mesh(np.array(jax.devices()[:1]), (AXIS,))) == (0, 1000)
     assert own_rows(1001, every_device())[1] >= 1001
 
 

@@ -49,7 +49,7 @@ def test_each_part_is_what_its_program_takes_longer_than_the_one_before():
 
 
 def test_profiling_trains_on_with_the_very_steps_of_training(procedural_scene: Scene):
-    method = make_method(TINY, procedural_scene, make_dataset(procedural_scene))
+    method = make_method(TINY, make_dataset(procedural_scene))
     trained, profiled = (method.start(jax.random.PRNGKey(0)) for _ in range(2))
     kept: list[np.ndarray] = []
 
@@ -64,15 +64,15 @@ def test_profiling_trains_on_with_the_very_steps_of_training(procedural_scene: S
 
 
 def test_the_program_up_to_the_gradient_has_the_steps_own_gradient(procedural_scene: Scene):
-    method = make_method(TINY, procedural_scene, make_dataset(procedural_scene))
+    method = make_method(TINY, make_dataset(procedural_scene))
     state = method.start(jax.random.PRNGKey(0))
     gradient, loss, _ = profile_step._programs(method, state)["variation"](state, 0)
     gradient = np.asarray(gradient.rows)
     after, metrics = method.step(state, 0)
-    assert float(loss) == pytest.approx(float(metrics["loss"]), rel=1e-6)
+    assert float(loss) == pytest.approx(float(metrics["loss"]), rel=1e-5)
     moved = np.asarray(after.first.rows)  # Adam's first moment: a tenth of the gradient, where density has one
     seen = (gradient[:, :1] != 0) & (np.arange(len(gradient)) > 0)[:, None]
-    np.testing.assert_allclose(moved, 0.1 * gradient * seen, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(moved, 0.1 * gradient * seen, rtol=1e-4, atol=1e-6 * np.abs(moved).max())
 
 
 def test_photographs_become_a_table_and_json(procedural_path: Path, tmp_path: Path, capsys, tiny_cpu):

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.training.ndc import ndc_points
 from training.dataset import make_dataset, ndc_warp, undistort
 from training.scenes import Camera, Photograph, Scene
 from training.scenes import rays as numpy_rays
@@ -90,7 +91,7 @@ def test_ndc_rays_start_at_the_near_plane_and_reach_the_far_end_at_one():
     depth = 7.0
     points = origins + directions * (depth / -directions[..., 2:])
     expected = warped + (1 - 1 / depth) * along
-    np.testing.assert_allclose(numpy_rays.ndc_points(points, 40, 30, 35.0), expected, atol=1e-9)
+    np.testing.assert_allclose(ndc_points(points, 40, 30, 35.0), expected, atol=1e-9)
     o, d = ndc_warp(jnp.asarray(origins), jnp.asarray(directions), 40, 30, 35.0)
     np.testing.assert_allclose(o, warped, atol=1e-5)
     np.testing.assert_allclose(d, along, atol=1e-5)

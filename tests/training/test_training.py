@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 import signal
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -188,6 +189,51 @@ def test_a_finished_run_can_be_given_more_steps(unbroken: Path, procedural_path:
     assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "14"]) == 0
     assert "14 of 14 steps" in capsys.readouterr().out
     assert load_run(longer).step == 14 and load_run(longer).config.steps == 14
+
+
+def test_a_resumed_runs_description_is_read_once(unbroken: Path, procedural_path: Path, tmp_path: Path, monkeypatch):
+    longer = Path(shutil.copytree(unbroken, tmp_path / "longer"))
+    read: list[str] = []
+    read_text = Path.read_text
+
+    def listening(path: Path, *arguments, **options):
+        read.append(path.name)
+        return read_text(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "read_text", listening)
+    assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "13"]) == 0
+    assert read.count("config.json") == 1
+
+
+@pytest.mark.parametrize("way", ["started", "resumed", "resumed before its first checkpoint", "loaded"])
+def test_a_method_that_cannot_be_made_stops_all_processes_together(
+    unbroken: Path, procedural_path: Path, tmp_path: Path, monkeypatch, way: str
+):
+    out, met = tmp_path / "run", []
+    if way != "started":
+        shutil.copytree(unbroken, out)
+    if "before" in way:
+        shutil.rmtree(out / "checkpoints")
+
+    @contextmanager
+    def together():
+        try:
+            yield
+        except UserError as error:
+            met.append(error)
+            raise
+
+    def refuse(*arguments):
+        raise UserError("cannot be made")
+
+    monkeypatch.setattr("training.run.together", together)
+    monkeypatch.setattr("training.run.make_method", refuse)
+    with pytest.raises(UserError, match="cannot be made"):
+        if way == "loaded":
+            load_run(out)
+        else:
+            train(procedural_path, out, MINUTE, resume=way != "started")
+    assert [str(error) for error in met] == ["cannot be made"]
 
 
 @pytest.mark.parametrize("spoil", ["missing", "no config", "no JSON", "unknown field", "wrong type"])

@@ -6,9 +6,10 @@ import argparse
 import contextlib
 import dataclasses
 import sys
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import tyro
 
@@ -18,7 +19,9 @@ from training.config import PRESETS, TrainConfig
 from training.presets import PresetName, names_with_about
 from training.scenes import SceneOptions
 from training.scenes.box import OPTION, parse_box
-from training.scenes.scene import Box
+
+if TYPE_CHECKING:
+    from training.run import RunDescription
 
 DEFAULT_PRESET = "cpu"
 PRESET_HELP = f"Named settings. The defaults below are those of the chosen preset. {names_with_about(PresetName)}."
@@ -46,12 +49,11 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
     Bad values of --preset and --out are not complained of here: the parser and the command do that.
     """
     name, out, resuming = _look_ahead(args)
+    describe = cache(_describe)  # of an --out with --resume
     defaults = PRESETS.get(cast(PresetName, name), PRESETS[DEFAULT_PRESET])
     if resuming and out is not None:
-        from training.run import read_description
-
         with contextlib.suppress(UserError):  # the command meets it again, and tells
-            defaults = read_description(out).config
+            defaults = describe(out).config
 
     def snerg_train(
         scene: Path,
@@ -90,27 +92,31 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         join_processes(coordinator, processes, process_id)
         from training.devices import is_writer
         from training.loop import train
-        from training.run import read_description
 
         box = None if aabb is None else parse_box(aabb)
         if resume:
-            stored = read_description(out)
+            stored = describe(out)
             _refuse_changes(stored.config, config)
-            options = _stored_options(stored.options, downscale, spherify or None, masks or None, box)
+            asked = {"downscale": downscale, "spherify": spherify or None, "masks": masks or None, "aabb": box}
+            _refuse_another_reading(stored.options, asked)
+            run = train(scene, out, config, resume=stored)
         else:
             options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks, box)
-        run = train(scene, out, config, **vars(options), resume=resume)
+            run = train(scene, out, config, options)
         if is_writer():
             print(f"{out}: {run.step} of {config.steps} steps done; bake it with: snerg-bake {out} --out PACK")
 
     return snerg_train
 
 
-def _stored_options(
-    stored: SceneOptions, downscale: int | None, spherify: bool | None, masks: bool | None, aabb: Box | None
-) -> SceneOptions:
-    """A resumed run reads the same pictures in the same way; options that say otherwise are refused."""
-    asked = {"downscale": downscale, "spherify": spherify, "masks": masks, "aabb": aabb}
+def _describe(out: Path) -> RunDescription:
+    from training.run import read_description
+
+    return read_description(out)
+
+
+def _refuse_another_reading(stored: SceneOptions, asked: Mapping[str, object]) -> None:
+    """A resumed run reads the same pictures in the same way; options that say otherwise are refused. None says nothing."""
     for name, value in asked.items():
         before = getattr(stored, name)
         if value is not None and value != before:
@@ -121,7 +127,6 @@ def _stored_options(
                 found=value,
                 remedy="leave it out with --resume",
             )
-    return stored
 
 
 def _refuse_changes(stored: TrainConfig, config: TrainConfig) -> None:

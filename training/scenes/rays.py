@@ -88,16 +88,3 @@ def ndc_rays(
     warped_origins = np.stack([sx * ox, sy * oy, 1.0 + 2.0 * near * inverse], axis=-1)
     warped_directions = np.stack([sx * (dx - ox), sy * (dy - oy), -2.0 * near * inverse], axis=-1)
     return warped_origins, warped_directions
-
-
-def ndc_points(points: np.ndarray, width: float, height: float, focal: float, near: float = NDC_NEAR) -> np.ndarray:
-    """World points [..., 3] (camera frame of the mean pose, z negative in front) in NDC space."""
-    z = points[..., 2]
-    return np.stack(
-        [
-            -2.0 * focal / width * points[..., 0] / z,
-            -2.0 * focal / height * points[..., 1] / z,
-            1.0 + 2.0 * near / z,
-        ],
-        axis=-1,
-    )

@@ -6,33 +6,26 @@ downscale).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from console import UserError
 from training.scenes import blender, colmap, llff, transforms
 from training.scenes.box import checked_box, with_box
 from training.scenes.scene import Scene, SceneOptions
 
+AS_IT_IS = SceneOptions()
 LAYOUTS = (blender, llff, transforms, colmap)  # COLMAP last: others keep its files beside their own
 
 
-def load_scene(
-    path: str | Path,
-    *,
-    downscale: int = 1,
-    spherify: bool | None = None,
-    masks: bool = False,
-    aabb: Sequence[float] | None = None,
-) -> Scene:
+def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: Any) -> Scene:
     """Reads the posed photographs in a folder; pictures are decoded lazily.
 
-    Options: see SceneOptions. Raises UserError, in one line, for whatever is wrong with the folder, its descriptions or
-    its pictures; left-out frames and guesses are told as a Notice.
+    options: see SceneOptions; changes: single ones of its fields, by name. Raises UserError, in one line, for whatever is
+    wrong with the folder, its descriptions or its pictures; left-out frames and guesses are told as a Notice.
     """
-    path = Path(path)
-    if isinstance(downscale, bool) or int(downscale) != downscale or downscale < 1:
-        raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
+    path, options = Path(path), _checked(replace(options, **changes))
     if not path.exists():
         raise UserError("no such folder", where=path, expected="a scene: a folder of photographs with camera poses")
     if not path.is_dir():
@@ -41,10 +34,17 @@ def load_scene(
         raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
     for layout in LAYOUTS:
         if layout.recognises(path):
-            options = SceneOptions(int(downscale), spherify, masks, None if aabb is None else checked_box(aabb))
             scene = layout.read(path, options)
             return scene if options.aabb is None else with_box(scene, options.aabb)
     raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
+
+
+def _checked(options: SceneOptions) -> SceneOptions:
+    """The options as whole and finite numbers. UserError where they are none."""
+    downscale = options.downscale
+    if isinstance(downscale, bool) or int(downscale) != downscale or downscale < 1:
+        raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
+    return replace(options, downscale=int(downscale), aabb=None if options.aabb is None else checked_box(options.aabb))
 
 
 def _looked_for() -> str:

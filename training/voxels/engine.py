@@ -48,17 +48,12 @@ class Engine(Protocol):
 
 
 def make_engine(name: EngineName, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> Engine:
-    """The engine of a name; "auto" is JAX's, since only a run that begins may choose (see chosen_engine).
-
-    UserError where the fused engine cannot be had.
-    """
+    """The engine of a name; "auto" is JAX's, since only a run that begins may choose (see chosen_engine)."""
     if name != "fused":
         return JaxEngine(dataset, settings, seed)
     problem = _problem_of_fused()
     if problem:
-        raise UserError(
-            "the fused engine cannot train here", where="--engine fused", found=problem[0], remedy=problem[1]
-        )
+        return _Resting(dataset, settings, seed, problem)
     from training.voxels.fused.engine import FusedEngine  # Numba is heavy, and may be missing
 
     return FusedEngine(dataset, plan, settings, seed)
@@ -76,12 +71,37 @@ def chosen_engine(name: EngineName) -> EngineName:
     return "jax"
 
 
+class _Resting(JaxEngine):
+    """Stands in for the fused engine where there is none: a run of it is rendered, scored and baked, but not trained."""
+
+    def __init__(self, dataset: RayDataset, settings: Settings, seed: int, problem: tuple[str, str]) -> None:
+        super().__init__(dataset, settings, seed)
+        self.problem = problem
+
+    def remember(self, state: VoxelState) -> VoxelState:
+        found, remedy = self.problem
+        raise UserError(
+            "this run trains by the fused engine, which cannot be had here", where="--engine fused", found=found,
+            remedy=remedy,
+        )  # fmt: skip
+
+    def step(self, state: VoxelState, step: int, progress: float) -> tuple[VoxelState, dict[str, Any]]:
+        self.remember(state)
+        return super().step(state, step, progress)
+
+
 def _problem_of_fused() -> tuple[str, str] | None:
     """Why the fused engine cannot be had, and what helps."""
     if jax.default_backend() != "cpu":
-        return f"JAX has an accelerator, {jax.devices()[0].device_kind}", "leave --engine out: JAX is faster there"
+        return (
+            f"JAX has an accelerator, {jax.devices()[0].device_kind}",
+            "train on a processor (JAX_PLATFORMS=cpu), or begin another run",
+        )
     if jax.device_count() > 1 or jax.process_count() > 1:
-        return f"{jax.device_count()} devices that train together", "leave --engine out, or train in one process"
+        return (
+            f"{jax.device_count()} devices that train together",
+            "train in one process on one device, or begin another run",
+        )
     if importlib.util.find_spec("numba") is None:
         return "Numba is not installed", "pip install 'snerg[train]'"
     return None

@@ -106,7 +106,7 @@ class Child:
             return f"the process was ended from outside ({name}){hint}"
         report = self.report()
         if report is not None and report.error:
-            return f"That is a bug in snerg, not a mistake of yours ({report.error})" if report.bug else report.error
+            return f"This is a bug in snerg ({report.error})" if report.bug else report.error
         lines = [line.strip() for line in self._tail().splitlines() if line.strip()]
         return lines[-1] if lines else f"it ended with status {status} and said nothing"
 

@@ -61,7 +61,7 @@ def _fly(app: App) -> None:
         rig.flying = not rig.flying
         *move, down, up = app.keyboard.flying_names
         flying = f"Flying: {' '.join(move)}, {down} and {up}, or the arrows; drag to look"
-        app.messages.say(flying if rig.flying else "Turning about the pivot")
+        app.messages.say(flying if rig.flying else "Orbiting the pivot")
 
 
 def ask_to_open(app: App, kind: Literal["open", "folder"] = "open", *, other: bool = False) -> None:
@@ -113,17 +113,17 @@ COMMANDS: dict[str, Command] = {
         Command("front", "Look from the front", "Camera", _rig(lambda rig: rig.look_along(0, 0)), ("1",)),
         Command("right", "Look from the right", "Camera", _rig(lambda rig: rig.look_along(90, 0)), ("2",)),
         Command("top", "Look from above", "Camera", _rig(lambda rig: rig.look_along(0, 90)), ("3",)),
-        Command("fly", "Fly, or turn about a point", "Camera", _fly, ("V",)),
+        Command("fly", "Fly or orbit", "Camera", _fly, ("V",)),
         Command("copy-pose", "Copy the pose as text", "Camera", lambda app: app.copy_pose(), ("Ctrl+C",)),
         Command("paste-pose", "Go to a copied pose", "Camera", lambda app: app.paste_pose(), ("Ctrl+V",)),
-        Command("undo", "Undo a move or a cut", "Camera", _rig(lambda rig: rig.history.undo()), ("Ctrl+Z",)),
+        Command("undo", "Undo", "Camera", _rig(lambda rig: rig.history.undo()), ("Ctrl+Z",)),
         Command("redo", "Redo it", "Camera", _rig(lambda rig: rig.history.redo()), ("Ctrl+Shift+Z", "Ctrl+Y")),
         Command("next-mode", "Next display mode", "Picture", lambda app: _next_mode(app, 1), ("Space",)),
-        Command("last-mode", "Last display mode", "Picture", lambda app: _next_mode(app, -1), ("Shift+Space",)),
+        Command("last-mode", "Previous display mode", "Picture", lambda app: _next_mode(app, -1), ("Shift+Space",)),
         Command("next-photo", "Next photograph", "Picture", lambda app: app.comparison.step(app, 1), ("N",)),
-        Command("last-photo", "Last photograph", "Picture", lambda app: app.comparison.step(app, -1), ("B",)),
+        Command("last-photo", "Previous photograph", "Picture", lambda app: app.comparison.step(app, -1), ("B",)),
         Command("save", "Save the picture", "Picture", ask_for_still, ("Ctrl+S",)),
-        Command("keyframe", "Make the view a keyframe", "Film", lambda app: app.filming.add(app), ("K",)),
+        Command("keyframe", "Add a keyframe", "Film", lambda app: app.filming.add(app), ("K",)),
         Command("play", "Play the path", "Film", lambda app: app.filming.play(app), ("P",)),
         Command("turntable", "Make a turntable", "Film", lambda app: app.filming.turntable(app), ("T",)),
         Command("open", "Open a pack (.zip)", "Window", ask_to_open, ("Ctrl+O",), False),
@@ -141,7 +141,7 @@ COMMANDS: dict[str, Command] = {
         Command("layout", "Reset the layout", "Window", lambda app: app.interface.reset_layout(), ("Ctrl+L",), False),
         Command("full-screen", "Full screen", "Window", _toggle("full_screen"), ("F11",), False),
         Command("help", "Keys and mouse", "Window", _toggle("help_shown"), ("?", "F1"), False),
-        Command("escape", "Close what lies on top", "Window", _escape, ("Escape",), False),
+        Command("escape", "Close the top dialog", "Window", _escape, ("Escape",), False),
         Command("quit", "Quit", "Window", lambda app: app.making.ask_to_quit(app), ("Ctrl+Q",), False),
         # answers to dialogs; no keys
         Command("make-again", "Make it again", "Window", lambda app: app.making.again(app), (), False),

@@ -78,7 +78,7 @@ class Export:
             self.cancel()
             if isinstance(error, OSError):
                 words, remedy = not_written(error)
-                remedy = f"nothing of it was left behind; {remedy}, then start again"
+                remedy = f"the unfinished file was removed; {remedy}, then export again"
                 raise UserError(words, where=self.target, remedy=remedy) from error
             raise
 

@@ -111,7 +111,7 @@ class Filming:
         rig = app.scene.rig
         rig.take_over()
         if rig.bounded:
-            raise UserError("a forward-facing pack cannot be walked around")
+            raise UserError("a turntable does not work with a forward-facing pack")
         keys = []
         for i in range(TURNTABLE_KEYS):
             pose = replace(rig.goal, azimuth=rig.goal.azimuth + 360.0 * i / TURNTABLE_KEYS)
@@ -150,11 +150,11 @@ class Filming:
 
     def _start(self, app: App, cameras: list[ViewCamera], target: Path) -> None:
         if self.export is not None:
-            raise UserError("another export is still running", remedy="cancel it, or wait for its end")
+            raise UserError("another export is still running", remedy="cancel it or wait for it")
         if app.stage is None or app.scene is None:
             return
         if not app.scene.whole:
-            raise UserError("the scene is still being read", remedy="wait until it is all there")
+            raise UserError("the scene is still being read", remedy="wait until it is complete")
         side = app.resolution.tile_side()
         self.export = Export(cameras, app.settings, target, app.stage.snapshot, self.fps, side)
         self.playing = False

@@ -35,7 +35,7 @@ class FilmWriter:
         import av
 
         if size[0] % 2 or size[1] % 2:
-            raise UserError("H.264 films have even sides", where=path, found=f"{size[0]}x{size[1]}")
+            raise UserError("H.264 needs an even width and height", where=path, found=f"{size[0]}x{size[1]}")
         self._av, self.aside = av, Replacement(path)
         try:
             self._container = av.open(str(self.aside.path), "w", format="mp4")

@@ -59,7 +59,7 @@ class Loading:
         except Cancelled:
             pass
         except MemoryError as error:
-            self.error = UserError("not enough free memory to open it", where=self.path, found=str(error) or None)
+            self.error = UserError("not enough memory to open the pack", where=self.path, found=str(error) or None)
         except Exception as error:  # shown in a dialog; the program goes on
             self.error = error
 

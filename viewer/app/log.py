@@ -11,7 +11,7 @@ from console import UserError, refusal
 
 KEPT_LINES = 500
 TOAST_S, READING_S, LONGEST_TOAST_S = 4.0, 0.05, 20.0  # at least; more for each letter of a warning; at most
-BUG = "That is a bug in snerg, not a mistake of yours"
+BUG = "This is a bug in snerg"
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
 KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
 MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may have masks beside them
-PARTS = ("jax", "optax", "safetensors", "scipy")  # the extra `train`
+PARTS = ("jax", "matplotlib", "optax", "safetensors", "scipy")  # the extra `train`
 
 
 def trainer_missing() -> bool:
@@ -101,7 +101,7 @@ class Survey:
             self.forward = scene.ndc
             width, height = _size(scene)
             count = sum(len(photographs) for photographs in scene.splits.values())
-            seen = "facing forward" if scene.ndc else "seen from all around"
+            seen = "forward-facing" if scene.ndc else "360°"
             kind = KINDS.get(scene.kind, scene.kind)
             self.text = f"{count} photographs of {width} × {height}, {seen}  ({kind})"
         except Exception as error:  # told in the dialog
@@ -194,7 +194,7 @@ class Plan:
     def problem(self) -> str | None:
         """Why it cannot be begun as it is planned; None where nothing speaks against it."""
         if trainer_missing():
-            return "This installation is the viewer alone. pip install 'snerg[train]' adds what trains and bakes."
+            return "Only the viewer is installed. pip install 'snerg[train]' adds the trainer and the baker."
         if self.survey is not None and self.survey.error is not None:
             return str(self.survey.error)
         if self.subject == "scene" and self.attempt is not None:
@@ -210,9 +210,9 @@ class Plan:
         steps = [int(path.stem.removeprefix("step_")) for path in (self.run / "checkpoints").glob("step_*.safetensors")]
         total = self.attempt["steps"]
         if steps and max(steps) >= total:
-            return "A trained run is there already; it is baked with the settings it was trained with."
+            return "The folder has a trained run. It is baked with its own settings."
         done = f"at step {max(steps):,} of {total:,}" if steps else "before its first checkpoint"
-        return f"An earlier attempt is there, {done}: it goes on, with the settings it was begun with."
+        return f"The folder has an unfinished run, {done}. It continues with its own settings."
 
     def command(self) -> list[str]:
         """Program and arguments that make it; `typed` is the same for a person."""

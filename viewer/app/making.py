@@ -130,7 +130,7 @@ class Making:
             plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
             app.touch()
 
-        app.file_request = FileRequest("Where shall it be made?", "folder", then, start=existing_folder(plan.out))
+        app.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
 
     def copy_command(self, app: App) -> None:
         """Puts the command line that does the same on the clipboard, for another machine, say."""
@@ -165,7 +165,7 @@ class Making:
             return
         title = f"{self.job.plan.name} is still being made"
         if not self.quit_after and all(dialog.title != title for dialog in app.messages.dialogs):
-            text = "Quitting stops it. What is done so far is kept, and making it again goes on there."
+            text = "Quitting stops it. Finished work is kept. Make the scene again to continue."
             buttons = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
             app.messages.dialogs.append(Dialog(title, text, buttons=buttons))
         app.touch()
@@ -204,13 +204,13 @@ class Making:
     def _ended(self, app: App, job: Job, status: int) -> None:
         name = job.plan.name
         if status == 0:
-            app.messages.say(f"{name} is made")
+            app.messages.say(f"{name} is ready")
             app.open(job.plan.pack)
         elif job.stopping:
-            app.messages.say(f"{name} was stopped; make it again to go on where it was")
+            app.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
-            text = f"{job.child.error_line()}\n\nAll that it said is in {job.plan.log}"
+            text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
             app.messages.fail(f"{name} could not be made", text, buttons=(("OK", ""), ("Try again", "make-again")))
         if self.quit_after:
             app.quitting = True

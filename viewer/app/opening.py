@@ -81,8 +81,8 @@ class Opening:
         if notes:
             more = len(notes) - SHOWN_NOTES
             shown = [note.removeprefix(f"{loading.path}: ") for note in notes[:SHOWN_NOTES]]
-            rest = [f"… and {more} more, on the Log page"] if more > 0 else []
-            head = f"{name_of(loading.path)} is open, but not all in it is as it should be:"
+            rest = [f"… and {more} more. See the Log page."] if more > 0 else []
+            head = f"{name_of(loading.path)} is open. Some of its files are not as expected:"
             app.messages.show_toast("\n".join([head, *shown, *rest]), "warning")
 
     def _take_preview(self, app: App, loading: Loading) -> None:

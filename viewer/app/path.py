@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from console import UserError
 from console.atomic import write_file
@@ -112,43 +113,13 @@ def _catmull_rom(points: list[np.ndarray], t: float) -> np.ndarray:
 def _rotation(rotations: list[np.ndarray], t: float) -> np.ndarray:
     handed = np.sign(np.linalg.det(rotations[1]))  # mirrored frames hold reflections, all of one hand
     mirror = np.diag([handed, 1.0, 1.0])
-    quaternions = [_quaternion(rotation @ mirror) for rotation in rotations]
+    quaternions = Rotation.from_matrix(np.stack(rotations) @ mirror).as_quat()
     for i in (0, 2, 3):  # q and -q are the same rotation: take those on the side of the one before
         if quaternions[1] @ quaternions[i] < 0:
             quaternions[i] = -quaternions[i]
     if quaternions[2] @ quaternions[3] < 0:
         quaternions[3] = -quaternions[3]
-    blended = _catmull_rom(quaternions, t)
-    return _matrix(blended / np.linalg.norm(blended)) @ mirror
-
-
-def _quaternion(R: np.ndarray) -> np.ndarray:
-    """Unit quaternion (w, x, y, z) of a rotation matrix [3, 3]; Shepperd's method."""
-    trace = np.trace(R)
-    choices = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
-    i = int(np.argmax(choices))
-    if i == 0:
-        q = np.array([1 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    else:
-        j, k, m = i - 1, i % 3, (i + 1) % 3
-        q = np.empty(4)
-        q[0] = R[m, k] - R[k, m]
-        q[1 + j] = 1 + R[j, j] - R[k, k] - R[m, m]
-        q[1 + k] = R[k, j] + R[j, k]
-        q[1 + m] = R[m, j] + R[j, m]
-    return q / np.linalg.norm(q)
-
-
-def _matrix(q: np.ndarray) -> np.ndarray:
-    """Rotation matrix [3, 3] of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return Rotation.from_quat(_catmull_rom(list(quaternions), t)).as_matrix() @ mirror  # of unit length there
 
 
 # nerfstudio's file
@@ -199,7 +170,7 @@ def load_path(file: Path, training_T_grid: np.ndarray) -> CameraPath:
         raise UserError("cannot be read", where=file, found=error.strerror) from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise UserError(
-            "is no camera path", where=file, expected="nerfstudio's camera_path.json with keyframes", found=error
+            "is not a camera path", where=file, expected="nerfstudio's camera_path.json with keyframes", found=error
         ) from error
 
 
@@ -210,7 +181,7 @@ def _keyframe(entry: dict[str, Any], grid_T_training: np.ndarray, default: float
     else:
         matrix = np.array(numbers, np.float64).reshape(4, 4)
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:
-        raise ValueError("a keyframe's matrix is no pose")
+        raise ValueError("a keyframe's matrix is not a pose")
     seconds = float(entry.get("override_transition_sec") or default)
     fov = float(entry.get("fov", 50.0))
     if not 0 < seconds < 1e5 or not 1 <= fov <= 170:

@@ -85,7 +85,7 @@ class Photographs:
                 if fits(shot.name, name):
                     return index
         known = ", ".join(shot.name for shot in self.shots[:3])
-        raise UserError("the pack knows no such photograph", expected=f"one such as {known}", found=repr(name))
+        raise UserError("the pack has no such photograph", expected=f"one such as {known}", found=repr(name))
 
     def frusta(self, depth: float) -> np.ndarray:
         """float64 [n, 5, 3]: eye and corners of each shot's picture at `depth` (grid units); see FRUSTUM_EDGES."""

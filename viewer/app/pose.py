@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
-from math import asin, atan2, cos, degrees, radians, sin, tan
+from math import asin, atan2, degrees, radians, tan
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from viewer.rendering.camera import ViewCamera
 
@@ -45,12 +46,9 @@ class Turntable:
 
     def rotation(self, azimuth: float, elevation: float) -> np.ndarray:
         """grid_R_camera, float64 [3, 3]: columns right, up, back of a level camera; angles in degrees."""
-        right0, up0, front0 = self.axes
-        a, e = radians(azimuth), radians(elevation)
-        back = cos(e) * (sin(a) * right0 + cos(a) * front0) + sin(e) * up0
-        right = cos(a) * right0 - sin(a) * front0
-        up = np.cross(back, right)  # the level camera's up, the same whether mirrored or not
-        return np.stack([-right if self.mirrored else right, up, back], axis=1)
+        turn = Rotation.from_euler("YX", [azimuth, -elevation], degrees=True).as_matrix()
+        level = np.stack(self.axes, axis=1) @ turn
+        return level * [-1.0 if self.mirrored else 1.0, 1.0, 1.0]
 
     def angles(self, back: np.ndarray) -> tuple[float, float]:
         """Azimuth and elevation (degrees) of a camera whose back axis is `back` (float [3], any length)."""
@@ -150,7 +148,7 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
             raise ValueError
     except (KeyError, TypeError, ValueError):
         raise ValueError(
-            'this is no pose: expected {"eye": [x, y, z], "target": [x, y, z]} with "up" and "fov" if wanted, '
+            'this is not a pose: expected {"eye": [x, y, z], "target": [x, y, z]} with "up" and "fov" if wanted, '
             "or six numbers x,y,z,x,y,z"
         ) from None
     return camera.grid_T_camera, fov

@@ -81,7 +81,7 @@ class Startup:
         if self.photographs is not None:
             photographs.look_in(self.photographs)
         if not len(photographs):
-            raise UserError("this pack does not tell where its photographs were taken", where=self.pack)
+            raise UserError("this pack has no camera poses", where=self.pack)
         comparison.frusta = True
         if self.photograph is not None:
             comparison.stand_in(app, photographs.named(self.photograph))

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from console.plots import Line, draw_plot
+from console.plots import Line, Plot, draw_plots
 from viewer.benchmark.frames import Measurement
 
 HEADINGS = ("", "ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU MiB")
@@ -75,4 +75,4 @@ def plot(path: Path, name: str, result: Mapping[str, Any], measurement: Measurem
         lines.append(Line(contender.name, range(len(contender.ms)), contender.ms, levels=levels))
     if len(lines) > 2:  # levels of many would hide the curves
         lines = [Line(line.label, line.xs, line.ys) for line in lines]
-    draw_plot(path, lines, f"{name}, {title(result)}", "frame", "milliseconds")
+    draw_plots(path, [Plot(lines, f"{name}, {title(result)}", "frame", "milliseconds")])

@@ -1,4 +1,4 @@
-"""How frame time grows with grid resolution, picture size and opacity, as plots: python -m viewer.benchmark.scaling --out FOLDER.
+"""How frame time grows with grid resolution, picture size and opacity, as plots.
 
 The scene is carved from formulas, one macroblock at a time, so that 1000^3 voxels take no more memory than its
 occupied macroblocks. exact and paper take turns frame by frame, and so does a reference scene that stays the same, for
@@ -8,18 +8,12 @@ Notation: opacity is that of one voxel inside of a surface, which is SHELL voxel
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
-from console import UserError, run_command
-from console.arguments import parse_numbers
-from console.atomic import write_file
-from console.plots import Line, draw_plot
+from console.plots import Line, Plot
 from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp, pack_of_cube
@@ -28,15 +22,16 @@ from viewer.rendering.camera import orbit_path
 from viewer.rendering.frame_times import Contender
 from viewer.rendering.settings import RenderSettings
 
-DESCRIPTION = "Plots frame time against grid resolution, picture size and opacity, on carved scenes."
 BLOCK_SIZE = 30
 SHELL = 3.0  # voxels
 FOV = 39.0  # degrees, the synthetic protocol's
 BLENDER_FRAME = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 OPACITIES = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
 MIDDLE_SIDE = 200  # pixels, where something else varies
+VARIED = {"resolution": "voxels", "size": "pixels", "opacity": "opacity"}
 
 Triple = tuple[int, int, int]
+Figures = dict[str, list[dict[str, float]]]  # by what varies, a point each
 
 
 def surface_distance(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -95,22 +90,9 @@ def without_drift(points: list[dict[str, float]]) -> list[dict[str, float]]:
     return points
 
 
-def scaling(out: Path, frames: int = 12, resolutions: str = "256,512,750,1000", sizes: str = "100,200,400,800") -> None:
-    """Plots frame time against grid resolution, picture size and opacity, on carved scenes.
-
-    Args:
-        out: Folder for scaling-resolution.png, scaling-size.png, scaling-opacity.png and scaling.json.
-        frames: Number of frames of the orbit that measures each point.
-        resolutions: Voxels per side, separated by commas. 1000 takes about 4 GB of memory.
-        sizes: Width and height of the pictures in pixels, separated by commas.
-    """
-    if frames < 1:
-        raise UserError("needs at least one frame", where="--frames", found=frames)
-    sides = [int(n) for n in parse_numbers(resolutions, resolutions.count(",") + 1, "--resolutions")]
-    pixels = [int(n) for n in parse_numbers(sizes, sizes.count(",") + 1, "--sizes")]
-    if min(sides) < BLOCK_SIZE or min(pixels) < 1:
-        raise UserError("is too small", where="--resolutions" if min(sides) < BLOCK_SIZE else "--sizes")
-    result: dict[str, list[dict[str, float]]] = {"resolution": [], "size": [], "opacity": []}
+def measured(sides: Sequence[int], pixels: Sequence[int], frames: int) -> Figures:
+    """What plots_of draws: grids of `sides` voxels a side, pictures of `pixels` a side, `frames` of one orbit a point."""
+    result: Figures = {"resolution": [], "size": [], "opacity": []}
     reference = carved_pack(sides[0])
     for side in sides:
         point = times(carved_pack(side), MIDDLE_SIDE, frames, reference)
@@ -122,32 +104,32 @@ def scaling(out: Path, frames: int = 12, resolutions: str = "256,512,750,1000", 
         without_drift(result[what])
     for side in pixels:  # no reference: it would be drawn at the same size
         result["size"].append({"pixels": side, **times(reference, side, frames, reference)})
-    out.mkdir(parents=True, exist_ok=True)
-    first = f"{sides[0]}^3 voxels"
-    area = f"{MIDDLE_SIDE}x{MIDDLE_SIDE}"
-    _plot(out, "resolution", result, "voxels", f"Frame time and grid resolution, {area}", "voxels a side")
-    _plot(out, "size", result, "pixels", f"Frame time and picture size, {first}", "pixels a side")
-    _plot(out, "opacity", result, "opacity", f"Frame time and opacity, {first}, {area}", "opacity of one voxel")
-    write_file(out / "scaling.json", json.dumps(result, indent=1) + "\n")
+    return result
 
 
-def _plot(out: Path, what: str, result: dict[str, list[dict[str, float]]], key: str, title: str, x_label: str) -> None:
-    points = result[what]
-    lines = [
-        Line(name, [p[key] for p in points], [p[name] for p in points], marked=True) for name in ("exact", "paper")
-    ]
-    draw_plot(out / f"scaling-{what}.png", lines, title, x_label, "milliseconds, median", size=(600, 340))
-    for p in points:
-        ratio = p["paper"] / p["exact"]
-        print(
-            f"{what} {p[key]:g}: exact {p['exact']:.1f} ms, paper {p['paper']:.1f} ms, {ratio:.2f}, {p['gpu_mib']:.0f} MiB"
-        )
+def plots_of(result: Figures) -> dict[str, Plot]:
+    """A plot for each thing that varies, by its name."""
+    area, first = f"{MIDDLE_SIDE} × {MIDDLE_SIDE} pixels", f"{result['resolution'][0]['voxels']:g}³ voxels"
+    titles = {
+        "resolution": (f"Frame time and grid resolution, {area}", "voxels a side"),
+        "size": (f"Frame time and picture size, {first}", "pixels a side"),
+        "opacity": (f"Frame time and opacity, {first}, {area}", "opacity of one voxel"),
+    }
+    plots = {}
+    for what, (title, x_label) in titles.items():
+        points, key = result[what], VARIED[what]
+        lines = [
+            Line(name, [p[key] for p in points], [p[name] for p in points], marked=True) for name in ("exact", "paper")
+        ]
+        plots[what] = Plot(lines, title, x_label, "milliseconds, median")
+    return plots
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
-    return run_command(scaling, prog="python -m viewer.benchmark.scaling", description=DESCRIPTION, args=args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def in_words(result: Figures) -> Iterator[str]:
+    """A line for each point."""
+    for what, points in result.items():
+        for p in points:
+            yield (
+                f"{what} {p[VARIED[what]]:g}: exact {p['exact']:.1f} ms, paper {p['paper']:.1f} ms, "
+                f"{p['paper'] / p['exact']:.2f}, {p['gpu_mib']:.0f} MiB"
+            )

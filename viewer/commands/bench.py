@@ -13,6 +13,7 @@ from console import UserError, run_command
 from console.arguments import parse_size
 from console.atomic import write_file
 from console.desktop import tell_if_unseen
+from console.plots import require_plots
 from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
 from viewer.benchmark.frames import Measurement, measure
@@ -59,6 +60,8 @@ def bench(
     if fov is not None and not 0.1 <= fov < 179:
         raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
     pixels = parse_size(size) if size else None
+    if plot is not None:
+        require_plots()
     loaded = load_pack(pack)
     if protocol == "auto":
         protocol = "forward-facing" if loaded.ndc else "synthetic"

@@ -149,5 +149,5 @@ def _tooltip(app: App, index: int, sheet: int | None) -> None:
         imgui.image(imgui.ImTextureRef(sheet), ImVec2(scale * w, scale * h), *uv)
     imgui.text_unformatted(shot.name)
     with font(None, theme.SMALL), coloured(text=theme.MUTED):
-        imgui.text_unformatted(f"{shot.split}   click to stand in it")
+        imgui.text_unformatted(f"{shot.split}   click to go there")
     imgui.end_tooltip()

@@ -68,7 +68,7 @@ def _heading(plan: Plan, fonts: Fonts) -> None:
     if survey is None:
         text = "A training run. Baking turns it into voxels that are drawn in real time."
     elif not survey.finished:
-        text = "Looking at the photographs…"
+        text = "Reading the photographs…"
     else:
         text = survey.text
     if text:
@@ -88,7 +88,7 @@ def _choices(app: App, plan: Plan) -> None:
         )
         if picked:
             plan.resolution = int(picked)
-        _indented("More voxels show finer detail, and take more memory and time: 1000³ needs 7 GB to be baked.")
+        _indented("More voxels show finer detail but take more memory and time. Baking 1000³ needs 7 GB.")
         return
     if plan.attempt is not None:
         return
@@ -106,15 +106,15 @@ def _choices(app: App, plan: Plan) -> None:
     size = survey.size(plan.preset, plan.downscale)
     _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
     if survey.forward:
-        _label("From all around")
+        _label("360° capture")
         plan.spherify = switch("spherify", plan.spherify)
     if plan.masked:
         _label("Cut out")
         plan.masks = switch("masks", plan.cut_out)
-        tip("Keeps only what the masks beside the photographs show")
+        tip("Keep only what the masks show")
     elif survey.masks:
         _label("Cut out")
-        hint("Not possible: there is no mask for some photographs of this size.")
+        hint("Not possible: some photographs of this size have no mask.")
 
 
 def _label(text: str) -> None:
@@ -143,7 +143,7 @@ def _where(app: App, plan: Plan, told: bool) -> None:
         app.making.ask_where(app)
     remark = plan.attempt_text()
     if not remark and plan.pack.exists():
-        remark = "A pack is there already; it is replaced once the new one is done."
+        remark = "The folder has a pack. The new pack replaces it when it is complete."
     if told:
         _indented(plan.place_problem or remark, theme.WARN if plan.place_problem else theme.FAINT)
 
@@ -152,7 +152,7 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
     width = px(112)
     if imgui.button(f"{fa.ICON_FA_COPY}  Copy the command", ImVec2(px(176), px(34))):
         app.making.copy_command(app)
-    tip("The same as a command line, for another machine say")
+    tip("The same as a command line, for example for another computer")
     imgui.same_line()
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - 2 * width - px(8))
     cancelled = imgui.button("Cancel", ImVec2(width, px(34))) or pressed_here(imgui.Key.escape)
@@ -169,7 +169,7 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
         try:
             app.making.start(app)
         except Exception as error:  # nothing can be written there, say: told, and asked again
-            app.messages.fail("It cannot be begun", error)
+            app.messages.fail("It cannot start", error)
 
 
 def show_job(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
@@ -217,7 +217,7 @@ def _job_head(app: App, job: Job, fonts: Fonts) -> None:
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(16) - width)
     if imgui.button(word, ImVec2(width, 0)):
         app.making.stop(app)
-    tip("Ends it without saving" if job.stopping else "What is done is kept; making it again goes on there")
+    tip("Stop without saving" if job.stopping else "Finished work is kept. Make the scene again to continue.")
 
 
 def _picture(canvas: Canvas, job: Job) -> None:
@@ -270,10 +270,10 @@ def _stages(job: Job) -> None:
 def _told(job: Job) -> str:
     """How far it is, in words."""
     if job.stopping:
-        return "Ending…" if job.child.killed else "Stopping: what is done is being saved…"
+        return "Ending…" if job.child.killed else "Stopping: saving a checkpoint…"
     report = job.report
     if report is None:
-        return "Starting: reading the photographs and getting the numbers ready…"
+        return "Starting: reading the photographs and compiling…"
     if report.stage == "training":
         parts = [f"Step {report.done:,.0f} of {report.total:,.0f}"]
     else:

@@ -58,7 +58,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         matrix = rig.matrix
         eye, ahead = matrix[:3, 3], -matrix[:3, 2]
         figure("Eye", "  ".join(f"{v:.3f}" for v in eye), fonts)
-        figure("Looks along", "  ".join(f"{v:.3f}" for v in ahead), fonts)
+        figure("Direction", "  ".join(f"{v:.3f}" for v in ahead), fonts)
         if not rig.bounded:
             figure("Pivot", "  ".join(f"{v:.3f}" for v in rig.goal.pivot), fonts)
         hint("In the grid's frame, y up.")

@@ -21,7 +21,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             figure("Left", app.scene.name if app.scene is not None else "", fonts)
             figure("Right", comparison.other_path.name, fonts)
         else:
-            hint("Choose a second pack, such as another baking of the same scene. Both are shown under one camera.")
+            hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")
         width = (imgui.get_content_region_avail().x - px(8)) / 2
         if imgui.button(f"{fa.ICON_FA_FILE_ZIPPER}  Zip…", ImVec2(width, 0)):
             ask_to_open(app, "open", other=True)

@@ -27,15 +27,15 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     pack, rig = app.scene.pack, app.scene.rig
     if rig.bounded:
         with card("none", fonts, "Crop box"):
-            hint("Forward-facing packs live in a warped space, where a box would not look like one.")
+            hint("Forward-facing packs use a warped space (NDC), where a crop box does not work.")
         return
     with card("crop", fonts, "Crop box"):
-        label("Cut to a box")
+        label("Crop to a box")
         on = switch("crop", app.settings.crop is not None)
         if on != (app.settings.crop is not None):
             app.cut(crop=crop.whole(pack) if on else None)
         if app.settings.crop is None:
-            hint("Nothing is cut off.")
+            hint("The whole scene is shown.")
         else:
             picked = segments("tool", crop.TOOLS, app.crop_tool, TITLES)
             if picked in crop.TOOLS:
@@ -47,10 +47,10 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             if imgui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Reset the box", ImVec2(-1, 0)):
                 app.cut(crop=crop.whole(pack))
             imgui.end_disabled()
-            tip("To all of the scene")
+            tip("To the whole scene")
     with card("near", fonts, "Slice"):
         near_plane(app)
-        hint("Cuts away everything nearer to the camera than this, in units of the grid.")
+        hint("Hides everything closer to the camera than this, in grid units.")
 
 
 def near_plane(app: App) -> None:
@@ -62,7 +62,7 @@ def near_plane(app: App) -> None:
     changed, value = imgui.slider_float("##near", app.settings.near, 0.0, 3.0 * rig.radius, "%.3f")
     if imgui.is_item_activated():
         rig.remember()
-    tip("Nothing closer than this is shown, in units of the grid")
+    tip("Hide everything closer than this, in grid units")
     if changed:
         app.set(near=value)
     imgui.same_line()

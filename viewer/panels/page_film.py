@@ -38,7 +38,7 @@ def _path(app: App, filming: Filming) -> None:
         run(app, "turntable")
     path = filming.path
     if not path.keyframes:
-        hint("Move the camera and make its view a keyframe (K); the film flies through them all.")
+        hint("Move the camera and add keyframes (K). The film flies through them.")
     else:
         _keyframes(app, filming)
         label("Back to the start")
@@ -79,7 +79,7 @@ def _keyframes(app: App, filming: Filming) -> None:
     for icon, name, tooltip, action in (
         (fa.ICON_FA_ARROW_UP, "up", "Earlier", lambda: filming.move(index, -1)),
         (fa.ICON_FA_ARROW_DOWN, "down", "Later", lambda: filming.move(index, 1)),
-        (fa.ICON_FA_CAMERA, "update", "Put it where the camera is", lambda: filming.update(app, index)),
+        (fa.ICON_FA_CAMERA, "update", "Move it to the current camera", lambda: filming.update(app, index)),
         (fa.ICON_FA_TRASH, "remove", "Remove", lambda: filming.remove(index)),
     ):
         if icon_button(icon, name, tooltip):

@@ -17,7 +17,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     """Draws the page, newest line first."""
     lines = list(app.messages.lines)
     if not lines:
-        hint("Nothing was said yet.")
+        hint("No messages yet.")
         return
     if imgui.button("Copy all", ImVec2(-1, 0)):
         app.clipboard.set("\n".join(f"{line.clock} {line.level}: {line.text}" for line in lines))

@@ -19,19 +19,19 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("time", fonts, "Frame time"):
         headline(app, fonts)
         time_plots.rolling(app.times, target, px(104))
-        figure("From frame to frame", f"{summary.mean:.1f} ms", fonts, dot=time_plots.FRAME)
+        figure("Frame to frame", f"{summary.mean:.1f} ms", fonts, dot=time_plots.FRAME)
         figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", fonts, dot=time_plots.WALL)
         gpu = canvas.picture_gpu_ms
         figure(
             "Whole picture, GPU clock", "not measured" if gpu is None else f"{gpu:.1f} ms", fonts, dot=time_plots.GPU
         )
         if not canvas.clock.trusted:
-            hint(f"{canvas.clock.reason}: its own clock cannot be trusted.")
+            hint(f"{canvas.clock.reason}: its timer is not reliable.")
         width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
-        label("Wait for the screen")
+        label("V-sync")
         app.interface.v_sync = switch("v-sync", app.interface.v_sync)
-        tip("v-sync: no more frames than the screen shows")
+        tip("Limit the frame rate to that of the screen")
     with card("spread", fonts, "Spread"):
         time_plots.histogram(app.times, target, px(96))
         for name, value in (
@@ -49,7 +49,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         imgui.pop_text_wrap_pos()
         for name, size in canvas.gpu_bytes_by_use.items():
             figure(name, f"{size / 2**20:.0f} MiB", fonts)
-        figure("Textures in all", f"{canvas.gpu_bytes / 2**20:.0f} MiB", fonts)
+        figure("All textures", f"{canvas.gpu_bytes / 2**20:.0f} MiB", fonts)
         if app.scene is not None:
             pack = app.scene.pack
             figure("Macroblocks", f"{int(pack.occupied.sum())} of {pack.occupied.size}", fonts)
@@ -70,8 +70,8 @@ def _rays(app: App, fonts: Fonts) -> None:
         hint("Waiting for the camera to rest.")
     else:
         figure("Samples, mean", f"{costs.samples_mean:.1f}", fonts)
-        figure("Samples, most", f"{costs.samples_max}", fonts)
+        figure("Samples, maximum", f"{costs.samples_max}", fonts)
         figure("Jumps, mean", f"{costs.jumps_mean:.1f}", fonts)
-        figure("Jumps, most", f"{costs.jumps_max}", fonts)
+        figure("Jumps, maximum", f"{costs.jumps_max}", fonts)
         width, height = costs.size
         hint(f"Of the {100 * costs.hit:.0f} % of rays that hit something, counted at {width} × {height}.", theme.MUTED)

@@ -27,7 +27,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     photographs = comparison.photographs
     if photographs is None or not len(photographs):
         with card("none", fonts, "Cameras"):
-            hint("This pack does not tell where its photographs were taken. Packs made by snerg-make do.")
+            hint("This pack has no camera poses. Packs made by snerg-make have them.")
         return
     with card("cameras", fonts, "Cameras"):
         label("Show in the scene")
@@ -44,7 +44,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         if comparison.frusta and comparison.against != "photograph":
             _look_of_frusta(app)
     if comparison.against == "photograph":
-        compare_controls(app, fonts, "Against the photograph")
+        compare_controls(app, fonts, "Compare with the photograph")
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
     with card("list", fonts, _list_title(app)):
         _list(app, canvas, photographs, bottom)
@@ -62,7 +62,7 @@ def _where(photographs: Photographs) -> str:
     if photographs.reachable:
         return str(photographs.folder)
     if photographs.any_pictures:
-        return "These are copies that came with the pack. Choose the folder of the scene to compare with its own files."
+        return "These copies came with the pack. Choose the folder of the scene to use its own files."
     there = f" They were in {photographs.folder}." if photographs.folder else ""
     return f"The photographs are not on this computer.{there} Choose their folder to see them here."
 
@@ -92,7 +92,7 @@ def _list_title(app: App) -> str:
 def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
     """bottom: the page's lower edge, in window units."""
     width = (imgui.get_content_region_avail().x - px(8)) / 2
-    if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Before", ImVec2(width, 0)):
+    if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Previous", ImVec2(width, 0)):
         run(app, "last-photo")
     tip("B")
     imgui.same_line()
@@ -188,7 +188,7 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
             if comparison.psnr_db is not None:
                 figure("Measured at", f"{width} × {height}", fonts)
             if comparison.photographs is not None and not comparison.photographs.reachable:
-                hint("Against the copy that came with the pack.")
+                hint("Compared with the copy in the pack.")
         if imgui.button("End comparison", ImVec2(-1, 0)):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
             app.touch()

@@ -25,16 +25,16 @@ MODE_TITLES = {
     "atlas": "Atlas",
 }
 MODE_HINTS = {
-    "normal": "What the camera would see.",
-    "diffuse": "Without the view-dependent residual.",
-    "features": "The first three accumulated features, what the view MLP is told.",
+    "normal": "What a camera sees.",
+    "diffuse": "Without the view-dependent part.",
+    "features": "The first three features, inputs of the view MLP.",
     "view-dependent": "Only what the view MLP adds.",
-    "alpha": "White where the ray was stopped.",
+    "alpha": "White is opaque.",
     "depth": "Near is bright.",
     "samples": "How many voxels each ray fetched.",
-    "jumps": "How many leaps over empty space each ray made.",
-    "macroblocks": "A colour for each block of voxels first hit.",
-    "atlas": "All blocks of voxels as they lie in memory.",
+    "jumps": "How many jumps over empty space each ray made.",
+    "macroblocks": "One colour for each macroblock that a ray hits first.",
+    "atlas": "All macroblocks as they lie in memory.",
 }
 RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
 
@@ -48,7 +48,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             app.set(mode=picked)
         hint(MODE_HINTS.get(app.settings.mode, ""))
         if app.settings.mode in ("samples", "jumps"):
-            label("Brightest at")
+            label("Maximum")
             changed, value = imgui.slider_float("##cost", app.settings.cost_scale, 4.0, 512.0, "%.0f")
             if changed:
                 app.set(cost_scale=value)
@@ -58,14 +58,14 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         if picked:
             app.resolution.rest_scale = float(picked)
             app.touch()
-        label("Drop to keep pace")
+        label("Dynamic resolution")
         app.resolution.enabled = switch("dynamic", app.resolution.enabled)
         if app.resolution.enabled:
             label("Target")
             changed, fps = imgui.slider_float("##target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
             if changed:
                 app.resolution.target_fps = fps
-        hint("Fewer pixels while the camera moves; all of them once it rests.")
+        hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
     with card("time", fonts, "Frame time"):
         headline(app, fonts)
         time_plots.rolling(app.times, app.resolution.target_ms, px(84))

@@ -40,7 +40,7 @@ def show(app: App, fonts: Fonts) -> None:
     _button(app, f"{fa.ICON_FA_FILE_ZIPPER}  Open a .zip…", "open", half)
     imgui.same_line()
     _button(app, f"{fa.ICON_FA_FOLDER_OPEN}  Open a folder…", "open-folder", half)
-    _button(app, f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make one from photographs…", "make", column)
+    _button(app, f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make a scene from photographs…", "make", column)
     imgui.dummy(ImVec2(0, px(2)))
     with coloured(text=theme.FAINT):
         imgui.text_unformatted("or drop a pack, or a folder of photographs, anywhere on this window")

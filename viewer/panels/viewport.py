@@ -59,12 +59,13 @@ def _buttons() -> int:
 
 @dataclass
 class _Hands:
-    """What the mouse holds since its button went down: "" the camera, "wipe" the edge, a crop face's number, or a shot.
+    """What the mouse holds since its `button` went down: "" the camera, "wipe" the edge, a crop face's number, or a shot.
 
     travelled: window units since then, to tell a click from a drag. walking: keys move the camera.
     """
 
     holds: str = ""
+    button: int = LEFT
     face: int = 0
     shot: int | None = None
     travelled: float = 0.0
@@ -82,12 +83,13 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
     if imgui.is_item_activated():
         _hands.holds = "face" if face is not None else "wipe" if overlays.wipe_edge_hovered(app, box) else ""
         _hands.face, _hands.shot, _hands.travelled = face or 0, shot, 0.0
+        _hands.button = next((b for b in (LEFT, RIGHT, MIDDLE) if imgui.is_mouse_clicked(b)), LEFT)
         if _hands.holds != "wipe":
             rig.remember()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
     if imgui.is_item_activated():
         dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
-    if active and (dx or dy):
+    if (active or imgui.is_item_deactivated()) and (dx or dy):  # the last way and the release may come in one frame
         _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
         _drag(app, box, dx, dy)
         app.touch()
@@ -96,7 +98,7 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
     if hovered and io.mouse_wheel:
         if rig.flying:
             rig.faster(io.mouse_wheel)
-            app.messages.say(f"Speed {rig.speed:.3g} units a second")
+            app.messages.say(f"Speed {rig.speed:.3g} units per second")
         else:
             x, y = 2.0 * (io.mouse_pos.x - box[0]) - box[2], 2.0 * (io.mouse_pos.y - box[1]) - box[3]
             rig.remember()
@@ -120,9 +122,8 @@ def _drag(app: App, box: layout.Box, dx: float, dy: float) -> None:
             moved = (dx * camera.height, dy * camera.height)
             app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, _hands.face, camera, moved))
     else:
-        left = imgui.is_mouse_down(LEFT)
-        sliding = imgui.is_mouse_down(MIDDLE) or (imgui.is_mouse_down(RIGHT) != rig.bounded and not left)
-        if sliding or (left and (rig.bounded or io.key_shift)):
+        sides = (LEFT, MIDDLE) if rig.bounded else (RIGHT, MIDDLE)
+        if _hands.button in sides or (_hands.button == LEFT and io.key_shift):
             rig.pan(dx, dy)
         else:
             rig.orbit(dx, dy)

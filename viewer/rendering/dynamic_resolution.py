@@ -132,10 +132,11 @@ class DynamicResolution:
             self.scale = min(max(self.moving_scale * factor, SMALLEST_SCALE), 1.0)
 
     def tile_side(self) -> int:
-        """Pixels a side of a tile that takes about half of a frame's time."""
+        """Pixels a side of a tile that takes about half of a frame's time, or half of what the rest of a frame takes."""
         if self.pixels_per_ms <= 0:
             return FIRST_TILE
-        return int(min(max(sqrt(0.5 * self.target_ms * self.pixels_per_ms), 48), 4096))
+        milliseconds = 0.5 * max(self.target_ms, (self._panels_ms or 0.0) + self._counted_swap_ms)
+        return int(min(max(sqrt(milliseconds * self.pixels_per_ms), 48), 4096))
 
 
 def tiles(width: int, height: int, side: int) -> list[tuple[int, int, int, int]]:

@@ -14,9 +14,9 @@ import pytest
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.baking.supersample import supersample
+from baker.baking.to_pack import share_of
 from baker.baking.work_folder import BakeEnded, Share, WorkFolder
 from baker.commands.bake import main as snerg_bake
-from baker.commands.bake import share_of
 from console import UserError
 from scenepack.blocks import fill_atlas
 from tests.baker.analytic import ball
@@ -110,7 +110,8 @@ def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> N
     assert snerg_train([str(scene), "--out", str(run), "--preset", "tiny", "--steps", "60"]) == 0
     options = ["--resolution", "60", "--fine-tune", "none", "--tau-weight", "0"]
     assert snerg_bake([str(run), "--out", str(one), *options]) == 0
-    environment = os.environ | {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
+    environment = os.environ | {"XLA_FLAGS": flags}
     line = [sys.executable, "-m", "baker.commands.bake", str(run), "--out", str(two), *options, "--processes", "2"]
     children = [
         subprocess.Popen([*line, "--process-id", i], cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)

@@ -1,4 +1,4 @@
-"""python -m baker.reports.report: its figures are those of the commands it stands for, its pictures those of the packs."""
+"""python -m baker.commands.report: its figures are those of the commands it stands for, its pictures those of the packs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from baker.commands.evaluate import main as snerg_eval
+from baker.commands.report import main
 from baker.reports.cross_sections import OPAQUE, draw_sections, placed, section, shares
 from baker.reports.pack_compare import stored_bytes
-from baker.reports.report import main
 from scenepack import load_pack
 from scenepack.blocks import dense_from_pack
 from tests.scenepack.random_packs import random_pack

@@ -83,11 +83,10 @@ def step(problem: Problem, dataset: RayDataset, sizes: Sizes | None = None, ndc:
 
 def test_what_has_not_moved_is_stored_as_it_was_to_the_byte(problem: Problem) -> None:
     assert np.array_equal(stored(problem.trained.delta, problem.scene), problem.rows.content)
-    every_alpha = np.array([[a // 2, 0, a, a, a, 1, a // 3, 0] for a in range(256)], np.uint8)
-    scene = problem.scene._replace(content=jnp.asarray(every_alpha), cells=jnp.arange(256))
-    every_alpha[0] = 0
-    assert np.array_equal(stored(jnp.zeros((256, 8)), scene), np.where(every_alpha > every_alpha[:, 3:4], 0, every_alpha)
-                          | np.minimum(every_alpha, every_alpha[:, 3:4]))  # fmt: skip
+    alpha = np.arange(256)
+    every = np.stack([alpha // 2, 0 * alpha, alpha, alpha, alpha, np.minimum(alpha, 1), alpha // 3, 0 * alpha], -1)
+    scene = problem.scene._replace(content=jnp.asarray(every, jnp.uint8), cells=jnp.arange(256))
+    assert np.array_equal(stored(jnp.zeros((256, 8)), scene), every)
 
 
 def test_what_has_moved_is_stored_by_the_formulas_and_never_appears_or_vanishes(problem: Problem) -> None:

@@ -320,5 +320,5 @@ def test_a_bug_is_told_as_one_with_its_traceback_in_the_log(tmp_path):
         _ = 1 // len([])
     except ZeroDivisionError as error:
         app.messages.fail("It failed", error)
-    assert app.messages.dialogs[0].text.startswith("That is a bug in snerg")
+    assert app.messages.dialogs[0].text.startswith("This is a bug in snerg")
     assert any("test_failures.py" in line.text for line in app.messages.lines)

@@ -100,9 +100,7 @@ def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
     app.drop([write_colmap(tmp_path / "shrine", around(), ball(), folder=folder)])
     survey = app.making.plan.survey
     survey.wait(20)
-    assert (
-        survey.text == "10 photographs of 48 × 36, seen from all around  (COLMAP)" and app.making.plan.problem() is None
-    )
+    assert survey.text == "10 photographs of 48 × 36, 360°  (COLMAP)" and app.making.plan.problem() is None
 
 
 def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monkeypatch):
@@ -242,9 +240,7 @@ def test_a_child_that_the_system_kills_is_told_as_such(making):
 def test_a_bug_of_the_child_is_told_as_one(making):
     app = making("bug")
     live(app, lambda: app.making.job is None)
-    assert app.messages.dialogs[0].text.startswith(
-        "That is a bug in snerg, not a mistake of yours (KeyError: 'depths')"
-    )
+    assert app.messages.dialogs[0].text.startswith("This is a bug in snerg (KeyError: 'depths')")
 
 
 @pytest.mark.parametrize("place", ["file/pack", "/proc/nope/pack"])

@@ -75,7 +75,7 @@ def test_the_older_viewers_column_major_text_is_understood(tmp_path):
 def test_a_file_that_is_no_path_is_told_plainly(tmp_path, text):
     file = tmp_path / "bad.json"
     file.write_text(text)
-    with pytest.raises(UserError, match="is no camera path"):
+    with pytest.raises(UserError, match="is not a camera path"):
         load_path(file, np.eye(4))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -11,10 +12,10 @@ import pytest
 from PIL import Image
 
 from scenepack import Pack, save_pack
-from viewer.benchmark import scaling
-from viewer.commands import bench, render
+from viewer.commands import bench, render, scaling
 from viewer.rendering import offscreen
 
+ROOT = Path(__file__).parents[3]
 SMALL = ["--size", "48x36"]
 
 
@@ -138,7 +139,7 @@ def test_the_benchmarks_table_is_written_as_markdown_and_its_times_as_a_plot(fol
         "exact, no sparsity loss",
     ]
     assert "exact, no sparsity loss" in json.loads(figures.read_text())["ablations"]
-    assert picture(plot).shape[:2] == (360, 720)
+    assert picture(plot).shape[:2] == (540, 1080)
     assert sorted(path.name for path in out.parent.iterdir()) == ["bench.md", "bench.png"]
 
 
@@ -152,6 +153,36 @@ def test_the_scaling_script_plots_all_three(tmp_path: Path) -> None:
         f"scaling-{what}.png" for what in ("resolution", "size", "opacity")
     }
     assert scaling.main(["--out", str(tmp_path), "--resolutions", "5"]) == 2
+    for path in tmp_path.glob("*.png"):
+        path.unlink()
+    assert scaling.main(["--out", str(tmp_path), "--redraw"]) == 0 and len(list(tmp_path.glob("*.png"))) == 3
+    assert scaling.main(["--out", str(tmp_path / "none"), "--redraw"]) == 2
+
+
+WITHOUT_MATPLOTLIB = """
+import importlib.util, sys
+real = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name.startswith("matplotlib") else real(name, *rest)
+sys.modules["matplotlib"] = None
+from viewer.commands import bench, scaling
+sys.exit({"bench": bench, "scaling": scaling}[sys.argv[1]].main(sys.argv[2:]))
+"""
+
+
+@pytest.mark.parametrize("command", ["bench", "scaling"])
+def test_without_matplotlib_a_plot_is_refused_in_one_line_before_anything_is_measured(
+    folder: str, command: str, tmp_path: Path
+) -> None:
+    words = {"bench": [folder, "--plot", str(tmp_path / "a.png"), *SMALL], "scaling": ["--out", str(tmp_path)]}[command]
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_MATPLOTLIB, command, *words],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=120,
+    )
+    assert done.returncode == 2 and not done.stdout and not list(tmp_path.iterdir())
+    assert len(done.stderr.splitlines()) == 1 and "pip install matplotlib" in done.stderr
 
 
 @pytest.mark.parametrize("message", ["libEGL.so not loaded", "Requested OpenGL version 330, got version 210"])

@@ -138,3 +138,11 @@ def test_tiles_grow_with_the_cards_speed():
         resolution.pixels_per_ms = speed
         sides.append(resolution.tile_side())
     assert sides == sorted(sides) and sides[0] < sides[2]
+
+
+def test_tiles_are_not_smaller_than_panels_that_take_long_are_worth():
+    """A tile comes with a frame each, so that many small ones would take as many times the panels."""
+    quick, slow = DynamicResolution(), DynamicResolution()
+    Machine(100.0, panels=2.0).run(quick)
+    Machine(100.0, panels=120.0).run(slow)
+    assert slow.tile_side() > 1.7 * quick.tile_side()

@@ -159,6 +159,10 @@ def _stand_in(app: App, scenes: Scenes) -> None:
     app.comparison.how = "difference"
 
 
+def _near(app: App, scenes: Scenes) -> None:
+    app.set(near=0.3)
+
+
 def _crop(app: App, scenes: Scenes) -> None:
     app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
 
@@ -175,8 +179,8 @@ PLACES: dict[str, Prepare] = {
     "scene": _page(""),
     **{page.id: _page(page.id) for page in PAGES},
     "view, costs": _page("view", lambda app, _: app.set(mode="samples")),
-    "camera, flying": _page("camera", lambda app, _: setattr(app.scene.rig, "flying", True)),
-    "crop, a box": _page("crop", _crop),
+    "camera, flying": _page("camera", _near, lambda app, _: setattr(app.scene.rig, "flying", True)),
+    "crop, a box": _page("crop", _near, _crop),
     "photographs, frusta": _page("photographs", lambda app, _: setattr(app.comparison, "frusta", True)),
     "photographs, one of them": _page("photographs", _stand_in),
     "compare, two packs": _page("compare", _compare),

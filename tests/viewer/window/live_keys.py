@@ -12,10 +12,10 @@ import pytest
 from imgui_bundle import imgui
 
 from tests.viewer.conftest import missing
-from tests.viewer.window.live_window import opened, pump, window, xdotool
+from tests.viewer.window.live_window import opened, pump, window
 from viewer.window.window import Window
 
-__all__ = ["opened", "window", "xdotool"]  # fixtures
+__all__ = ["opened", "window"]  # fixtures
 
 PATIENCE_S = 30.0
 SLOW_FRAME_S = 0.2

@@ -12,11 +12,11 @@ from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
 from tests.viewer.conftest import BLENDER, BLOCK, SIDE
 from tests.viewer.window.live_keys import wait_until
-from tests.viewer.window.live_window import opened, pump, window, xdotool
+from tests.viewer.window.live_window import opened, pump, window
 from viewer.panels.layout import PAGES
 from viewer.window.window import Window
 
-__all__ = ["opened", "window", "xdotool"]  # fixtures
+__all__ = ["opened", "window"]  # fixtures
 
 
 def resize(window: Window, xdotool, width: int, height: int) -> None:

@@ -113,6 +113,17 @@ def test_a_press_after_a_quick_move_leaves_the_camera_where_it_is(window, xdotoo
     assert window.app.scene.rig.goal == start
 
 
+@pytest.mark.parametrize("button", [1, 3])
+def test_a_drag_whose_last_way_and_release_come_in_one_frame_is_whole(window, xdotool, button):
+    rig = window.app.scene.rig
+    start = rig.goal
+    xdotool("mousemove", 200, 300, "mousedown", button)
+    pump(window)
+    xdotool("mousemove", 320, 350, "mouseup", button)
+    pump(window)
+    assert (rig.goal.azimuth != start.azimuth) == (button == 1) and (rig.goal.pivot != start.pivot) == (button == 3)
+
+
 def test_the_window_follows_a_new_size(window, xdotool):
     xdotool("search", "--class", "^snerg$", "windowsize", "--sync", 1100, 700)
     pump(window, 0.5)

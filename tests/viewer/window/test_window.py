@@ -18,13 +18,14 @@ from viewer.panels.layout import PAGES
 from viewer.window.window import NoDisplay, Window, display_problem
 
 HERE = Path(__file__).parent
+LIVE = sorted(path.name for path in HERE.glob("live_*.py"))
 
 
-@pytest.mark.parametrize("live", ["live_window.py", "live_keys.py", "live_small_windows.py"])
+@pytest.mark.parametrize("live", LIVE)
 def test_the_live_window(display, live):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / live)]
     env = {**os.environ, "DISPLAY": display}
-    done = subprocess.run(command, env=env, cwd=HERE.parents[2], capture_output=True, text=True, timeout=400)
+    done = subprocess.run(command, env=env, cwd=HERE.parents[2], capture_output=True, text=True, timeout=1200)
     assert done.returncode == 0, done.stdout + done.stderr
 
 

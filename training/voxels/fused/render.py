@@ -191,7 +191,18 @@ def render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shadi
     metrics[:] = 0.0
     first = scratch.first
     march_chunk(
-        bricks, batch, low, high, numbers.step, numbers.last_depth, offset, room, work.ids, work.weights, scratch.t, first
+        bricks,
+        batch,
+        low,
+        high,
+        numbers.step,
+        numbers.last_depth,
+        offset,
+        room,
+        work.ids,
+        work.weights,
+        scratch.t,
+        first,
     )
     count = first[high - low]
     work.counts[chunk] = count

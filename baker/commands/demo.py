@@ -1,6 +1,6 @@
 """`make demo`: the bundled demo pack from nothing, through the real trainer and baker.
 
-    python -m baker.demo --out viewer/demo/demo.zip
+    python -m baker.commands.demo --out viewer/demo/demo.zip
 
 Renders the procedural still life (training.scenes.procedural), trains on it with the cpu preset, bakes, writes the zip.
 """
@@ -30,7 +30,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
     """
     from baker.baking.bake import BakeConfig, bake
     from baker.baking.pictures import with_pictures
-    from baker.commands.bake import describe_pack
+    from baker.baking.to_pack import describe_pack
     from scenepack import check_target, save_pack
     from training.config import PRESETS
     from training.loop import train
@@ -55,7 +55,9 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(demo, prog="python -m baker.demo", description="Makes the bundled demo pack again.", args=args)
+    return run_command(
+        demo, prog="python -m baker.commands.demo", description="Makes the bundled demo pack again.", args=args
+    )
 
 
 if __name__ == "__main__":

@@ -1,0 +1,105 @@
+"""A run baked into a pack on disk: resumable, alone or with other processes, and told on stdout."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from baker.baking.bake import FINEST_PRUNED, STAGE, BakeConfig, Stages, bake, help_bake, work_key
+from baker.baking.pictures import with_pictures
+from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
+from console import UserError, progress
+from console.progress import duration
+from scenepack import Pack, save_pack
+from training.devices import launched
+from training.run import Run
+
+
+def share_of(processes: int | None, process_id: int | None) -> Share:
+    """This process's share of the work, from the options or the launcher. UserError where they do not fit together."""
+    told = launched() if processes is None and process_id is None else (processes, process_id)
+    count, index = told or (1, 0)
+    if count is None or index is None or not 0 <= index < count:
+        raise UserError(
+            "do not fit together", where="--processes, --process-id",
+            expected="the number of processes, and the number of this one, from 0", found=f"{count}, {index}",
+        )  # fmt: skip
+    return Share(index, count)
+
+
+def help_with(run: Run, config: BakeConfig, out: Path, share: Share) -> None:
+    """Helps the process that bakes `run` into the pack `out`, until its macroblocks are made."""
+    work = WorkFolder(work_beside(out), work_key(run, config), share)
+    help_bake(run, config, work)
+    print(f"{out}: {work.made} pieces of it made here; process 0 writes the pack")
+
+
+def bake_to(
+    run: Run, config: BakeConfig, out: Path, codec: str = "png", share: Share | None = None, pictures: int = 0
+) -> dict[str, float]:
+    """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it.
+
+    Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
+    """
+    if config.tau_weight is None:
+        print(describe_pruning(config))
+    stages = Stages()
+    work = WorkFolder(work_beside(out), work_key(run, config), share)
+    try:
+        pack = with_pictures(bake(run, config, work, stages), run.scene, pictures)
+        with stages("writing"), progress("writing the pack", 1, stage=STAGE) as bar:
+            save_pack(pack, out, codec=codec, on_progress=lambda done, total: bar.update(done / total))
+    except KeyboardInterrupt as interrupt:
+        raise KeyboardInterrupt(AGAIN) from interrupt
+    finally:
+        work.close()
+    work.remove()
+    print(describe_pack(pack, out))
+    times = ", ".join(f"{name} {duration(seconds)}" for name, seconds in stages.seconds.items())
+    print(f"{times}; {duration(sum(stages.seconds.values()))} in all{peak_memory()}")
+    return stages.seconds
+
+
+def describe_pruning(config: BakeConfig) -> str:
+    """One line about what happens to faint voxels where no --tau-weight says it."""
+    if config.least_weight > 0:
+        return f"--tau-weight {config.least_weight:g}: voxels that no photograph shows with that weight are emptied"
+    return (
+        f"--tau-weight 0: above {FINEST_PRUNED} voxels a side no faint voxels are emptied unless --tau-weight says so, "
+        "since visible ones would go, too"
+    )
+
+
+def peak_memory() -> str:
+    """The most memory this process has held, in words; nothing where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return ""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return f", at most {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9:.1f} GB of memory"
+
+
+def describe_pack(pack: Pack, out: Path) -> str:
+    """One line about a pack just written."""
+    x, y, z = pack.grid_size
+    made = pack.metadata["provenance"]
+    tuned = made.get("fine_tuning")
+    gain = (
+        f"; fine-tuning {tuned['held_out_psnr_before']} -> {tuned['held_out_psnr_after']} dB on held-out training views"
+        if tuned and "held_out_psnr_after" in tuned
+        else f"; fine-tuning {tuned['train_psnr_before']} -> {tuned['train_psnr_after']} dB on training pixels"
+        if tuned
+        else ""
+    )
+    counts, voxels = made["macroblocks"], made.get("voxels")
+    thinned = (
+        f", {voxels['after'] / 1e6:.1f} of {voxels['before'] / 1e6:.1f} million voxels shown with tau_weight or more"
+        if voxels
+        else ""
+    )
+    return (
+        f"{out}: {x} x {y} x {z} voxels, {counts['kept']} of {counts['grid']} macroblocks ({counts['below_tau_alpha']} "
+        f"fainter than tau_alpha and {counts['below_tau_vis']} seen with less than tau_vis are left out){thinned}{gain}; "
+        f"fly through it: snerg-view {out}"
+    )

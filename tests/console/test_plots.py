@@ -1,0 +1,63 @@
+"""Plots: every line is seen in its colour, where its numbers are, below one another in one PNG."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageColor
+
+from console import UserError, plots
+from console.plots import COLOURS, Line, Plot, draw_plots
+
+RISING = Line("rising", [0.0, 50.0, 100.0], [1.0, 2.0, 3.0], marked=True)
+FALLING = Line("falling", range(101), [3.0 - i / 50 for i in range(101)], levels=[("p50 2 ms", 2.0)])
+
+
+def pixels_of(picture: np.ndarray, colour: str) -> np.ndarray:
+    """(row, column) of the pixels that are just about `colour`."""
+    away = np.abs(picture.astype(int) - np.array(ImageColor.getrgb(colour))).max(axis=2)
+    return np.argwhere(away < 30)
+
+
+def drawn(path: Path, *shown: Plot, size: tuple[int, int] = (400, 200)) -> np.ndarray:
+    draw_plots(path, shown, size)
+    return np.asarray(Image.open(path).convert("RGB"))
+
+
+@pytest.mark.parametrize("y_axis", ["zero", "data", "log"])
+def test_lines_are_drawn_where_their_numbers_are(tmp_path: Path, y_axis) -> None:
+    picture = drawn(tmp_path / "a.png", Plot([RISING, FALLING], "two", "x", "y", y_axis))
+    assert picture.shape == (300, 600, 3)
+    up, down = pixels_of(picture, COLOURS[0]), pixels_of(picture, COLOURS[1])
+    up = up[up[:, 0] > 100]  # below the legend
+    left, right = up[up[:, 1] < 200][:, 0].mean(), up[up[:, 1] > 450][:, 0].mean()
+    assert right < left - 30 and len(down) > 100  # rows count from the top
+
+
+def test_plots_lie_below_one_another(tmp_path: Path) -> None:
+    picture = drawn(tmp_path / "new" / "a.png", Plot([RISING], "one", "x", "y"), Plot([FALLING], "two", "x", "y"))
+    assert picture.shape == (600, 600, 3)
+    assert all(len(pixels_of(half, COLOURS[0])) > 100 for half in (picture[:300], picture[300:]))
+
+
+def test_a_plot_of_nothing_and_of_one_point_is_drawn(tmp_path: Path) -> None:
+    one = drawn(tmp_path / "a.png", Plot([Line("one", [3.0], [28.0])], "one", "x", "y", "data"))
+    assert len(pixels_of(one, COLOURS[0])) > 20
+    drawn(tmp_path / "a.png", Plot([], "none", "x", "y"))
+
+
+def test_many_lines_get_more_rows_of_names_than_few() -> None:
+    many = [Line(f"exact, view MLP at every sample {i}", [0], [1]) for i in range(6)]
+    assert plots._legend_shape([RISING]) == (0, 1)
+    assert plots._legend_shape([RISING, RISING]) == (1, 2)
+    assert plots._legend_shape([FALLING])[0] == 1  # its level wants to be named
+    rows, columns = plots._legend_shape(many)
+    assert rows * columns >= 6 and rows > 1
+
+
+def test_without_matplotlib_the_remedy_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plots.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(UserError, match=r"pip install matplotlib, or 'snerg\[train\]'"):
+        draw_plots(tmp_path / "a.png", [Plot([RISING], "one", "x", "y")])
