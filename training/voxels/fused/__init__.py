@@ -34,7 +34,7 @@ def _keep_compiled_code(folder: Path) -> None:
         own.mkdir(parents=True, exist_ok=True)
         for old in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)[:-KEPT]:
             shutil.rmtree(old, ignore_errors=True)
-        config.CACHE_DIR = str(own)
+        setattr(config, "CACHE_DIR", str(own))  # noqa: B010  (Numba makes its settings at import)
 
 
 _keep_compiled_code(platformdirs.user_cache_path("snerg", appauthor=False) / "compiled")

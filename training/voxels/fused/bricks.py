@@ -7,6 +7,8 @@ bricks that hold a voxel or a cell with support own a slot, numbered along a Mor
 A lookup of a row is base + popcount of the presence bits below: 12 bytes a brick, where a dense table takes 256.
 """
 
+# pyright: reportCallIssue=false
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -86,7 +88,7 @@ def build_bricks(cells: np.ndarray, support: np.ndarray, dims: np.ndarray) -> tu
     rows = np.concatenate([[0], order + 1]).astype(np.int32)
     table = Bricks(
         dims.astype(np.int32), shape.astype(np.int32), slots, blocks, block_shape.astype(np.int32), base, bits, by_cell,
-        supported.astype(np.uint8), corners, coordinates,
+        np.asarray(supported, np.uint8), corners, coordinates,
     )  # fmt: skip
     return table, rows
 

@@ -105,7 +105,7 @@ class FusedEngine:
         if self.settings.any_background:
             background = random.random((rays, 3), np.float32)
         else:
-            background = np.broadcast_to(np.float32(self.settings.background), (rays, 3))
+            background = np.broadcast_to(np.asarray(self.settings.background, np.float32), (rays, 3))
         return stepper.batch(self.photographs, ids, phase, background)
 
 

@@ -48,7 +48,8 @@ class HeadWork(NamedTuple):
 def make_head_work(rays: int) -> HeadWork:
     """Memory for one worker; `gradient` [PARAMETERS] is set by it for each chunk."""
     shapes = (7, 8, INPUTS, HIDDEN, HIDDEN, OUTPUTS, HIDDEN, HIDDEN, OUTPUTS, INPUTS)
-    return HeadWork(*(np.zeros((n, rays), np.float32) for n in shapes), np.zeros(PARAMETERS, np.float32))
+    arrays = [np.zeros((n, rays), np.float32) for n in shapes]
+    return HeadWork._make([*arrays, np.zeros(PARAMETERS, np.float32)])
 
 
 @njit(nogil=True, cache=True)

@@ -55,11 +55,12 @@ class Batch(NamedTuple):
 def photographs_of(dataset: RayDataset) -> Photographs:
     """The photographs of a dataset that lies on this process's CPU; pixels are not copied."""
     ndc = dataset.facts.ndc_camera or (0, 0, 0.0)
-    numbers = (np.asarray(a, np.float64) for a in (dataset.world_T_camera, dataset.intrinsics, dataset.distortion))
-    return Photographs(
-        np.asarray(dataset.pixels), *numbers, np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64),
-        np.asarray(ndc, np.float64), float(dataset.near), float(dataset.far),
-    )  # fmt: skip
+    poses, intrinsics, lenses, ndc = (
+        np.asarray(array, np.float64) for array in (dataset.world_T_camera, dataset.intrinsics, dataset.distortion, ndc)
+    )
+    first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
+    pixels, near, far = np.asarray(dataset.pixels), float(dataset.near), float(dataset.far)
+    return Photographs(pixels, poses, intrinsics, lenses, first, width, ndc, near, far)
 
 
 def empty_batch(rays: int) -> Batch:

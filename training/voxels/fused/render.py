@@ -83,8 +83,8 @@ def make_work(chunks: int, room: int) -> Work:
 
 def make_scratch(room: int) -> Scratch:
     """Memory for one worker."""
-    numbers = (np.empty(room, np.float32) for _ in range(5))
-    return Scratch(*numbers, np.zeros(CHUNK + 1, np.int64), np.ones(CHUNK, np.float32))
+    numbers = [np.empty(room, np.float32) for _ in range(5)]
+    return Scratch._make([*numbers, np.zeros(CHUNK + 1, np.int64), np.ones(CHUNK, np.float32)])
 
 
 @njit(nogil=True, cache=True)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 
 from scenepack.constants import TRANSMITTANCE_SHADED
 from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, segments_across
@@ -236,7 +237,7 @@ class Stepper:
         return bounds.astype(np.int64)
 
 
-def grid_of(cells: np.ndarray, support: np.ndarray, dims: np.ndarray, origin: np.ndarray, voxel: np.ndarray) -> Grid:
+def grid_of(cells: ArrayLike, support: ArrayLike, dims: ArrayLike, origin: ArrayLike, voxel: ArrayLike) -> Grid:
     """The bricks of a layout, from its arrays: cells [V + 1] padded flat index of each row, the first for row 0."""
     bricks, order = build_bricks(np.asarray(cells)[1:], np.asarray(support), np.asarray(dims))
     return Grid(bricks, order, np.asarray(origin, np.float64), np.asarray(voxel, np.float64))
