@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,10 +17,11 @@ MAY_IMPORT = {
     "console": set(),
     "scenepack": {"console"},
     "training": {"console", "scenepack.constants"},
-    "baker": {"console", "scenepack", "training", "viewer"},
+    "baker": {"console", "scenepack", "training", "viewer.rendering"},
     "viewer": {"console", "scenepack", "training.scenes", "training.presets"},
 }
 JAX = {"jax", "jaxlib", "optax"}
+MOST_LINES, MOST_PARAMETERS = 400, 10
 
 
 def modules(folder: str) -> list[Path]:
@@ -80,6 +83,115 @@ def test_one_file_imports_glfw_one_folder_imgui_and_only_the_renderers_room_mode
     assert users["glfw"] == {"viewer/window/window.py"}
     assert users["imgui_bundle"] and all(path.startswith("viewer/panels/") for path in users["imgui_bundle"])
     assert users["moderngl"] and all(path.startswith("viewer/") for path in users["moderngl"])
+
+
+def names_of_modules() -> dict[str, Path]:
+    """All of ours by dotted name; a folder by its __init__."""
+    paths = [path for room in sorted(ROOMS) for path in modules(room)]
+    return {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in paths}
+
+
+@cache
+def graph() -> dict[str, set[str]]:
+    """Which module of ours imports which: at its top, within a function, or for type checking."""
+    found = names_of_modules()
+    arrows: dict[str, set[str]] = {}
+    for module, path in found.items():
+        # `from x import y` may name the module x.y, or a value of x
+        meant = {name if name in found else name.rpartition(".")[0] for name in imported_names(path)}
+        arrows[module] = (meant & set(found)) - {module}
+    return arrows
+
+
+# From top to bottom, each may import those below it. The window shows the panels and so stands above them; what it draws
+# into (canvas, presenting) they know. Modules at the baker's root are at the bottom: they know nothing of its rooms.
+FLOORS = {
+    "viewer": [
+        "viewer.commands",
+        "viewer.window.window",
+        "viewer.panels",
+        "viewer.window",
+        "viewer.benchmark",
+        "viewer.app",
+        "viewer.rendering",
+    ],
+    "baker": ["baker.commands", "baker.reports", "baker.baking", "baker.tuning", "baker"],
+}
+
+
+def floor_of(module: str, floors: list[str]) -> int | None:
+    """The place, from the top, of the longest entry that holds the module; None where none does."""
+    holding = [floor for floor in floors if module == floor or module.startswith(floor + ".")]
+    return floors.index(max(holding, key=len)) if holding else None
+
+
+@pytest.mark.parametrize("room", sorted(FLOORS))
+def test_within_a_room_arrows_run_downwards(room: str) -> None:
+    upwards = []
+    for module, imported in graph().items():
+        here = floor_of(module, FLOORS[room])
+        for other in imported:
+            there = floor_of(other, FLOORS[room])
+            if here is not None and there is not None and there < here:
+                upwards.append(f"{module} -> {other}")
+    assert not upwards
+    homeless = [name for name in graph() if name.startswith(room + ".") and floor_of(name, FLOORS[room]) is None]
+    assert not [name for name in homeless if names_of_modules()[name].name != "__init__.py"]
+
+
+def test_rendering_imports_nothing_else_of_the_viewer() -> None:
+    for module, imported in graph().items():
+        if module.startswith("viewer.rendering"):
+            assert all(name.startswith("viewer.rendering") for name in imported if name.startswith("viewer")), module
+
+
+def test_only_commands_know_the_command_line_and_no_library_imports_a_command() -> None:
+    for module, imported in graph().items():
+        if ".commands" in module or not module.startswith(("baker", "viewer")):
+            continue
+        assert not [name for name in imported if re.match(r"\w+\.commands\b", name)], module
+        names = imported_names(names_of_modules()[module])
+        assert not names & {"console.run_command", "console.run.run_command", "tyro", "argparse"}, module
+
+
+# Circles that still stand, to be emptied: features of the viewer that take all of App.
+STANDING = {
+    f"viewer.app.{name}"
+    for name in ("application", "comparison", "crop", "filming", "making", "opening", "ray_costs", "remembering")
+}
+
+
+def test_no_modules_import_one_another_in_a_circle() -> None:
+    """Imports for type checking count: what needs another's type needs the other."""
+    reach = {module: set(imported) for module, imported in graph().items()}
+    for through in reach:  # Warshall: who can be reached by way of `through`
+        for imported in reach.values():
+            if through in imported:
+                imported |= reach[through]
+    circular = {module for module, imported in reach.items() if module in imported}
+    assert circular <= STANDING
+
+
+def test_no_file_is_longer_than_400_lines() -> None:
+    long = {}
+    for path in names_of_modules().values():
+        count = len(path.read_text(encoding="utf-8").splitlines())
+        if count > MOST_LINES:
+            long[str(path.relative_to(ROOT))] = count
+    assert not long
+
+
+def test_no_function_takes_more_than_ten_parameters_but_a_command_whose_parameters_are_its_options() -> None:
+    greedy = []
+    for module, path in names_of_modules().items():
+        if ".commands." in module:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                taken = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                if len([arg for arg in taken if arg.arg not in ("self", "cls")]) > MOST_PARAMETERS:
+                    greedy.append(f"{module}.{node.name}")
+    assert not greedy
 
 
 def test_shaders_is_glsl_only() -> None:

@@ -27,6 +27,6 @@ def settled(config: TrainConfig) -> TrainConfig:
     """The config of a run that begins here, with what this machine decides: a run keeps its engine wherever it goes on."""
     if config.method != "voxels":
         return replace(config, engine="jax")
-    from training.voxels.engine import chosen_engine
+    from training.voxels.engines import chosen_engine
 
     return replace(config, engine=chosen_engine(config.engine))

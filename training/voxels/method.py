@@ -2,7 +2,7 @@
 
     state      what is trained, in plain arrays        settings   what a config means for a dataset
     field      raw values -> density, colours, rays    engine     the seam: state in, state out
-    step       one step (JAX)                          refine     what happens to voxels between steps
+    step       one step (JAX); fused: on processors    refine     what happens to voxels between steps
     render     whole pictures                          saving     checkpoints
 
 Here they are joined into a training.method.Method.
@@ -20,7 +20,7 @@ from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.view_mlp import init_view_mlp
-from training.voxels.engine import make_engine
+from training.voxels.engines import make_engine
 from training.voxels.field import query
 from training.voxels.refine import dense_start, refine
 from training.voxels.render import render_all

@@ -1,27 +1,26 @@
 """The viewer without its window: all state, and everything it can do.
 
 Panels read it and call it; the window calls `tick` once a frame and draws while `wants_frame`. What needs OpenGL (the
-picture itself) is behind `viewer.app.state.Stage`, which viewer.window.canvas implements.
+picture itself) is behind `viewer.app.stage.Stage`, which viewer.window.canvas implements.
 """
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import atan, degrees
 from pathlib import Path
 
 import numpy as np
 
-from console import Notice, UserError
+from console import UserError
 from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.comparison import Comparison
 from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import rig_for
+from viewer.app.gallery import Gallery
 from viewer.app.keyboard import Keyboard
 from viewer.app.loading import Loading
 from viewer.app.log import Dialog, Messages
@@ -32,7 +31,8 @@ from viewer.app.preferences import Preferences
 from viewer.app.projection import rays_through
 from viewer.app.ray_costs import CostMeter
 from viewer.app.rig import FOVS, CameraRig
-from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Stage, Viewport, name_of
+from viewer.app.stage import Stage
+from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
 from viewer.app.timing import FrameTimes
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution
@@ -55,6 +55,7 @@ class App:
     viewport: Viewport = field(default_factory=Viewport)
     filming: Filming = field(default_factory=Filming)
     comparison: Comparison = field(default_factory=Comparison)
+    gallery: Gallery = field(default_factory=Gallery)
     preferences: Preferences = field(default_factory=Preferences)
     clipboard: Clipboard = field(default_factory=Clipboard)
     keyboard: Keyboard = field(default_factory=Keyboard)
@@ -73,7 +74,7 @@ class App:
         whole: False where more of it is on its way.
         """
         if self.stage is not None:
-            with self.noting_warnings(told=whole):
+            with self.messages.noting_warnings(told=whole):
                 self.stage.show(pack)
         self.scene = OpenScene(path, name or name_of(path), pack, self.undoable(rig_for(pack)), whole)
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
@@ -82,7 +83,8 @@ class App:
         if self.filming.export is not None:
             self.filming.cancel(self)
         self.filming = Filming(size=self.filming.size, fps=self.filming.fps)
-        self.comparison.scene_changed(pack)
+        self.comparison.stop()
+        self.gallery.scene_changed(pack)
         if whole:
             self.opened()
         self.touch()
@@ -100,20 +102,6 @@ class App:
         if self.scene.path.exists():
             self.preferences.opened(self.scene.path)
         self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
-
-    @contextmanager
-    def noting_warnings(self, *, told: bool = True) -> Iterator[None]:
-        """What the `with` block warns of, that a card has no room for the whole pack, is logged; and told where `told`."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", Notice)
-            yield
-        for warning in caught:
-            if issubclass(warning.category, Notice):
-                text = str(warning.message)
-                self.messages.log(text, "warning")
-                if told:
-                    dialog = Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False)
-                    self.messages.dialogs.append(dialog)
 
     def close(self) -> None:
         """Back to the start page."""
@@ -157,13 +145,18 @@ class App:
         path: Path,
         *,
         other: bool = False,
-        then: Callable[[App], None] | None = None,
+        then: Callable[[], None] | None = None,
     ) -> None:
         """Starts to read a pack; what comes of it shows itself in later ticks.
 
         other: to compare with it. then: called once it is shown.
         """
         self.opening.start(self, path, other=other, then=then)
+
+    def compare_with(self, pack: Pack, path: Path) -> None:
+        """Compares with another pack under the same camera. UserError where the card has no room for both."""
+        self.comparison.with_pack(self, pack, path)
+        self.gallery.chosen = None
 
     def drop(self, paths: list[Path]) -> None:
         """Files were dropped on the window: a pack is opened; a scene or a run may be made into one."""
@@ -208,6 +201,7 @@ class App:
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)
+        self.gallery.tick(self)
         self.comparison.tick(self, seconds)
         if self.messages.toast_changed():
             self.touch()

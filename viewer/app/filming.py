@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from console import UserError
 from viewer.app.export import Export
+from viewer.app.host import Host
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path
 from viewer.app.pose import view_camera
 from viewer.app.rig import fitted
 from viewer.rendering.camera import ViewCamera
-
-if TYPE_CHECKING:
-    from viewer.app.application import App
 
 Size = tuple[int, int]  # width, height in pixels
 
@@ -44,18 +41,18 @@ class Filming:
     fps: float = 30.0
     export: Export | None = None
 
-    def add(self, app: App) -> None:
+    def add(self, host: Host) -> None:
         """Makes the present view a keyframe, after the selected one."""
-        if app.scene is not None:
-            rig = app.scene.rig
-            fov = app.fov
+        if host.scene is not None:
+            rig = host.scene.rig
+            fov = host.fov
             self.selected = self.path.insert(Keyframe(rig.matrix.copy(), fov), self.selected)
-            app.messages.say(f"Keyframe {self.selected + 1} of {len(self.path.keyframes)}")
+            host.messages.say(f"Keyframe {self.selected + 1} of {len(self.path.keyframes)}")
 
-    def update(self, app: App, index: int) -> None:
+    def update(self, host: Host, index: int) -> None:
         """Puts a keyframe where the camera is now."""
-        if app.scene is not None:
-            self.path.replace(index, grid_T_camera=app.scene.rig.matrix.copy(), fov=app.fov)
+        if host.scene is not None:
+            self.path.replace(index, grid_T_camera=host.scene.rig.matrix.copy(), fov=host.fov)
 
     def remove(self, index: int) -> None:
         """Takes a keyframe out."""
@@ -67,30 +64,30 @@ class Filming:
         """Moves a keyframe earlier or later."""
         self.selected = self.path.move(index, by)
 
-    def select(self, app: App, index: int) -> None:
+    def select(self, host: Host, index: int) -> None:
         """Shows a keyframe's view."""
         self.selected = index
-        self.show(app, self.path.start_of(index))
+        self.show(host, self.path.start_of(index))
 
-    def show(self, app: App, seconds: float) -> None:
+    def show(self, host: Host, seconds: float) -> None:
         """Shows the view at a time of the path."""
-        if app.scene is None or not self.path.keyframes:
+        if host.scene is None or not self.path.keyframes:
             return
         self.time = min(max(seconds, 0.0), max(self.path.duration, 0.0))
         matrix, fov = self.path.at(self.time)
-        app.scene.rig.hold(view_camera(matrix, fov, app.viewport.pixels))
-        app.touch()
+        host.scene.rig.hold(view_camera(matrix, fov, host.viewport.pixels))
+        host.touch()
 
-    def play(self, app: App) -> None:
+    def play(self, host: Host) -> None:
         """Starts or stops playing; from the start again where the end was reached."""
         self.playing = not self.playing and len(self.path.keyframes) > 1
         if self.playing:
-            if app.scene is not None:
-                app.scene.rig.remember()
+            if host.scene is not None:
+                host.scene.rig.remember()
             if self.time >= self.path.duration - 1e-6:
                 self.time = 0.0
 
-    def tick(self, app: App, seconds: float) -> None:
+    def tick(self, host: Host, seconds: float) -> None:
         """Time passes."""
         if self.playing:
             self.time += seconds
@@ -99,16 +96,16 @@ class Filming:
                     self.time %= max(self.path.duration, 1e-9)
                 else:
                     self.time, self.playing = self.path.duration, False
-            self.show(app, self.time)
+            self.show(host, self.time)
         if self.export is not None:
-            self._step(app)
-            app.touch(2)
+            self._step(host)
+            host.touch(2)
 
-    def turntable(self, app: App) -> None:
+    def turntable(self, host: Host) -> None:
         """A closed path once around the scene, at the height and distance that the camera has now."""
-        if app.scene is None:
+        if host.scene is None:
             return
-        rig = app.scene.rig
+        rig = host.scene.rig
         rig.take_over()
         if rig.bounded:
             raise UserError("a turntable does not work with a forward-facing pack")
@@ -117,68 +114,68 @@ class Filming:
             pose = replace(rig.goal, azimuth=rig.goal.azimuth + 360.0 * i / TURNTABLE_KEYS)
             keys.append(Keyframe(pose.matrix(rig.table), rig.fov, 1.0))
         self.path, self.selected, self.time = CameraPath(keys, closed=True), None, 0.0
-        app.messages.say("A turntable of 8 seconds")
+        host.messages.say("A turntable of 8 seconds")
 
     # Files
 
-    def save(self, app: App, file: Path) -> None:
+    def save(self, host: Host, file: Path) -> None:
         """Writes the path as nerfstudio's camera-path JSON."""
-        if app.scene is not None:
-            save_path(self.path, file, app.scene.pack.worldspace_T_opengl, self.size, self.fps)
-            app.messages.say(f"Saved {file}")
+        if host.scene is not None:
+            save_path(self.path, file, host.scene.pack.worldspace_T_opengl, self.size, self.fps)
+            host.messages.say(f"Saved {file}")
 
-    def load(self, app: App, file: Path) -> None:
+    def load(self, host: Host, file: Path) -> None:
         """Reads such a file; the path that was there stays where it cannot be read."""
-        if app.scene is not None:
-            self.path = load_path(file, app.scene.pack.worldspace_T_opengl)
+        if host.scene is not None:
+            self.path = load_path(file, host.scene.pack.worldspace_T_opengl)
             self.selected, self.time, self.playing = None, 0.0, False
-            app.messages.say(f"{len(self.path.keyframes)} keyframes from {file.name}")
+            host.messages.say(f"{len(self.path.keyframes)} keyframes from {file.name}")
 
-    def still(self, app: App, target: Path) -> None:
+    def still(self, host: Host, target: Path) -> None:
         """Starts to write the present view, at `size`."""
-        camera = app.camera()
+        camera = host.camera()
         if camera is not None:
-            self._start(app, [_reshaped(camera, self.size)], target)
+            self._start(host, [_reshaped(camera, self.size)], target)
 
-    def film(self, app: App, target: Path) -> None:
+    def film(self, host: Host, target: Path) -> None:
         """Starts to write the path: an .mp4, or a folder of PNGs."""
         if not self.path.keyframes:
             raise UserError("the path has no keyframes yet", remedy="add some, or make a turntable")
-        near = app.settings.near
+        near = host.settings.near
         cameras = [view_camera(matrix, fov, self.size, near) for matrix, fov in self.path.sample(self.fps)]
-        self._start(app, cameras, target)
+        self._start(host, cameras, target)
 
-    def _start(self, app: App, cameras: list[ViewCamera], target: Path) -> None:
+    def _start(self, host: Host, cameras: list[ViewCamera], target: Path) -> None:
         if self.export is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
-        if app.stage is None or app.scene is None:
+        if host.stage is None or host.scene is None:
             return
-        if not app.scene.whole:
+        if not host.scene.whole:
             raise UserError("the scene is still being read", remedy="wait until it is complete")
-        side = app.resolution.tile_side()
-        self.export = Export(cameras, app.settings, target, app.stage.snapshot, self.fps, side)
+        side = host.resolution.tile_side()
+        self.export = Export(cameras, host.settings, target, host.stage.snapshot, self.fps, side)
         self.playing = False
-        app.touch()
+        host.touch()
 
-    def _step(self, app: App) -> None:
+    def _step(self, host: Host) -> None:
         assert self.export is not None
         export = self.export
         try:
             export.step(STEP_S)
         except Exception as error:  # a full disk: a dialog, and the program goes on
             self.export = None
-            app.messages.fail("The export stopped", error)
+            host.messages.fail("The export stopped", error)
             return
         if export.finished:
             self.export = None
-            app.messages.say(f"Saved {export.target}")
+            host.messages.say(f"Saved {export.target}")
 
-    def cancel(self, app: App) -> None:
+    def cancel(self, host: Host) -> None:
         """Stops the export; nothing of it is left on disk."""
         if self.export is not None:
             self.export.cancel()
             self.export = None
-            app.messages.say("The export was cancelled")
+            host.messages.say("The export was cancelled")
 
 
 def _reshaped(camera: ViewCamera, size: tuple[int, int]) -> ViewCamera:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import time
 import traceback
+import warnings
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from console import UserError, refusal
+from console import Notice, UserError, refusal
 
 KEPT_LINES = 500
 TOAST_S, READING_S, LONGEST_TOAST_S = 4.0, 0.05, 20.0  # at least; more for each letter of a warning; at most
@@ -86,6 +89,19 @@ class Messages:
             for line in traceback.format_exception(error):
                 self.log(line, "error")
         self.dialogs.append(Dialog(title, text, details, buttons))
+
+    @contextmanager
+    def noting_warnings(self, *, told: bool = True) -> Iterator[None]:
+        """What the `with` block warns of, that a card has no room for the whole pack, is logged; and told where `told`."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", Notice)
+            yield
+        for warning in caught:
+            if issubclass(warning.category, Notice):
+                text = str(warning.message)
+                self.log(text, "warning")
+                if told:
+                    self.dialogs.append(Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False))
 
     @property
     def toast_left(self) -> float:

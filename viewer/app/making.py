@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from PIL import Image
@@ -17,16 +17,26 @@ from PIL import Image
 from console.driven import Report
 from viewer.app.child import Child
 from viewer.app.files import FileRequest, existing_folder
+from viewer.app.host import Teller
 from viewer.app.log import Dialog
 from viewer.app.make_plan import Plan, Subject
-
-if TYPE_CHECKING:
-    from viewer.app.application import App
+from viewer.app.state import Clipboard
 
 LOOKED_AT_EVERY_S = 0.2
 PARTING_S = 30.0  # for the child to save in, where the program ends in a way that leaves no window to wait in
 KEPT_FIGURES = 400
 PICTURE_SIDE = 512  # pixels of the longer side, at most
+
+
+class MakingHost(Teller, Protocol):
+    """What a child process and the questions around it ask of the program."""
+
+    clipboard: Clipboard
+    file_request: FileRequest | None
+    quitting: bool
+
+    def open(self, path: Path) -> None:
+        """Starts to read a pack."""
 
 
 @dataclass
@@ -94,33 +104,33 @@ class Making:
     _looked: float = 0.0
     _surveyed: bool = False
 
-    def offer(self, app: App, subject: Subject, path: Path) -> None:
+    def offer(self, host: MakingHost, subject: Subject, path: Path) -> None:
         """Asks whether, and how, a scene or a run shall be made into a pack."""
         if self.job is not None:
             text = f"{self.job.plan.name} is still being made. Wait for it or stop it, then try again."
-            app.messages.dialogs.append(Dialog("One scene at a time", text))
+            host.messages.dialogs.append(Dialog("One scene at a time", text))
             return
         self.plan, self._surveyed = Plan.of(subject, path), False
-        app.touch()
+        host.touch()
 
-    def again(self, app: App) -> None:
+    def again(self, host: MakingHost) -> None:
         """Asks once more about what could not be made."""
         if self.failed is not None and self.job is None:
             self.plan, self.failed = self.failed, None
             self.plan.choose(self.plan.out)
-        app.touch()
+        host.touch()
 
     @property
     def busy(self) -> bool:
         """Whether something goes on that tick should look at now and then."""
         return self.job is not None or (self.plan is not None and not self._surveyed)
 
-    def dismiss(self, app: App) -> None:
+    def dismiss(self, host: MakingHost) -> None:
         """Closes the question."""
         self.plan = None
-        app.touch()
+        host.touch()
 
-    def ask_where(self, app: App) -> None:
+    def ask_where(self, host: MakingHost) -> None:
         """Asks for another folder for the results."""
         plan = self.plan
         if plan is None:
@@ -128,27 +138,27 @@ class Making:
 
         def then(path: Path) -> None:
             plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
-            app.touch()
+            host.touch()
 
-        app.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
+        host.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
 
-    def copy_command(self, app: App) -> None:
+    def copy_command(self, host: MakingHost) -> None:
         """Puts the command line that does the same on the clipboard, for another machine, say."""
         if self.plan is not None:
-            app.clipboard.set(self.plan.typed())
-            app.messages.say("The command is on the clipboard")
+            host.clipboard.set(self.plan.typed())
+            host.messages.say("The command is on the clipboard")
 
-    def start(self, app: App) -> None:
+    def start(self, host: MakingHost) -> None:
         """Begins. UserError where the plan cannot be carried out, with the question left open."""
         plan = self.plan
         if plan is None or plan.problem() is not None or plan.place_problem is not None:
             return
         self.job = Job(plan, Child(plan.command(), plan.log))
         self.plan = None
-        app.messages.log(f"making {plan.name}: {plan.typed()}")
-        app.touch()
+        host.messages.log(f"making {plan.name}: {plan.typed()}")
+        host.touch()
 
-    def stop(self, app: App) -> None:
+    def stop(self, host: MakingHost) -> None:
         """Asks the job to stop; asked again, ends it at once."""
         if self.job is None:
             return
@@ -156,27 +166,27 @@ class Making:
             self.job.child.kill()
         else:
             self.job.child.stop()
-        app.touch()
+        host.touch()
 
-    def ask_to_quit(self, app: App) -> None:
+    def ask_to_quit(self, host: MakingHost) -> None:
         """Quits, but asks first where a scene is being made."""
         if self.job is None:
-            app.quitting = True
+            host.quitting = True
             return
         title = f"{self.job.plan.name} is still being made"
-        if not self.quit_after and all(dialog.title != title for dialog in app.messages.dialogs):
+        if not self.quit_after and all(dialog.title != title for dialog in host.messages.dialogs):
             text = "Quitting stops it. Finished work is kept. Make the scene again to continue."
             buttons = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
-            app.messages.dialogs.append(Dialog(title, text, buttons=buttons))
-        app.touch()
+            host.messages.dialogs.append(Dialog(title, text, buttons=buttons))
+        host.touch()
 
-    def stop_and_quit(self, app: App) -> None:
+    def stop_and_quit(self, host: MakingHost) -> None:
         """Quits as soon as the job has stopped."""
         self.quit_after = True
         if self.job is None:
-            app.quitting = True
+            host.quitting = True
         elif not self.job.stopping:
-            self.stop(app)
+            self.stop(host)
 
     def end(self) -> None:
         """The program ends: no child outlives it."""
@@ -184,33 +194,33 @@ class Making:
             self.job.child.end(PARTING_S)
             self.job = None
 
-    def tick(self, app: App) -> None:
+    def tick(self, host: MakingHost) -> None:
         """Time passes: looks at what the child is doing."""
         if self.plan is not None and self.plan.survey is not None and not self._surveyed and self.plan.survey.finished:
             self._surveyed = True
-            app.touch()
+            host.touch()
         job, now = self.job, time.monotonic()
         if job is None or now - self._looked < LOOKED_AT_EVERY_S:
             return
         self._looked = now
         status = job.child.poll()
         if job.look():
-            app.touch(2)
+            host.touch(2)
         if status is not None:
             self.job = None
-            app.touch()
-            self._ended(app, job, status)
+            host.touch()
+            self._ended(host, job, status)
 
-    def _ended(self, app: App, job: Job, status: int) -> None:
+    def _ended(self, host: MakingHost, job: Job, status: int) -> None:
         name = job.plan.name
         if status == 0:
-            app.messages.say(f"{name} is ready")
-            app.open(job.plan.pack)
+            host.messages.say(f"{name} is ready")
+            host.open(job.plan.pack)
         elif job.stopping:
-            app.messages.say(f"{name} was stopped; make it again to continue")
+            host.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
             text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
-            app.messages.fail(f"{name} could not be made", text, buttons=(("OK", ""), ("Try again", "make-again")))
+            host.messages.fail(f"{name} could not be made", text, buttons=(("OK", ""), ("Try again", "make-again")))
         if self.quit_after:
-            app.quitting = True
+            host.quitting = True

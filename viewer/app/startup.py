@@ -53,7 +53,7 @@ class Startup:
         if self.pack is not None and kind_of(self.pack) in ("scene", "run", "pictures"):
             app.drop([self.pack])
         elif self.pack is not None:
-            app.open(self.pack, then=self._opened)
+            app.open(self.pack, then=lambda: self._opened(app))
 
     def _page(self) -> str | None:
         """The page that shows what was asked for."""
@@ -71,23 +71,23 @@ class Startup:
         if (path := self.path) is not None:
             _try(app, "The camera path cannot be read", lambda: app.filming.load(app, path))
         if self.compare is not None:
-            app.open(self.compare, other=True, then=self._export)
+            app.open(self.compare, other=True, then=lambda: self._export(app))
         else:
             self._export(app)
 
     def _stand(self, app: App) -> None:
-        photographs, comparison = app.comparison.photographs, app.comparison
+        photographs, gallery = app.gallery.photographs, app.gallery
         assert photographs is not None
         if self.photographs is not None:
             photographs.look_in(self.photographs)
         if not len(photographs):
             raise UserError("this pack has no camera poses", where=self.pack)
-        comparison.frusta = True
+        gallery.frusta = True
         if self.photograph is not None:
-            comparison.stand_in(app, photographs.named(self.photograph))
+            gallery.stand_in(app, photographs.named(self.photograph))
         elif self.look is not None:
-            comparison.step(app, 1)
-        if (self.photograph is not None or self.look is not None) and comparison.pixels is None:
+            gallery.step(app, 1)
+        if (self.photograph is not None or self.look is not None) and app.comparison.pixels is None:
             remedy = "name the scene's folder: --photographs SCENE"
             raise UserError("its photographs are not on this computer", where=self.pack, remedy=remedy)
 

@@ -1,17 +1,13 @@
-"""What the viewer knows about what it shows and where: the open scene, the panels, the viewport; and what draws packs."""
+"""What the viewer knows about what it shows and where: the open scene, the panels, the viewport."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
-
-import numpy as np
 
 from scenepack.pack import Pack
 from viewer.app.rig import CameraRig
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.settings import RenderSettings
 
 FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
 BACKGROUNDS: dict[str, tuple[float, float, float]] = {
@@ -20,35 +16,6 @@ BACKGROUNDS: dict[str, tuple[float, float, float]] = {
     "Dark": (0.09, 0.11, 0.14),
     "Black": (0.0, 0.0, 0.0),
 }
-
-
-class Stage(Protocol):
-    """What draws packs. Only the main thread calls it."""
-
-    def show(self, pack: Pack | None) -> None:
-        """Puts another pack on the card; raises UserError and keeps the old one where it does not fit."""
-
-    def refine(self, pack: Pack) -> None:
-        """Puts a finer version of the pack that is shown on the card, and shows it once all of it is there."""
-
-    def show_other(self, pack: Pack | None) -> None:
-        """Puts a second pack on the card, to compare with; None takes it off."""
-
-    def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
-        """Distance (grid units) along the ray through pixel (x, y) to the surface; None where there is none."""
-
-    def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """The picture, uint8 [height, width, 3]."""
-        ...
-
-    def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """What `settings` with counts give, float32 [height, width, 3]."""
-        ...
-
-    @property
-    def gpu_bytes(self) -> int:
-        """Texture memory in use."""
-        ...
 
 
 @dataclass

@@ -27,6 +27,7 @@ from viewer.app.remembering import Keeper
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
 from viewer.benchmark.flyover import fly_over
+from viewer.panels.ui import Ui
 from viewer.rendering.settings import Mode, RenderSettings
 from viewer.window.ending import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
@@ -140,7 +141,7 @@ def _show_window(wishes: Startup, script: Script) -> int:
     app = App(demo=demo_pack())
     if script.frames is None:
         return _live(app, wishes, script.size)
-    with Window(app, script.size or app.preferences.window) as window:  # the same picture whatever was remembered
+    with Window(app, Ui, script.size or app.preferences.window) as window:  # the same picture whatever was remembered
         wishes.begin(app)
         window.draw_frames(script.frames)
         if script.screenshot is not None:
@@ -159,7 +160,7 @@ def _live(app: App, wishes: Startup, size: tuple[int, int] | None) -> int:
     file = preferences.default_file()
     with signals_ask(app.quit) as ended:
         app.use(preferences.load(file))
-        with Window(app, size or app.preferences.window) as window:
+        with Window(app, Ui, size or app.preferences.window) as window:
             wishes.begin(app)
             _keep(app, window, Keeper(app, file, lambda: window.size, lambda: window.layout))
     if ended.signal == signal.SIGINT:

@@ -12,10 +12,10 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
 from viewer.app.projection import FRUSTUM_EDGES, project
+from viewer.app.stage import Stage
 from viewer.app.thumbnails import Thumbnails
 from viewer.panels import theme
 from viewer.panels.widgets import coloured, font, px
-from viewer.window.canvas import Canvas
 
 DEPTH, DEPTH_BOUNDED = 0.16, 0.06  # length of a frustum: of the scene's radius, and in NDC units
 FADES_FROM, FADES_TO = 0.22, 0.45  # of the viewport's shorter side: a frustum larger than this is in the way
@@ -35,20 +35,20 @@ class _Frustum:
     strength: float
 
 
-def draw(app: App, canvas: Canvas, box: Box) -> int | None:
+def draw(app: App, stage: Stage, box: Box) -> int | None:
     """Draws them; the one under the mouse, if any."""
-    comparison = app.comparison
-    if not comparison.frusta or comparison.photographs is None or app.scene is None:
+    gallery = app.gallery
+    if not gallery.frusta or gallery.photographs is None or app.scene is None:
         return None
-    if comparison.against == "photograph":
+    if app.comparison.against == "photograph":
         return None
     placed = _placed(app, box)
     mouse = np.array([imgui.get_io().mouse_pos.x, imgui.get_io().mouse_pos.y])
     under = next((f for f in reversed(placed) if f.strength > 0.2 and _hit(f.points, mouse)), None)
     if not imgui.is_item_hovered():
         under = None
-    sheet = canvas.sheet(comparison.thumbnails) if comparison.thumbnails is not None else None
-    chosen = next((f for f in placed if f.index == comparison.photograph), None)
+    sheet = stage.sheet(gallery.thumbnails) if gallery.thumbnails is not None else None
+    chosen = next((f for f in placed if f.index == gallery.chosen), None)
     for frustum in placed:
         if frustum is not under and frustum is not chosen:
             _frustum(app, frustum, sheet, None)
@@ -62,11 +62,11 @@ def draw(app: App, canvas: Canvas, box: Box) -> int | None:
 
 def _placed(app: App, box: Box) -> list[_Frustum]:
     """What of the frusta is to be seen, the farthest first."""
-    camera, comparison, scene = app.viewport.camera, app.comparison, app.scene
-    assert camera is not None and comparison.photographs is not None and scene is not None
-    visible = comparison.visible()
-    depth = comparison.frusta_size * (DEPTH_BOUNDED if scene.rig.bounded else DEPTH * scene.rig.radius)
-    points = comparison.photographs.frusta(depth)[visible]
+    camera, gallery, scene = app.viewport.camera, app.gallery, app.scene
+    assert camera is not None and gallery.photographs is not None and scene is not None
+    visible = gallery.visible()
+    depth = gallery.frusta_size * (DEPTH_BOUNDED if scene.rig.bounded else DEPTH * scene.rig.radius)
+    points = gallery.photographs.frusta(depth)[visible]
     pixels, before = project(camera, points.reshape(-1, 3))
     places = pixels.reshape(-1, 5, 2) / app.viewport.pixels_per_unit + np.array(box[:2])
     before = before.reshape(-1, 5).all(axis=1)
@@ -91,11 +91,11 @@ def _hit(points: np.ndarray, mouse: np.ndarray) -> bool:
 
 
 def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None) -> None:
-    comparison, draw_list = app.comparison, imgui.get_window_draw_list()
-    assert comparison.photographs is not None
+    gallery, draw_list = app.gallery, imgui.get_window_draw_list()
+    assert gallery.photographs is not None
     corners = [ImVec2(float(x), float(y)) for x, y in frustum.points]
-    opacity = frustum.strength * (1.0 if outline else comparison.frusta_opacity)
-    uv = _uv(comparison.thumbnails, frustum.index)
+    opacity = frustum.strength * (1.0 if outline else gallery.frusta_opacity)
+    uv = _uv(gallery.thumbnails, frustum.index)
     if sheet is not None and uv is not None and opacity > 0.01:
         (u0, v0), (u1, v1) = uv
         _, top_left, top_right, low_right, low_left = corners
@@ -104,7 +104,7 @@ def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None
         draw_list.add_image_quad(
             texture, top_left, top_right, low_right, low_left, uvs[0], uvs[1], uvs[2], uvs[3], tint
         )
-    train = comparison.photographs.shots[frustum.index].split == "train"
+    train = gallery.photographs.shots[frustum.index].split == "train"
     code = outline or (theme.ACCENT_DEEP if train else theme.WARN)
     colour = theme.packed(code, frustum.strength * (1.0 if outline else 0.8))
     if outline:  # on a dark line, to be seen on any background
@@ -124,7 +124,7 @@ def _uv(thumbnails: Thumbnails | None, index: int) -> tuple[tuple[float, float],
     return (x / width, y / height), ((x + w) / width, (y + h) / height)
 
 
-def picture(canvas: Canvas, thumbnails: Thumbnails | None, index: int, low: ImVec2, high: ImVec2) -> bool:
+def picture(stage: Stage, thumbnails: Thumbnails | None, index: int, low: ImVec2, high: ImVec2) -> bool:
     """Draws a shot's thumbnail in the middle of a rectangle (window units); False where there is none (yet)."""
     uv = _uv(thumbnails, index)
     if thumbnails is None or uv is None:
@@ -133,18 +133,18 @@ def picture(canvas: Canvas, thumbnails: Thumbnails | None, index: int, low: ImVe
     scale = min((high.x - low.x) / w, (high.y - low.y) / h)
     x, y = 0.5 * (low.x + high.x - scale * w), 0.5 * (low.y + high.y - scale * h)
     corner = ImVec2(x + scale * w, y + scale * h)
-    texture = imgui.ImTextureRef(canvas.sheet(thumbnails))
+    texture = imgui.ImTextureRef(stage.sheet(thumbnails))
     imgui.get_window_draw_list().add_image_rounded(texture, ImVec2(x, y), corner, *uv, theme.packed("#ffffff"), px(4))
     return True
 
 
 def _tooltip(app: App, index: int, sheet: int | None) -> None:
-    assert app.comparison.photographs is not None
-    shot, uv = app.comparison.photographs.shots[index], _uv(app.comparison.thumbnails, index)
+    assert app.gallery.photographs is not None
+    shot, uv = app.gallery.photographs.shots[index], _uv(app.gallery.thumbnails, index)
     if not imgui.begin_tooltip():
         return
-    if sheet is not None and uv is not None and app.comparison.thumbnails is not None:
-        _, _, w, h = app.comparison.thumbnails.boxes[index]
+    if sheet is not None and uv is not None and app.gallery.thumbnails is not None:
+        _, _, w, h = app.gallery.thumbnails.boxes[index]
         scale = px(PREVIEW) / max(w, h)
         imgui.image(imgui.ImTextureRef(sheet), ImVec2(scale * w, scale * h), *uv)
     imgui.text_unformatted(shot.name)

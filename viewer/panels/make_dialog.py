@@ -11,11 +11,11 @@ from console.progress import duration
 from viewer.app.application import App
 from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
 from viewer.app.making import Job
+from viewer.app.stage import Stage
 from viewer.panels import layout, theme
 from viewer.panels.dialogs import pressed_here
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
-from viewer.window.canvas import Canvas
 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
 CARD_WIDTH, CARD_MARGIN = 372.0, 16.0
@@ -172,11 +172,11 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
             app.messages.fail("It cannot start", error)
 
 
-def show_job(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
+def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
     """The card of what is being made, at the lower left of the viewport's box."""
     job = app.making.job
     if job is None:
-        canvas.drop_image(PICTURE)
+        stage.drop_image(PICTURE)
         return
     width = min(px(CARD_WIDTH), box[2] - 2 * px(CARD_MARGIN))
     imgui.set_next_window_pos(
@@ -193,7 +193,7 @@ def show_job(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
     imgui.pop_style_var()
     _job_head(app, job, fonts)
     if job.picture is not None:
-        _picture(canvas, job)
+        _picture(stage, job)
     if len(job.figures) > 2:
         _curve(job)
     _stages(job)
@@ -220,7 +220,7 @@ def _job_head(app: App, job: Job, fonts: Fonts) -> None:
     tip("Stop without saving" if job.stopping else "Finished work is kept. Make the scene again to continue.")
 
 
-def _picture(canvas: Canvas, job: Job) -> None:
+def _picture(stage: Stage, job: Job) -> None:
     """A photograph that is held out, beside how it is rendered so far."""
     assert job.picture is not None
     height, width = job.picture.shape[:2]
@@ -228,7 +228,7 @@ def _picture(canvas: Canvas, job: Job) -> None:
     at = imgui.get_cursor_screen_pos()
     high = wide * height / width
     low = ImVec2(at.x + wide, at.y + high)
-    texture = imgui.ImTextureRef(canvas.image(PICTURE, job.picture))
+    texture = imgui.ImTextureRef(stage.image(PICTURE, job.picture))
     imgui.get_window_draw_list().add_image_rounded(
         texture, at, low, ImVec2(0, 0), ImVec2(1, 1), theme.packed("#ffffff"), px(6)
     )

@@ -7,13 +7,13 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
 from viewer.app.commands import ask_to_open
+from viewer.app.stage import Stage
 from viewer.panels.page_photographs import compare_controls
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, figure, hint, px
-from viewer.window.canvas import Canvas
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, stage: Stage, fonts: Fonts) -> None:
     """Draws the page."""
     comparison = app.comparison
     with card("other", fonts, "The other pack"):

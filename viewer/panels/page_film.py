@@ -10,15 +10,15 @@ from viewer.app.commands import ask_for_still, run
 from viewer.app.export import films_possible
 from viewer.app.files import FileRequest
 from viewer.app.filming import LARGEST_SIDE, SIZES, Filming
+from viewer.app.stage import Stage
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, coloured, hint, icon_button, label, main_button, px, segments, switch
-from viewer.window.canvas import Canvas
 
 LIST_HEIGHT = 150.0
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, stage: Stage, fonts: Fonts) -> None:
     """Draws the page."""
     filming = app.filming
     with card("path", fonts, "Camera path"):

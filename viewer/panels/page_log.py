@@ -5,15 +5,15 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
+from viewer.app.stage import Stage
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, px
-from viewer.window.canvas import Canvas
 
 COLOURS = {"info": theme.TEXT, "warning": theme.WARN, "error": theme.BAD}
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, stage: Stage, fonts: Fonts) -> None:
     """Draws the page, newest line first."""
     lines = list(app.messages.lines)
     if not lines:

@@ -9,10 +9,10 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import FileRequest, existing_folder
 from viewer.app.photographs import Photographs
+from viewer.app.stage import Stage
 from viewer.panels import frusta, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, coloured, figure, font, hint, label, px, segments, switch, tip
-from viewer.window.canvas import Canvas
 
 HOW = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
 ROW, THUMBNAIL = 46.0, 54.0
@@ -21,37 +21,37 @@ FOLDER_HEIGHT, MORE_WORDS = 136.0, 32.0  # of what lies below the list; and wher
 LOGARITHMIC = imgui.SliderFlags_.logarithmic
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, stage: Stage, fonts: Fonts) -> None:
     """Draws the page."""
-    comparison = app.comparison
-    photographs = comparison.photographs
+    comparison, gallery = app.comparison, app.gallery
+    photographs = gallery.photographs
     if photographs is None or not len(photographs):
         with card("none", fonts, "Cameras"):
             hint("This pack has no camera poses. Packs made by snerg-make have them.")
         return
     with card("cameras", fonts, "Cameras"):
         label("Show in the scene")
-        on = switch("frusta", comparison.frusta)
-        if on != comparison.frusta:
-            comparison.frusta = on
+        on = switch("frusta", gallery.frusta)
+        if on != gallery.frusta:
+            gallery.frusta = on
             app.touch()
         if len(photographs.splits) > 1:
             options = ["", *photographs.splits]
-            picked = segments("split", options, comparison.split_shown, {"": "all"})
+            picked = segments("split", options, gallery.split_shown, {"": "all"})
             if picked is not None:
-                comparison.split_shown, comparison.reveal = picked, True
+                gallery.split_shown, gallery.reveal = picked, True
                 app.touch()
-        if comparison.frusta and comparison.against != "photograph":
+        if gallery.frusta and comparison.against != "photograph":
             _look_of_frusta(app)
     if comparison.against == "photograph":
         compare_controls(app, fonts, "Compare with the photograph")
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
     with card("list", fonts, _list_title(app)):
-        _list(app, canvas, photographs, bottom)
+        _list(app, stage, photographs, bottom)
     with card("folder", fonts, "Scene folder"):
         hint(_where(photographs))
-        if comparison.thumbnails is not None and comparison.thumbnails.problem:
-            hint(comparison.thumbnails.problem, theme.WARN)
+        if gallery.thumbnails is not None and gallery.thumbnails.problem:
+            hint(gallery.thumbnails.problem, theme.WARN)
         if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose…", ImVec2(-1, 0)):
             start = existing_folder(photographs.folder) if photographs.folder else None
             app.file_request = FileRequest("The folder of photographs", "folder", photographs.look_in, start=start)
@@ -68,28 +68,28 @@ def _where(photographs: Photographs) -> str:
 
 
 def _look_of_frusta(app: App) -> None:
-    comparison = app.comparison
+    gallery = app.gallery
     label("Size")
-    changed, value = imgui.slider_float("##size", 100 * comparison.frusta_size, 25.0, 400.0, "%.0f %%", LOGARITHMIC)
+    changed, value = imgui.slider_float("##size", 100 * gallery.frusta_size, 25.0, 400.0, "%.0f %%", LOGARITHMIC)
     if changed:
-        comparison.frusta_size = value / 100
+        gallery.frusta_size = value / 100
         app.touch()
     label("Opacity")
-    changed, value = imgui.slider_float("##opacity", 100 * comparison.frusta_opacity, 0.0, 100.0, "%.0f %%")
+    changed, value = imgui.slider_float("##opacity", 100 * gallery.frusta_opacity, 0.0, 100.0, "%.0f %%")
     tip("Of the photographs in the scene; at 0 only their outlines are drawn")
     if changed:
-        comparison.frusta_opacity = value / 100
+        gallery.frusta_opacity = value / 100
         app.touch()
 
 
 def _list_title(app: App) -> str:
-    visible, chosen = app.comparison.visible(), app.comparison.photograph
-    photographs = app.comparison.photographs
+    visible, chosen = app.gallery.visible(), app.gallery.chosen
+    photographs = app.gallery.photographs
     what = "photographs" if photographs is not None and photographs.any_pictures else "cameras"
     return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} {what}"
 
 
-def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
+def _list(app: App, stage: Stage, photographs: Photographs, bottom: float) -> None:
     """bottom: the page's lower edge, in window units."""
     width = (imgui.get_content_region_avail().x - px(8)) / 2
     if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Previous", ImVec2(width, 0)):
@@ -107,40 +107,40 @@ def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> 
     height = max(room, px(SMALLEST_LIST * ROW))
     with coloured(child_bg=theme.BASE):
         imgui.begin_child("##shots", ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
-    visible = app.comparison.visible()
+    visible = app.gallery.visible()
     _reveal(app, visible)
     clipper = imgui.ListClipper()
     clipper.begin(len(visible), px(ROW))
     while clipper.step():
         for place in range(clipper.display_start, clipper.display_end):
-            _row(app, canvas, photographs, visible[place])
+            _row(app, stage, photographs, visible[place])
     imgui.end_child()
     imgui.pop_style_var(2)
 
 
 def _reveal(app: App, visible: list[int]) -> None:
     """Scrolls to the photograph that was chosen just now, unless all of it is in view already."""
-    comparison = app.comparison
-    if not comparison.reveal or comparison.photograph not in visible:
+    gallery = app.gallery
+    if not gallery.reveal or gallery.chosen not in visible:
         return
-    comparison.reveal = False
-    top = visible.index(comparison.photograph) * px(ROW)
+    gallery.reveal = False
+    top = visible.index(gallery.chosen) * px(ROW)
     height, scroll = imgui.get_window_height() - px(8), imgui.get_scroll_y()
     if not scroll <= top <= scroll + height - px(ROW):
         imgui.set_scroll_y(max(0.0, top - 0.5 * (height - px(ROW))))
         app.touch()
 
 
-def _row(app: App, canvas: Canvas, photographs: Photographs, index: int) -> None:
+def _row(app: App, stage: Stage, photographs: Photographs, index: int) -> None:
     shot, at = photographs.shots[index], imgui.get_cursor_screen_pos()
     width = imgui.get_content_region_avail().x
-    if imgui.selectable(f"##{index}", index == app.comparison.photograph, 0, ImVec2(width, px(ROW)))[0]:
+    if imgui.selectable(f"##{index}", index == app.gallery.chosen, 0, ImVec2(width, px(ROW)))[0]:
         stand_in(app, index)
     draw = imgui.get_window_draw_list()
     low, high = ImVec2(at.x + px(5), at.y + px(3)), ImVec2(at.x + px(5 + THUMBNAIL), at.y + px(ROW - 3))
     if not photographs.any_pictures:  # nothing is coming, nor is room kept for it
         high = ImVec2(at.x + px(2), high.y)
-    elif not frusta.picture(canvas, app.comparison.thumbnails, index, low, high):
+    elif not frusta.picture(stage, app.gallery.thumbnails, index, low, high):
         draw.add_rect_filled(low, high, theme.packed(theme.CARD), px(4))
         icon = fa.ICON_FA_CAMERA
         size = imgui.calc_text_size(icon)
@@ -155,7 +155,7 @@ def _row(app: App, canvas: Canvas, photographs: Photographs, index: int) -> None
 def stand_in(app: App, index: int) -> None:
     """Stands in a photograph; what cannot be read is a dialog."""
     try:
-        app.comparison.stand_in(app, index)
+        app.gallery.stand_in(app, index)
     except Exception as error:  # the camera is there all the same
         app.messages.fail("The photograph cannot be shown", error)
 
@@ -187,7 +187,8 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
             width, height = comparison.psnr_size
             if comparison.psnr_db is not None:
                 figure("Measured at", f"{width} × {height}", fonts)
-            if comparison.photographs is not None and not comparison.photographs.reachable:
+            photographs = app.gallery.photographs
+            if photographs is not None and not photographs.reachable:
                 hint("Compared with the copy in the pack.")
         if imgui.button("End comparison", ImVec2(-1, 0)):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()

@@ -6,11 +6,11 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
 from viewer.app.commands import modes_for
+from viewer.app.stage import Stage
 from viewer.app.state import BACKGROUNDS
 from viewer.panels import theme, time_plots
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch
-from viewer.window.canvas import Canvas
 
 MODE_TITLES = {
     "normal": "Picture",
@@ -39,7 +39,7 @@ MODE_HINTS = {
 RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, stage: Stage, fonts: Fonts) -> None:
     """Draws the page."""
     with card("mode", fonts, "Display"):
         label("Mode")
@@ -69,7 +69,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("time", fonts, "Frame time"):
         headline(app, fonts)
         time_plots.rolling(app.times, app.resolution.target_ms, px(84))
-        width, height = canvas.drawn_size
+        width, height = stage.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
 
 

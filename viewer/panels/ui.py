@@ -9,13 +9,13 @@ from imgui_bundle import ImVec2, imgui, implot
 
 from viewer.app.application import App
 from viewer.app.keyboard import Keyboard, KeyPress
+from viewer.app.stage import Stage
 from viewer.app.state import Clipboard
 from viewer.app.system_fonts import FontSearch
 from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, theme, top_bar, viewport
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.file_dialogs import FileDialogs
 from viewer.panels.theme import Fonts
-from viewer.window.canvas import Canvas
 
 GLSL_VERSION = "#version 330"
 MOST_ROUNDS = 32  # of reading input before a frame is drawn; see Ui.frame
@@ -77,7 +77,7 @@ class Ui:
         for down in (True, False):
             imgui.get_io().add_key_event(imgui.Key.f24, down)
 
-    def frame(self, app: App, canvas: Canvas, scale: float = 1.0) -> None:
+    def frame(self, app: App, stage: Stage, scale: float = 1.0) -> None:
         """Draws the panels for this moment's state into imgui's lists, and hands the user's wishes to `app`.
 
         imgui takes a change of one key or button from its queue at a time. Rounds that are not drawn take them all, so
@@ -90,11 +90,11 @@ class Ui:
         implot.set_current_context(self.plots)
         app.keyboard = self.keyboard
         for _ in range(MOST_ROUNDS):
-            self._round(app, canvas, scale)
+            self._round(app, stage, scale)
             if keys.queue_is_empty():
                 break
 
-    def _round(self, app: App, canvas: Canvas, scale: float) -> None:
+    def _round(self, app: App, stage: Stage, scale: float) -> None:
         """Once through all panels."""
         if self.scale == 0:
             self._docking.restore(app.interface.layout)
@@ -110,12 +110,12 @@ class Ui:
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
         picture = self._docking.space(app, regions.dock, regions.pages)
-        viewport.show(app, canvas, picture, self.fonts, self._gizmo)
+        viewport.show(app, stage, picture, self.fonts, self._gizmo)
         if app.interface.panels_shown:
-            top_bar.show(app, canvas, regions.top, self.fonts)
+            top_bar.show(app, stage, regions.top, self.fonts)
             layout.show_rail(app, regions)
-        layout.show_pages(app, canvas, regions, self.fonts)
-        make_dialog.show_job(app, canvas, picture, self.fonts)
+        layout.show_pages(app, stage, regions, self.fonts)
+        make_dialog.show_job(app, stage, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
         make_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
@@ -141,6 +141,17 @@ class Ui:
     def draw(self) -> None:
         """Draws what `frame` prepared into the framebuffer that is bound."""
         imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+
+    @property
+    def clipboard(self) -> Clipboard:
+        """The system's."""
+        return SystemClipboard()
+
+    @property
+    def background(self) -> tuple[float, float, float]:
+        """The colour behind all, red, green, blue in 0 … 1."""
+        base = theme.rgb(theme.BASE)
+        return base.x, base.y, base.z
 
     @property
     def layout(self) -> str:

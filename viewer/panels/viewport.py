@@ -8,40 +8,40 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app import crop
 from viewer.app.application import App
+from viewer.app.presenting import present
+from viewer.app.stage import Stage
 from viewer.app.state import Viewport
 from viewer.panels import frusta, keys, layout, legend, overlays, page_photographs, start_page, theme
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import chip, coloured, px
-from viewer.window.canvas import Canvas
-from viewer.window.presenting import present
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
 TOAST_WIDTH = 560.0
 WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
-def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGizmo) -> None:
+def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo) -> None:
     """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
     app.viewport.camera = app.camera()
-    present(app, canvas)
+    present(app, stage)
     with coloured(window_bg=theme.BASE):
         still = imgui.WindowFlags_.no_scroll_with_mouse if app.scene is not None else 0  # the wheel is the camera's
         layout.begin("##viewport", box, (0, 0), still)
     if app.scene is None:
         start_page.show(app, fonts)
     else:
-        overlays.draw_layers(canvas.layers, box)
-        overlays.draw_comparison(app, canvas, box)
+        overlays.draw_layers(stage.layers, box)
+        overlays.draw_comparison(app, stage, box)
         if not gizmo.over:
             imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
         else:
             imgui.dummy(ImVec2(box[2], box[3]))  # never hovered, and so the gizmo's
         over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
         overlays.draw_path(app, box)
-        shot, face = frusta.draw(app, canvas, box), overlays.draw_crop(app, box)
+        shot, face = frusta.draw(app, stage, box), overlays.draw_crop(app, box)
         if not gizmo.over:
             _mouse(app, box, face if over else None, shot if over else None)
         gizmo.show(app, box)
@@ -161,9 +161,9 @@ def _corner(app: App, box: layout.Box) -> None:
         notes.append(app.settings.mode.replace("-", " "))
     if app.scene is not None and app.scene.rig.flying:
         notes.append("flying")
-    comparison = app.comparison
-    if comparison.against == "photograph" and comparison.photographs is not None and comparison.photograph is not None:
-        name = comparison.photographs.shots[comparison.photograph].name
+    comparison, gallery = app.comparison, app.gallery
+    if comparison.against == "photograph" and gallery.photographs is not None and gallery.chosen is not None:
+        name = gallery.photographs.shots[gallery.chosen].name
         known = comparison.psnr_db is not None
         notes.append(f"{name}   {comparison.psnr_db:.2f} dB" if known else name)
     sides = comparison.sides(app)

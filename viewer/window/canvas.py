@@ -1,6 +1,6 @@
 """The picture inside the window: framebuffers of its own, quick pictures while things move, tiles while they rest.
 
-Implements viewer.app.state.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
+Implements viewer.app.stage.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
 the lower left corner, so that a change of scale allocates nothing. They are drawn while the panels of the same frame are
 built, so that what the panels name and what the textures hold is one picture of one camera.
 """
@@ -8,13 +8,13 @@ built, so that what the panels name and what the textures hold is one picture of
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import moderngl
 import numpy as np
 
 from scenepack.pack import Pack
-from viewer.app.thumbnails import Thumbnails
+from viewer.app.stage import Drawn, Layer, Sheet
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
 from viewer.rendering.gpu_clock import GpuClock
@@ -22,20 +22,10 @@ from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
 from viewer.window.sheet_texture import SheetTexture
-from viewer.window.targets import MARGIN, Box, Difference, Layer, Target, unbind_framebuffers, with_margin
+from viewer.window.targets import MARGIN, Box, Difference, Target, unbind_framebuffers, with_margin
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """What a frame drew of the picture, or of both pictures of a comparison: milliseconds by the wall clock around finish(),
-    and by the card's own clock, None where that is not to be trusted.
-    """
-
-    scene_ms: float
-    gpu_ms: float | None
 
 
 class Canvas:
@@ -66,7 +56,7 @@ class Canvas:
         self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
         self.picture_gpu_ms: float | None = None  # likewise, by the card's own clock
         self.drawn_size = (0, 0)  # pixels of the picture that is shown
-        self.drawn: Drawn | None = None  # by this frame; see viewer.window.presenting
+        self.drawn: Drawn | None = None  # by this frame; see viewer.app.presenting
 
     # Stage
 
@@ -114,7 +104,7 @@ class Canvas:
         self.other = other
 
     def image(self, name: str, pixels: np.ndarray) -> int:
-        """OpenGL name of a texture that holds `pixels` (uint8 [h, w, 3]); made anew when other pixels are given."""
+        """See Stage.image."""
         if name not in self._images or self._images[name][0] != id(pixels):
             self.drop_image(name)
             texture = self.ctx.texture((pixels.shape[1], pixels.shape[0]), 3, pixels.tobytes(), alignment=1)
@@ -122,17 +112,17 @@ class Canvas:
             self._images[name] = (id(pixels), texture)
         return self._images[name][1].glo
 
-    def sheet(self, thumbnails: Thumbnails) -> int:
-        """OpenGL name of the texture with the thumbnails that have arrived."""
-        return self._sheet.follow(thumbnails)
+    def sheet(self, sheet: Sheet) -> int:
+        """See Stage.sheet."""
+        return self._sheet.follow(sheet)
 
     def drop_image(self, name: str) -> None:
-        """Frees such a texture, if there is one."""
+        """See Stage.drop_image."""
         if name in self._images:
             self._retired.append(self._images.pop(name)[1])
 
     def subtract(self, picture: Layer, other: Layer, size: tuple[int, int], gain: float) -> None:
-        """Sets `difference` to |picture - other| · gain, at `size` (width, height in pixels)."""
+        """See Stage.subtract."""
         if self._difference is None:
             self._difference = Difference(self.ctx, self._retired)
         self.difference = self._difference.draw(picture, other, size, gain)
@@ -186,8 +176,18 @@ class Canvas:
         return pixels.reshape(height, width, 3)[::-1].copy()
 
     @property
+    def card(self) -> str:
+        """See Stage.card."""
+        return str(self.ctx.info.get("GL_RENDERER", "unknown"))
+
+    @property
+    def clock_problem(self) -> str:
+        """See Stage.clock_problem."""
+        return self.clock.reason
+
+    @property
     def gpu_bytes_by_use(self) -> dict[str, int]:
-        """Texture memory in bytes, by what it is for; what takes none is left out."""
+        """See Stage.gpu_bytes_by_use."""
         other = self.other.gpu_bytes if self.other is not None else 0
         uses = {
             "Pack": self.renderer.gpu_bytes() if self.renderer is not None else 0,
@@ -207,9 +207,7 @@ class Canvas:
     def follow(
         self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution, *, anew: bool = False
     ) -> bool:
-        """Draws a quick picture if `layers` do not show this camera and these settings, or if it shall be drawn `anew`; True
-        where it drew one.
-        """
+        """See Picture.follow."""
         if self.renderer is None or camera is None:
             self.layers = []
             return False
@@ -222,10 +220,7 @@ class Canvas:
         return True
 
     def sharpen(self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution) -> bool:
-        """Draws the next tile of the full picture, once nothing has changed for `rest_s`; True where it drew one.
-
-        Call it after follow(), with the same arguments.
-        """
+        """See Picture.sharpen. The moment is `rest_s`."""
         if self.renderer is None or camera is None or not self._wanted or self._tiles == []:
             return False
         if self._tiles is None and time.monotonic() - self._changed_at < self.rest_s:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from viewer.app.thumbnails import Thumbnails
+from viewer.app.stage import Sheet
 
 HALVINGS = 2  # mipmaps; cells are powers of two, so that neighbours do not mix at these sizes
 
@@ -16,19 +16,19 @@ class SheetTexture:
     def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
         self.ctx, self._retired = ctx, retired
         self._texture: moderngl.Texture | None = None
-        self._of: Thumbnails | None = None
+        self._of: Sheet | None = None
         self._there: set[int] = set()
 
-    def follow(self, thumbnails: Thumbnails) -> int:
-        """OpenGL name of the texture with all of `thumbnails` that has arrived."""
-        if self._texture is None or self._of is not thumbnails:
+    def follow(self, sheet: Sheet) -> int:
+        """OpenGL name of the texture with all of `sheet` that has arrived."""
+        if self._texture is None or self._of is not sheet:
             self.release()
-            height, width = thumbnails.sheet.shape[:2]
-            self._texture, self._of = self.ctx.texture((width, height), 3, alignment=1), thumbnails
-        arrived = [index for index in list(thumbnails.boxes) if index not in self._there]
+            height, width = sheet.sheet.shape[:2]
+            self._texture, self._of = self.ctx.texture((width, height), 3, alignment=1), sheet
+        arrived = [index for index in list(sheet.boxes) if index not in self._there]
         for index in arrived:
-            x, y, width, height = thumbnails.boxes[index]
-            pixels = np.ascontiguousarray(thumbnails.sheet[y : y + height, x : x + width])
+            x, y, width, height = sheet.boxes[index]
+            pixels = np.ascontiguousarray(sheet.sheet[y : y + height, x : x + width])
             self._texture.write(pixels.tobytes(), (x, y, width, height), alignment=1)
         if arrived:
             self._there.update(arrived)

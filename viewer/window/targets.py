@@ -7,28 +7,17 @@ earlier picture has left there. Sizes are (width, height) in pixels; boxes x, y,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import moderngl
 
 from console import UserError
+from viewer.app.stage import Layer
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.shader_source import assemble, compile_program
 
 Box = tuple[int, int, int, int]
 MARGIN = 1  # pixels above and at the right of each picture
-
-
-@dataclass(frozen=True)
-class Layer:
-    """A piece of texture to draw: texture (OpenGL name), its part uv0 … uv1 (top left, bottom right), and where on the
-    viewport it belongs, box x0, y0, x1, y1 in 0 … 1 from the top left.
-    """
-
-    texture: int
-    uv0: tuple[float, float]
-    uv1: tuple[float, float]
-    box: tuple[float, float, float, float]
 
 
 def unbind_framebuffers(ctx: moderngl.Context) -> None:

@@ -1,7 +1,7 @@
 """The window: GLFW, its OpenGL context and its loop. The only file that imports glfw.
 
 Nothing is drawn while nothing changes: the loop sleeps in `wait_events` until an event, a thread or a running movement
-asks for a frame. imgui_bundle brings the GLFW library and must be imported before glfw.
+asks for a frame. imgui_bundle brings the GLFW library, which the panels listen to, and must be imported before glfw.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import imgui_bundle  # noqa: F401  (see above; nothing of it is used here)
 import moderngl
 import numpy as np
 from PIL import Image
@@ -24,14 +25,13 @@ from console import Notice
 from viewer.app.application import App
 from viewer.app.keyboard import KeyPress
 from viewer.app.making import LOOKED_AT_EVERY_S
+from viewer.app.presenting import awaited, unfinished
 from viewer.app.state import FRAMES_AFTER_EVENT
-from viewer.panels import theme
-from viewer.panels.ui import SystemClipboard, Ui
 from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.window.canvas import Canvas
-from viewer.window.presenting import awaited, unfinished
+from viewer.window.panels import MakePanels, Panels
 
-import glfw  # isort: skip  (after imgui_bundle, which viewer.panels imports)
+import glfw  # isort: skip  (after imgui_bundle)
 
 PROGRAM = "snerg"
 SMALLEST = (480, 360)
@@ -71,10 +71,12 @@ def display_problem() -> str | None:
 class Window:
     """A window on `app`. Raises NoDisplay where there is no display, UserError where it lacks OpenGL.
 
-    size: width, height in screen units.
+    panels: makes what is drawn in it. size: width, height in screen units.
     """
 
-    def __init__(self, app: App, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
+    def __init__(
+        self, app: App, panels: MakePanels, size: tuple[int, int] = (1280, 800), *, visible: bool = True
+    ) -> None:
         problem = display_problem()
         if problem:
             raise NoDisplay(problem)
@@ -88,9 +90,9 @@ class Window:
         self.canvas = Canvas(self.ctx)
         app.stage = self.canvas
         self._listen()
-        self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value)
+        self.ui: Panels = panels(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
         self.ui.keyboard.local_name = _local_name
-        app.clipboard = SystemClipboard()
+        app.clipboard = self.ui.clipboard
         self._v_sync, self._title = True, PROGRAM
         self._last = time.monotonic()
         self._frame_began = time.perf_counter()  # what was waited for before a frame is none of its time
@@ -195,8 +197,7 @@ class Window:
         self.ui.frame(app, self.canvas, scale=max(1.0, scale_x / (pixels[0] / units[0])))
         self.ctx.screen.use()
         self.ctx.screen.viewport = (0, 0, *pixels)
-        base = theme.rgb(theme.BASE)
-        self.ctx.screen.clear(base.x, base.y, base.z, 1.0)
+        self.ctx.screen.clear(*self.ui.background, 1.0)
         self.ui.draw()
         self.ctx.finish()
         finished = time.perf_counter()
@@ -264,9 +265,8 @@ class Window:
         width, height = glfw.get_framebuffer_size(self.handle)
         target = self.ctx.simple_framebuffer((width, height))
         try:
-            base = theme.rgb(theme.BASE)
             target.use()
-            target.clear(base.x, base.y, base.z, 1.0)
+            target.clear(*self.ui.background, 1.0)
             self.ui.draw()
             pixels = np.frombuffer(target.read(components=3, alignment=1), np.uint8)
         finally:

@@ -73,7 +73,7 @@ def test_standing_in_a_copy_compares_with_it_and_says_so(offscreen, carrying, pa
     ui = offscreen(app, size=(1180, 900))
     app.show(carrying, pack_folder)
     app.interface.page = "photographs"
-    app.comparison.stand_in(app, 0)
+    app.gallery.stand_in(app, 0)
     ui.settle()
     assert app.comparison.against == "photograph" and app.comparison.psnr_size == (48, 48)
     assert app.comparison.psnr_db > 25 and not app.messages.dialogs and ui.ctx.error == "GL_NO_ERROR"
@@ -83,13 +83,13 @@ def test_a_pack_without_its_photographs_shows_their_places_and_no_error(offscree
     app = App()
     ui = offscreen(app, size=(1180, 900))
     app.show(bare, pack_folder)
-    app.interface.page, app.comparison.frusta = "photographs", True
+    app.interface.page, app.gallery.frusta = "photographs", True
     ui.settle()
-    assert app.comparison.thumbnails is None and not app.comparison.photographs.any_pictures
+    assert app.gallery.thumbnails is None and not app.gallery.photographs.any_pictures
     before = app.scene.rig.held
     assert run(app, "next-photo")
     ui.settle()
-    assert app.scene.rig.held is not before and app.comparison.photograph == 0
+    assert app.scene.rig.held is not before and app.gallery.chosen == 0
     assert app.comparison.against == "" and not app.messages.dialogs and ui.ctx.error == "GL_NO_ERROR"
 
 
@@ -137,10 +137,10 @@ def test_the_demo_brings_all_its_photographs_and_stays_small(offscreen):
     app.show(pack, DEMO)
     app.interface.page = "photographs"
     ui.settle()
-    assert len(app.comparison.thumbnails.boxes) == 70 and not app.comparison.thumbnails.problem
-    app.comparison.stand_in(app, 3)
+    assert len(app.gallery.thumbnails.boxes) == 70 and not app.gallery.thumbnails.problem
+    app.gallery.stand_in(app, 3)
     ui.settle()
     assert app.comparison.psnr_db > 24  # the photograph is of this view, not of another
-    app.scene.rig.hold(replace(app.comparison.photographs.shots[9].view), remember=True)
+    app.scene.rig.hold(replace(app.gallery.photographs.shots[9].view), remember=True)
     ui.settle()
     assert app.comparison.psnr_db < 20

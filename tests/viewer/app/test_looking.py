@@ -31,7 +31,7 @@ def ui(offscreen, app, scene_pack, pack_folder):
 
 
 def test_standing_in_a_photograph_shows_what_it_shows(ui, app):
-    app.comparison.stand_in(app, 1)
+    app.gallery.stand_in(app, 1)
     ui.settle()
     assert app.comparison.psnr_db > 45 and app.comparison.psnr_size == (SIDE, SIDE)
     app.comparison.how = "difference"
@@ -44,7 +44,7 @@ def test_standing_in_a_photograph_shows_what_it_shows(ui, app):
 
 
 def test_the_wipe_shows_the_photograph_on_the_right_of_its_edge(ui, app):
-    app.comparison.stand_in(app, 0)
+    app.gallery.stand_in(app, 0)
     app.comparison.pixels = np.full((SIDE, SIDE, 3), (250, 0, 250), np.uint8)
     app.touch()
     ui.settle()
@@ -56,7 +56,7 @@ def test_the_wipe_shows_the_photograph_on_the_right_of_its_edge(ui, app):
 
 
 def test_dragging_the_edge_moves_it_and_leaves_the_camera(ui, app):
-    app.comparison.stand_in(app, 0)
+    app.gallery.stand_in(app, 0)
     ui.settle()
     x, y = 0.5 * app.viewport.width, 300.0
     ui.drag([(x, y), (x + 60, y), (x + 120, y)])
@@ -65,7 +65,7 @@ def test_dragging_the_edge_moves_it_and_leaves_the_camera(ui, app):
 
 
 def test_moving_away_ends_the_comparison(ui, app):
-    app.comparison.stand_in(app, 0)
+    app.gallery.stand_in(app, 0)
     ui.settle()
     ui.drag([(100.0, 300.0), (160.0, 320.0)])
     assert app.comparison.against == ""
@@ -73,12 +73,12 @@ def test_moving_away_ends_the_comparison(ui, app):
 
 def test_a_click_on_a_frustum_stands_in_it(ui, app):
     app.interface.page = "photographs"
-    app.comparison.frusta = True
+    app.gallery.frusta = True
     app.scene.rig.dolly(-12)
     app.scene.rig.settle()
     ui.settle()
     camera = app.camera()
-    shots = app.comparison.photographs.shots
+    shots = app.gallery.photographs.shots
     places, before = project(camera, np.stack([shot.view.position for shot in shots]))
     inside = [i for i in range(len(shots)) if before[i] and (places[i] > 20).all() and places[i][0] < 780]
     assert inside
@@ -92,7 +92,7 @@ def test_a_photograph_that_is_not_there_is_told_and_the_camera_stays(app, scene_
     (tmp_path / "gone").mkdir()  # the folder is there, but not what was in it
     app.show(scene_pack.with_metadata(provenance={"scene": str(tmp_path / "gone")}), pack_folder)
     with pytest.raises(UserError):
-        app.comparison.stand_in(app, 0)
+        app.gallery.stand_in(app, 0)
     assert app.scene.rig.held is not None and app.comparison.against == ""
 
 
@@ -114,11 +114,11 @@ def test_psnr_is_the_fields():
 def test_two_packs_are_compared_under_one_camera(ui, app, pack_folder):
     ui.settle()
     alone = ui.picture()
-    app.comparison.with_pack(app, toy_pack(view_mlp=False), pack_folder)
+    app.compare_with(toy_pack(view_mlp=False), pack_folder)
     app.comparison.how = "difference"
     ui.settle()
     assert np.abs(ui.picture().astype(int) - alone)[200:500, 200:600].mean() > 20
-    app.comparison.with_pack(app, app.scene.pack, pack_folder)
+    app.compare_with(app.scene.pack, pack_folder)
     ui.settle()
     box = app.viewport
     assert ui.picture()[round(box.y) + 4 : round(box.y + box.height) - 4, 4 : round(box.width) - 4].max() <= 24

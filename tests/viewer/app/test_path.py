@@ -139,7 +139,7 @@ def test_a_sequence_has_a_picture_for_every_frame(filming_app, tmp_path):
     assert len(list((tmp_path / "frames").glob("*.png"))) == 8 * 4
 
 
-@pytest.mark.skipif(not films_possible(), reason="PyAV is not installed")
+@pytest.mark.skipif(not films_possible(), reason="PyAV is not installed: pip install 'snerg[video]'")
 def test_a_film_holds_every_frame(filming_app, tmp_path):
     import av
 

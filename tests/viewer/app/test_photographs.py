@@ -100,33 +100,33 @@ def rows_in_view(ui) -> tuple[int, ...]:
 def test_the_list_scrolls_to_what_was_chosen_by_keys(ui, app):
     ui.settle()
     assert 0 in rows_in_view(ui) and 40 not in rows_in_view(ui)
-    app.comparison.stand_in(app, 40)
+    app.gallery.stand_in(app, 40)
     ui.settle()
     assert 40 in rows_in_view(ui) and 0 not in rows_in_view(ui)
     before = rows_in_view(ui)
-    app.comparison.step(app, -1)  # in view already: nothing jumps
+    app.gallery.step(app, -1)  # in view already: nothing jumps
     ui.settle()
     assert rows_in_view(ui) == before
 
 
 def test_what_was_chosen_stays_chosen_and_steps_keep_to_the_split(ui, app):
-    comparison = app.comparison
-    comparison.stand_in(app, 3)
+    comparison, gallery = app.comparison, app.gallery
+    gallery.stand_in(app, 3)
     ui.settle()
     ui.drag([(100.0, 300.0), (160.0, 320.0)])
-    assert comparison.against == "" and comparison.photograph == 3
-    comparison.step(app, 1)
-    assert comparison.photograph == 4
-    comparison.split_shown = "test"
-    comparison.step(app, -1)
-    assert comparison.photographs.shots[comparison.photograph].split == "test"
-    comparison.stand_in(app, 0)
-    assert comparison.split_shown == ""  # what is chosen can be seen in the list
+    assert comparison.against == "" and gallery.chosen == 3
+    gallery.step(app, 1)
+    assert gallery.chosen == 4
+    gallery.split_shown = "test"
+    gallery.step(app, -1)
+    assert gallery.photographs.shots[gallery.chosen].split == "test"
+    gallery.stand_in(app, 0)
+    assert gallery.split_shown == ""  # what is chosen can be seen in the list
 
 
 def place_on_screen(app, index: int) -> tuple[float, float]:
     """The middle of a frustum's picture, in window units."""
-    points = app.comparison.photographs.frusta(0.16 * app.scene.rig.radius)[index]
+    points = app.gallery.photographs.frusta(0.16 * app.scene.rig.radius)[index]
     pixels, before = project(app.camera(), points[1:])
     assert before.all()
     x, y = pixels.mean(axis=0)
@@ -134,7 +134,7 @@ def place_on_screen(app, index: int) -> tuple[float, float]:
 
 
 def far_away(ui, app) -> None:
-    app.comparison.frusta, app.comparison.split_shown = True, "train"  # the toy's test cameras stand in the same places
+    app.gallery.frusta, app.gallery.split_shown = True, "train"  # the toy's test cameras stand in the same places
     app.scene.rig.dolly(-12)
     app.scene.rig.settle()
     ui.settle()
@@ -143,7 +143,7 @@ def far_away(ui, app) -> None:
 def in_view(app) -> int:
     """A shot whose picture is well inside the viewport and in front of all others."""
     camera = app.camera()
-    shots = app.comparison.photographs.shots[:PER_SPLIT]
+    shots = app.gallery.photographs.shots[:PER_SPLIT]
     order = np.argsort([np.linalg.norm(shot.view.position - camera.position) for shot in shots])
     for index in order:
         x, y = place_on_screen(app, int(index))
@@ -154,10 +154,10 @@ def in_view(app) -> int:
 
 def test_a_photograph_in_the_scene_is_drawn_with_its_pixels(ui, app):
     far_away(ui, app)
-    app.comparison.frusta_opacity = 0.0
+    app.gallery.frusta_opacity = 0.0
     ui.settle()
     without = ui.picture().astype(int)
-    app.comparison.frusta_opacity = 1.0
+    app.gallery.frusta_opacity = 1.0
     app.touch()
     ui.settle()
     with_pictures = ui.picture().astype(int)
@@ -171,17 +171,17 @@ def test_a_click_on_a_photograph_in_the_scene_chooses_it_in_the_list(ui, app):
     index = in_view(app)
     ui.click(*place_on_screen(app, index))
     ui.settle()
-    assert app.comparison.photograph == index and app.comparison.against == "photograph"
+    assert app.gallery.chosen == index and app.comparison.against == "photograph"
     assert index in rows_in_view(ui)
 
 
 def test_frusta_that_are_near_do_not_block_the_view(ui, app):
-    app.comparison.frusta = True
-    shot = app.comparison.photographs.shots[5]
+    app.gallery.frusta = True
+    shot = app.gallery.photographs.shots[5]
     app.scene.rig.hold(shot.view, remember=False)
     ui.settle()
     shown = ui.picture().astype(int)
-    app.comparison.frusta = False
+    app.gallery.frusta = False
     app.touch()
     ui.settle()
     box = app.viewport
@@ -191,11 +191,11 @@ def test_frusta_that_are_near_do_not_block_the_view(ui, app):
 
 def test_another_folder_is_read_anew(ui, app, few):
     ui.settle()
-    first = app.comparison.thumbnails
+    first = app.gallery.thumbnails
     assert first is not None and len(first.boxes) == 2 * PER_SPLIT
-    app.comparison.photographs.look_in(few)
+    app.gallery.photographs.look_in(few)
     ui.settle()
-    assert app.comparison.thumbnails is not first and len(app.comparison.thumbnails.boxes) == 4
+    assert app.gallery.thumbnails is not first and len(app.gallery.thumbnails.boxes) == 4
     app.close()
     ui.settle()
-    assert app.comparison.thumbnails is None and ui.ctx.error == "GL_NO_ERROR"
+    assert app.gallery.thumbnails is None and ui.ctx.error == "GL_NO_ERROR"

@@ -55,7 +55,7 @@ def test_one_picture_from_a_pose_with_negative_numbers(folder: str, tmp_path: Pa
 def test_an_orbit_as_a_folder_and_as_a_film(folder: str, tmp_path: Path) -> None:
     assert render.main([folder, "--out", str(tmp_path / "turn"), "--orbit", "3", *SMALL]) == 0
     assert sorted(path.name for path in (tmp_path / "turn").iterdir()) == ["0000.png", "0001.png", "0002.png"]
-    pytest.importorskip("av")
+    pytest.importorskip("av", reason="PyAV is not installed: pip install 'snerg[video]'")
     assert render.main([folder, "--out", str(tmp_path / "turn.mp4"), "--orbit", "3", "--size", "49x37"]) == 0
     assert (tmp_path / "turn.mp4").stat().st_size > 500
 

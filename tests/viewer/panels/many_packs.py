@@ -14,8 +14,8 @@ from pathlib import Path
 
 import moderngl
 
+from tests.viewer.offscreen_ui import OffscreenUi
 from viewer.app.application import App
-from viewer.panels.offscreen_ui import OffscreenUi
 
 
 def resident_bytes() -> int:

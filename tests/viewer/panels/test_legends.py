@@ -98,7 +98,7 @@ def label_at(picture: np.ndarray, columns: slice, rows: slice) -> bool:
 
 
 def test_both_sides_of_the_wipe_are_named(ui, app):
-    app.comparison.stand_in(app, 1)
+    app.gallery.stand_in(app, 1)
     assert app.comparison.sides(app) == ("Rendered", "Photograph")
     for split in (0.5, 0.3):
         app.comparison.split = split
@@ -114,9 +114,7 @@ def test_both_sides_of_the_wipe_are_named(ui, app):
 
 
 def test_two_packs_are_named_and_long_names_are_cut_at_the_edge(ui, app):
-    app.comparison.with_pack(
-        app, toy_pack(view_mlp=False), Path("scenes/toy-diffuse-with-a-very-long-name-indeed/pack")
-    )
+    app.compare_with(toy_pack(view_mlp=False), Path("scenes/toy-diffuse-with-a-very-long-name-indeed/pack"))
     assert app.comparison.sides(app) == ("toy", "toy-diffuse-with-a-very-long-name-indeed")
     app.comparison.split = 0.9
     app.touch()

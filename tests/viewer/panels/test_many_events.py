@@ -9,10 +9,10 @@ from imgui_bundle import imgui
 
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
+from tests.viewer.offscreen_ui import OffscreenUi
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.panels.layout import PAGES
-from viewer.panels.offscreen_ui import OffscreenUi
 from viewer.rendering.offscreen import create_context
 
 SIZE = (640, 400)

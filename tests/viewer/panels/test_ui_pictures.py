@@ -19,6 +19,7 @@ from PIL import Image
 from console.driven import Report
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
+from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.pictures import AMPLIFIED, FAILURES, GOLDEN, skip
 from training.scenes.procedural import write_procedural_scene
 from viewer.app import crop
@@ -28,7 +29,6 @@ from viewer.app.make_plan import Plan, Survey
 from viewer.app.making import Job
 from viewer.app.timing import FrameTimes
 from viewer.panels.layout import PAGES
-from viewer.panels.offscreen_ui import OffscreenUi
 
 FOLDER = GOLDEN / "ui"
 SIZE = (900, 640)
@@ -96,7 +96,7 @@ def _freeze(ui: OffscreenUi) -> None:
     noon = time.mktime((2026, 1, 1, 12, 0, 0, 0, 1, -1))
     app.messages.lines.append(LogLine("info", "toy is open, from scenes/toy", noon))
     app.messages.lines.append(LogLine("warning", "the view MLP is all zero; the pack is shown as diffuse", noon + 2))
-    photographs, thumbnails = app.comparison.photographs, app.comparison.thumbnails
+    photographs, thumbnails = app.gallery.photographs, app.gallery.thumbnails
     if photographs is not None:
         photographs.folder = Path("scenes/toy")
         if thumbnails is not None:
@@ -113,9 +113,9 @@ def test_each_page_looks_as_before(ui, app, compare, page):
         app.crop_tool = "scale"
         app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
     elif page == "photographs":
-        app.comparison.frusta = True
+        app.gallery.frusta = True
     elif page == "compare":
-        app.comparison.with_pack(app, toy_pack(view_mlp=False), Path("toy-diffuse"))
+        app.compare_with(toy_pack(view_mlp=False), Path("toy-diffuse"))
     elif page == "film":
         run(app, "turntable")
     elif page == "performance":
@@ -131,12 +131,12 @@ def test_the_start_page_looks_as_before(offscreen, app, compare, tmp_path, monke
 
 def test_the_window_with_a_photograph_looks_as_before(ui, app, compare):
     app.interface.page = "photographs"
-    app.comparison.stand_in(app, 1)
+    app.gallery.stand_in(app, 1)
     compare(ui, "photograph")
 
 
 def test_frusta_look_as_before(ui, app, compare):
-    app.interface.page, app.comparison.frusta = "", True
+    app.interface.page, app.gallery.frusta = "", True
     app.scene.rig.dolly(-9)
     app.scene.rig.settle()
     compare(ui, "frusta")

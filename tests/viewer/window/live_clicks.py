@@ -28,6 +28,7 @@ from viewer.app.application import App
 from viewer.app.make_plan import Plan, Survey
 from viewer.app.making import Job
 from viewer.panels.layout import NARROW, PAGES
+from viewer.panels.ui import Ui
 from viewer.rendering.settings import RenderSettings
 from viewer.window.window import Window
 
@@ -53,7 +54,7 @@ def opened(display) -> Iterator[tuple[Window, Watch]]:
     with pytest.MonkeyPatch.context() as patch, watch() as seen:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Window(App(), SIZES[-1]) as window:
+        with Window(App(), Ui, SIZES[-1]) as window:
             window.ui.file_dialogs.native = False
             yield window, seen
 
@@ -150,12 +151,12 @@ def _plan(subject: str, **changes: object) -> Prepare:
 
 def _compare(app: App, scenes: Scenes) -> None:
     stage, app.stage = app.stage, None if app.stage.other is not None else app.stage
-    app.comparison.with_pack(app, scenes.other, scenes.path)
+    app.compare_with(scenes.other, scenes.path)
     app.stage, app.comparison.how = stage, "difference"
 
 
 def _stand_in(app: App, scenes: Scenes) -> None:
-    app.comparison.stand_in(app, 1)
+    app.gallery.stand_in(app, 1)
     app.comparison.how = "difference"
 
 

@@ -25,6 +25,7 @@ from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.projection import box_points, project
 from viewer.panels import theme
+from viewer.panels.ui import Ui
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.window.window import Window
 
@@ -56,7 +57,7 @@ def opened(display) -> Iterator[Window]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Window(App(), SIZE) as window:
+        with Window(App(), Ui, SIZE) as window:
             yield window
 
 
@@ -185,7 +186,7 @@ def test_a_window_that_is_resized_shows_one_picture_and_no_tiles_of_another(wind
 def test_two_packs_are_seen_through_one_camera_while_it_moves(window, xdotool, grab):
     """A pack against itself: whatever differs is a picture of another camera, or of another sharpness."""
     app = window.app
-    app.comparison.with_pack(app, toy_pack(), app.scene.path)
+    app.compare_with(toy_pack(), app.scene.path)
     app.comparison.how = "difference"
     worst = []
     slide(window, xdotool, grab, lambda shown: worst.append(shown.max()), button=1)

@@ -18,6 +18,7 @@ from scenepack import save_pack
 from tests.viewer.conftest import SCREEN, toy_pack
 from viewer.app.application import App
 from viewer.app.make_plan import Plan
+from viewer.panels.ui import Ui
 from viewer.window.window import Window
 
 SIZE = (900, 600)
@@ -31,7 +32,7 @@ def opened(display):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Window(App(), SIZE) as window:
+        with Window(App(), Ui, SIZE) as window:
             yield window
 
 

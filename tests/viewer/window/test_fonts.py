@@ -22,7 +22,7 @@ JAPANESE = "日本棚"
 def needs_japanese() -> None:
     """Skips where no font has Japanese letters."""
     if not shutil.which("fc-list"):
-        pytest.skip("fontconfig's programs are not installed")
+        pytest.skip("fc-list is not installed: apt-get install fontconfig")
     listed = subprocess.run(
         ["fc-list", ":charset=65e5 68da", "file"], capture_output=True, text=True, timeout=60
     ).stdout

@@ -48,14 +48,14 @@ def part_with_the_photograph(app: App) -> tuple[slice, slice]:
 
 def expected(app: App, ctx, pack, index: int, side: int) -> np.ndarray:
     """What snerg-eval draws of a photograph, at another size."""
-    camera = ViewCamera.from_scene_camera(pack, app.comparison.photographs.shots[index].camera)
+    camera = ViewCamera.from_scene_camera(pack, app.gallery.photographs.shots[index].camera)
     with OffscreenRenderer(pack, ctx=ctx) as renderer:
         return renderer.render(camera.resized(side, side)).astype(int)
 
 
 @pytest.mark.parametrize("index", [0, 4])
 def test_the_window_shows_a_photograph_through_its_lens_as_snerg_eval_does(ui, app, ctx, distorted, index):
-    app.comparison.stand_in(app, index)
+    app.gallery.stand_in(app, index)
     app.comparison.stop()  # the picture alone
     ui.settle()
     app.resolution.pixels_per_ms = 10.0  # so that it is drawn in tiles
@@ -73,7 +73,7 @@ def test_the_window_shows_a_photograph_through_its_lens_as_snerg_eval_does(ui, a
 
 
 def test_the_quick_picture_has_the_lens_too(ui, app, ctx, distorted):
-    app.comparison.stand_in(app, 0)
+    app.gallery.stand_in(app, 0)
     app.comparison.stop()
     app.resolution.scale = 0.5
     camera = app.camera()
@@ -90,7 +90,7 @@ def test_the_quick_picture_has_the_lens_too(ui, app, ctx, distorted):
 
 
 def test_the_psnr_compares_pictures_of_one_lens(ui, app, ctx, distorted):
-    app.comparison.stand_in(app, 0)
+    app.gallery.stand_in(app, 0)
     app.comparison.pixels = expected(app, ctx, distorted, 0, 64).astype(np.uint8)  # as its camera would have taken it
     ui.settle()
     assert app.comparison.psnr_db > 60
@@ -118,8 +118,8 @@ def test_lenses_reach_as_far_as_they_grow():
 
 def test_points_are_drawn_where_the_lens_shows_them(distorted):
     app = App()
-    app.comparison.scene_changed(distorted)
-    view = app.comparison.photographs.shots[0].view
+    app.gallery.scene_changed(distorted)
+    view = app.gallery.photographs.shots[0].view
     pixels = np.array([[3.0, 5.0], [60.0, 2.0], [32.0, 32.0], [1.0, 63.0]])
     points = view.position + 2.5 * rays_through(view, pixels) @ view.grid_T_camera[:3, :3].T
     seen, before = project(view, points)
@@ -129,7 +129,7 @@ def test_points_are_drawn_where_the_lens_shows_them(distorted):
 
 
 def test_a_double_click_through_a_lens_finds_what_is_under_it(ui, app):
-    app.comparison.stand_in(app, 0)
+    app.gallery.stand_in(app, 0)
     app.comparison.stop()
     ui.settle()
     camera = app.camera()
@@ -148,7 +148,7 @@ def test_a_double_click_through_a_lens_finds_what_is_under_it(ui, app):
 
 
 def test_moving_on_from_a_photograph_keeps_what_is_seen(ui, app):
-    app.comparison.stand_in(app, 0)
+    app.gallery.stand_in(app, 0)
     rig = app.scene.rig
     held = app.camera()
     height = held.height / held.fy

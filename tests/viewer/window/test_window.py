@@ -15,6 +15,7 @@ from tests.viewer.app.scenes import photographed
 from viewer.app.application import App
 from viewer.commands.view import PageName
 from viewer.panels.layout import PAGES
+from viewer.panels.ui import Ui
 from viewer.window.window import NoDisplay, Window, display_problem
 
 HERE = Path(__file__).parent
@@ -142,4 +143,4 @@ def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     assert display_problem() is None
     with pytest.raises(NoDisplay, match="no window can be opened"):
-        Window(App())
+        Window(App(), Ui)

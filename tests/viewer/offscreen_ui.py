@@ -11,10 +11,9 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
 from viewer.app.keyboard import KeyPress
-from viewer.panels import theme
+from viewer.app.presenting import awaited, unfinished
 from viewer.panels.ui import Ui
 from viewer.window.canvas import Canvas
-from viewer.window.presenting import awaited, unfinished
 
 FRAME_S = 1.0 / 60.0
 PLACES = {
@@ -79,7 +78,7 @@ class OffscreenUi:
         drawn = self.canvas.drawn
         self.framebuffer.use()
         self.framebuffer.viewport = (0, 0, *self.framebuffer.size)
-        self.framebuffer.clear(*(theme.rgb(theme.BASE).x, theme.rgb(theme.BASE).y, theme.rgb(theme.BASE).z, 1.0))
+        self.framebuffer.clear(*self.ui.background, 1.0)
         self.ui.draw()
         if drawn is not None:
             frame_ms = max(drawn.scene_ms, 1000.0 * seconds)

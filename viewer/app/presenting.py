@@ -8,45 +8,44 @@ from __future__ import annotations
 
 from console import UserError
 from viewer.app.application import App
+from viewer.app.stage import Drawn, Layer, Picture, Stage
 from viewer.rendering.settings import RenderSettings
-from viewer.window.canvas import Canvas, Drawn
-from viewer.window.targets import Layer
 
 PHOTOGRAPH = "photograph"
 
 
-def present(app: App, canvas: Canvas) -> None:
-    """Draws as much as one frame has time for, and notes it in canvas.drawn. Failures become dialogs."""
-    canvas.drawn = None
+def present(app: App, stage: Stage) -> None:
+    """Draws as much as one frame has time for, and notes it in stage.drawn. Failures become dialogs."""
+    stage.drawn = None
     try:
-        canvas.drawn = _present(app, canvas)
+        stage.drawn = _present(app, stage)
     except UserError as error:  # e.g. no room for a picture of this size
         app.messages.fail("The picture cannot be drawn", error)
         app.settings = RenderSettings()
         app.comparison.stop()
-        canvas.forget()
+        stage.forget()
         app.touch()
 
 
-def _present(app: App, canvas: Canvas) -> Drawn | None:
+def _present(app: App, stage: Stage) -> Drawn | None:
     comparison, scene = app.comparison, (app.viewport.camera, app.settings, app.resolution)
-    shown = [canvas]
-    if comparison.against == "pack" and canvas.other is not None:
-        shown.append(canvas.other)
+    shown: list[Picture] = [stage]
+    if comparison.against == "pack" and stage.other is not None:
+        shown.append(stage.other)
     drew = [each for each in shown if each.follow(*scene)]
     if drew:  # two pictures that are compared are of one sharpness
         drew += [each for each in shown if each not in drew and each.follow(*scene, anew=True)]
     for each in shown:
         if not drew and each.sharpen(*scene):  # one tile a frame
             drew = [each]
-    pair = _compared(app, canvas)
+    pair = _compared(app, stage)
     if comparison.how == "difference" and pair is not None:
-        if drew or canvas.difference is None or app.frames_owed:
-            canvas.subtract(*pair, app.viewport.pixels, comparison.gain)
+        if drew or stage.difference is None or app.frames_owed:
+            stage.subtract(*pair, app.viewport.pixels, comparison.gain)
     else:
-        canvas.difference = None
+        stage.difference = None
     if not drew:
-        if not unfinished(app, canvas):
+        if not unfinished(app, stage):
             comparison.measure(app)
             app.costs.measure(app)
         return None
@@ -54,36 +53,36 @@ def _present(app: App, canvas: Canvas) -> Drawn | None:
     return Drawn(sum(each.scene_ms for each in drew), sum(gpu) if gpu else None)
 
 
-def _compared(app: App, canvas: Canvas) -> tuple[Layer, Layer] | None:
+def _compared(app: App, stage: Stage) -> tuple[Layer, Layer] | None:
     """All of the picture, and all of what it is compared with; two packs are both quick until both are whole."""
-    other = other_layers(app, canvas)
-    if not other or not canvas.layers:
+    other = other_layers(app, stage)
+    if not other or not stage.layers:
         return None
-    if app.comparison.against == "pack" and canvas.other is not None and unfinished(app, canvas):
-        return (canvas.quick, canvas.other.quick) if canvas.quick and canvas.other.quick else None
-    return canvas.layers[0], other[0]
+    if app.comparison.against == "pack" and stage.other is not None and unfinished(app, stage):
+        return (stage.quick, stage.other.quick) if stage.quick and stage.other.quick else None
+    return stage.layers[0], other[0]
 
 
-def other_layers(app: App, canvas: Canvas) -> list[Layer]:
+def other_layers(app: App, stage: Stage) -> list[Layer]:
     """What the picture is compared with, as layers; none where nothing is."""
     comparison = app.comparison
-    if comparison.against == "pack" and canvas.other is not None:
-        return canvas.other.layers
+    if comparison.against == "pack" and stage.other is not None:
+        return stage.other.layers
     if comparison.against == "photograph" and comparison.pixels is not None:
-        texture = canvas.image(PHOTOGRAPH, comparison.pixels)
+        texture = stage.image(PHOTOGRAPH, comparison.pixels)
         return [Layer(texture, (0.0, 0.0), (1.0, 1.0), comparison.box(app))]
-    canvas.drop_image(PHOTOGRAPH)
+    stage.drop_image(PHOTOGRAPH)
     return []
 
 
-def unfinished(app: App, canvas: Canvas) -> bool:
+def unfinished(app: App, stage: Stage) -> bool:
     """Whether a picture is not at its full resolution yet."""
-    comparing = app.comparison.against == "pack" and canvas.other is not None
-    return canvas.pending or (comparing and canvas.other is not None and canvas.other.pending)
+    comparing = app.comparison.against == "pack" and stage.other is not None
+    return stage.pending or (comparing and stage.other is not None and stage.other.pending)
 
 
 def awaited(app: App) -> bool:
     """Whether a thread is at work on something that will be seen."""
-    thumbnails = app.comparison.thumbnails
+    thumbnails = app.gallery.thumbnails
     asked_about = app.making.plan is not None and app.making.busy
     return app.loading is not None or asked_about or (thumbnails is not None and thumbnails.coming)

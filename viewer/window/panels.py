@@ -1,0 +1,70 @@
+"""What the window needs of the panels. viewer.panels.ui implements it; the command that opens a window brings it along."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from viewer.app.application import App
+from viewer.app.keyboard import Keyboard, KeyPress
+from viewer.app.stage import Stage
+from viewer.app.state import Clipboard
+
+
+class Panels(Protocol):
+    """All panels in one window. The window's OpenGL context must be current.
+
+    keyboard: told of keys that go down and up. scale: how many times larger than usual they are drawn, 0 before the first
+    frame.
+    """
+
+    keyboard: Keyboard
+    scale: float
+
+    @property
+    def clipboard(self) -> Clipboard:
+        """The system's."""
+        ...
+
+    @property
+    def background(self) -> tuple[float, float, float]:
+        """The colour behind all, red, green, blue in 0 … 1."""
+        ...
+
+    def pressed(self, press: KeyPress) -> None:
+        """A key or a character."""
+
+    def modifier_changes(self) -> None:
+        """Ctrl, Shift, Alt or Cmd goes down or up."""
+
+    def frame(self, app: App, stage: Stage, scale: float = 1.0) -> None:
+        """Builds the panels for this moment's state, with the picture on `stage`, and hands the user's wishes to `app`."""
+
+    def draw(self) -> None:
+        """Draws what `frame` prepared into the framebuffer that is bound."""
+
+    @property
+    def layout(self) -> str:
+        """Where the pages are docked, to be remembered."""
+        ...
+
+    @property
+    def typing(self) -> bool:
+        """Whether a text field has the keyboard, so that its cursor must blink."""
+        ...
+
+    @property
+    def hears(self) -> bool:
+        """Whether there is input that no frame has seen."""
+        ...
+
+    @property
+    def fonts_coming(self) -> bool:
+        """Whether there may be more letters soon."""
+        ...
+
+    def release(self) -> None:
+        """Frees all that is theirs."""
+
+
+MakePanels = Callable[[int], Panels]  # from the address of a GLFW window, whose events they listen to
