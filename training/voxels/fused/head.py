@@ -13,6 +13,8 @@ from numba import njit
 
 INPUTS, HIDDEN, OUTPUTS = 34, 16, 3
 ENCODED, DEGREES = 27, 4
+METRICS = 6  # sums over rays: loss, clipped error, two losses, counts of rays and samples
+COLOUR, SQUARED, PENALTY, SCATTER, RAYS, SAMPLES = range(METRICS)
 PARAMETERS = INPUTS * HIDDEN + HIDDEN + HIDDEN * HIDDEN + HIDDEN + HIDDEN * OUTPUTS + OUTPUTS
 
 
@@ -110,7 +112,7 @@ def _encode(viewdirs, low, rays, inputs):
 
 
 @njit(nogil=True, cache=True)
-def shade_chunk(low, high, batch, head, scratch, shaded_below, work, metrics, COLOUR, SQUARED, RAYS):
+def shade_chunk(low, high, batch, head, scratch, shaded_below, work, metrics):
     """Colours of rays low … high - 1 against their targets: metrics, dL/d sums and the view MLP's gradient.
 
     A ray without samples counts for nothing.

@@ -17,17 +17,13 @@ import numpy as np
 from numba import njit
 
 from training.voxels.fused.bricks import Bricks, row_in, row_of
-from training.voxels.fused.head import shade_chunk
+from training.voxels.fused.head import METRICS, PARAMETERS, PENALTY, SAMPLES, SCATTER, shade_chunk
 from training.voxels.fused.rays import Batch
 from training.voxels.fused.vectors import blend
 
 CHUNK = 64  # rays that are worked on together; results depend on it in the last bits, never on threads
 CLOSE = 1e-3  # steps: what is left to rounding when a ray jumps over empty space
 LOG_LATER = 1e280  # a running product that is turned into a logarithm before it overflows
-METRICS = 6
-COLOUR, SQUARED, PENALTY, SCATTER, RAYS, SAMPLES = range(
-    METRICS
-)  # sums over rays: loss, clipped error, two losses, counts
 
 
 class Numbers(NamedTuple):
@@ -49,7 +45,8 @@ class Numbers(NamedTuple):
 class Work(NamedTuple):
     """What the chunks of a step leave for the rows. Chunk c has samples c * room … c * room + counts[c] - 1.
 
-    ids int32, weights, slopes float32 [C * room, 8]; counts int64 [C]. metrics float64 [C, METRICS].
+    ids int32, weights, slopes float32 [C * room, 8]; counts int64 [C]; metrics
+    float64 [C, METRICS]; head [C, PARAMETERS]: slopes of the view MLP.
     """
 
     ids: np.ndarray
@@ -57,6 +54,7 @@ class Work(NamedTuple):
     slopes: np.ndarray
     counts: np.ndarray
     metrics: np.ndarray
+    head: np.ndarray
 
 
 class Scratch(NamedTuple):
@@ -77,7 +75,7 @@ def make_work(chunks: int, room: int) -> Work:
     size = chunks * room
     return Work(
         np.empty((size, 8), np.int32), np.empty((size, 8), np.float32), np.empty((size, 8), np.float32),
-        np.zeros(chunks, np.int64), np.zeros((chunks, METRICS)),
+        np.zeros(chunks, np.int64), np.zeros((chunks, METRICS)), np.zeros((chunks, PARAMETERS), np.float32),
     )  # fmt: skip
 
 
@@ -88,13 +86,16 @@ def make_scratch(room: int) -> Scratch:
 
 
 @njit(nogil=True, cache=True)
-def march_chunk(bricks: Bricks, batch: Batch, low, high, step, last_depth, offset, room, ids, weights, t, first):
-    """Lists the samples of rays low … high - 1 that have support, from `offset` on, of which there is room for any number.
+def march_chunk(chunk, bricks: Bricks, batch: Batch, numbers, work, scratch):
+    """Lists the samples of a chunk's rays that have support, and how many there are.
 
     Samples lie at start + (phase + k) step. Empty blocks and bricks are jumped over by whole steps; a ray ends behind
-    `last_depth` units of remembered optical depth. t [room] and first [CHUNK + 1] are the chunk's own; ids and weights
-    [., 8] are the step's. Tables are taken out of their tuples once: passing these on costs more than the march.
+    `last_depth` units of remembered optical depth. Tables are taken out of their tuples once: passing these on costs more
+    than the march.
     """
+    low, high, room = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0]), scratch.t.shape[0]
+    offset, step, last_depth = chunk * room, numbers.step, numbers.last_depth
+    ids, weights, t, first = work.ids, work.weights, scratch.t, scratch.first
     slots, blocks, base, bits = bricks.slots, bricks.blocks, bricks.base, bricks.bits
     support, supported = bricks.support, bricks.supported
     most_x, most_y, most_z = np.int64(bricks.dims[0]), np.int64(bricks.dims[1]), np.int64(bricks.dims[2])
@@ -152,6 +153,7 @@ def march_chunk(bricks: Bricks, batch: Batch, low, high, step, last_depth, offse
             count += 1
             deep += code - 1
         first[ray - low + 1] = count
+    work.counts[chunk] = count
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -183,35 +185,20 @@ def sigmoid_in_place(values, count):
 
 
 @njit(nogil=True, cache=True)
-def render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shading, room):
-    """Works out a chunk's samples, their slopes, its share of the view MLP's gradient (in `shading`) and its metrics."""
+def render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shading):
+    """Works out a chunk's samples, their slopes, its share of the view MLP's gradient, and its metrics."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
-    offset = chunk * room
-    metrics = work.metrics[chunk]
+    offset, metrics = chunk * scratch.t.shape[0], work.metrics[chunk]
     metrics[:] = 0.0
-    first = scratch.first
-    march_chunk(
-        bricks,
-        batch,
-        low,
-        high,
-        numbers.step,
-        numbers.last_depth,
-        offset,
-        room,
-        work.ids,
-        work.weights,
-        scratch.t,
-        first,
-    )
-    count = first[high - low]
-    work.counts[chunk] = count
+    march_chunk(chunk, bricks, batch, numbers, work, scratch)
+    count = work.counts[chunk]
     metrics[SAMPLES] = count
 
     fetch_chunk(offset, count, rows, work.ids, work.weights, work.slopes, numbers.shift, scratch.pre)
     composite_chunk(low, high, offset, batch.length, work.slopes, numbers, scratch, shading.sums, metrics)
-    shade_chunk(low, high, batch, head, scratch, numbers.shaded_below, shading, metrics, COLOUR, SQUARED, RAYS)
+    shade_chunk(low, high, batch, head, scratch, numbers.shaded_below, shading, metrics)
     slope_chunk(low, high, offset, batch.length, work.slopes, numbers, scratch, shading.slopes, metrics)
+    work.head[chunk, :] = shading.gradient
 
 
 @njit(nogil=True, cache=True)

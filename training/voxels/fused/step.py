@@ -14,23 +14,19 @@ from numpy.typing import ArrayLike
 from scenepack.constants import TRANSMITTANCE_SHADED
 from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, segments_across
 from training.voxels.fused.bricks import Bricks, build_bricks
-from training.voxels.fused.head import PARAMETERS, Head, make_head_work
-from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch
-from training.voxels.fused.render import (
-    CHUNK,
+from training.voxels.fused.head import (
     COLOUR,
+    PARAMETERS,
     PENALTY,
     RAYS,
     SAMPLES,
     SCATTER,
     SQUARED,
-    Numbers,
-    Work,
-    make_scratch,
-    make_work,
-    march_chunk,
-    render_chunk,
-)  # fmt: skip
+    Head,
+    make_head_work,
+)
+from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch
+from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work, march_chunk, render_chunk
 from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
 from training.voxels.fused.workers import Workers
 from training.voxels.settings import ADAM_BETAS, Settings
@@ -65,11 +61,9 @@ class Gradient(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def _render_chunks(low, high, bricks, rows, batch, head, numbers, work, scratch, shading, room, head_gradients):
+def _render_chunks(low, high, bricks, rows, batch, head, numbers, work, scratch, shading):
     for chunk in range(low, high):
-        shading.gradient[:] = 0.0
-        render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shading, room)
-        head_gradients[chunk, :] = shading.gradient
+        render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shading)
 
 
 def split_head(flat: np.ndarray) -> Head:
@@ -124,12 +118,11 @@ class Stepper:
         chunks = -(-len(batch.start) // CHUNK)
         work, room = self._work_for(chunks), self._room
         head, numbers, bricks = split_head(values.head), self.numbers, self.grid.bricks
-        head_gradients = np.zeros((chunks, PARAMETERS), np.float32)
 
         def render(worker: int, part: int) -> None:
             low, high = part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks)
             _render_chunks(low, high, bricks, values.rows, batch, head, numbers, work, self._scratch[worker],
-                           self._shading[worker], room, head_gradients)  # fmt: skip
+                           self._shading[worker])  # fmt: skip
 
         self.workers.share(-(-chunks // CHUNKS_AT_ONCE), render)
         sums = work.metrics.sum(0)
@@ -151,7 +144,7 @@ class Stepper:
         }
         metrics["loss"] = sums[COLOUR] / rays + metrics["sparsity"] + metrics["variation"] + metrics["distortion"]
         metrics |= {"rays": rays, "samples": sums[SAMPLES]}
-        return Gradient(head_gradients.sum(0), rays, metrics)
+        return Gradient(work.head.sum(0), rays, metrics)
 
     def adam(
         self, values: Values, first: Values, second: Values, gradient: Gradient, updates: int, decay: float
@@ -195,19 +188,16 @@ class Stepper:
         work = self._work_for(chunks)
 
         def count(worker: int, chunk: int) -> None:
-            low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, len(batch.start))
-            first = self._scratch[worker].first
-            march_chunk(self.grid.bricks, batch, low, high, self.numbers.step, self.numbers.last_depth, chunk * self._room,
-                        self._room, work.ids, work.weights, self._scratch[worker].t, first)  # fmt: skip
-            work.counts[chunk] = first[high - low]
+            march_chunk(chunk, self.grid.bricks, batch, self.numbers, work, self._scratch[worker])
 
         self.workers.share(chunks, count)
         return float(work.counts.sum() / max(len(batch.start), 1))
 
     def _work_for(self, chunks: int) -> Work:
-        if self._work is None or len(self._work.counts) != chunks:
+        if self._work is None or len(self._work.counts) < chunks:
             self._work = make_work(chunks, self._room)
-        return self._work
+        work = self._work
+        return work._replace(counts=work.counts[:chunks], metrics=work.metrics[:chunks], head=work.head[:chunks])
 
     def _variation(self, values: Values, picked: np.ndarray) -> Variation:
         count, size = len(picked), 64 * WINDOW
