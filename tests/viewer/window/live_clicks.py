@@ -24,7 +24,7 @@ from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
-from viewer.app import crop, loading, making
+from viewer.app import crop, loading, make_plan, making
 from viewer.app.application import App
 from viewer.app.make_plan import Plan, Survey
 from viewer.app.making import Job
@@ -80,6 +80,7 @@ def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
     release = threading.Event()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "Child", lambda *_: _child())
+        patch.setattr(make_plan, "trainer_missing", lambda: False)  # nothing is trained here
         read = loading.load_pack
 
         def slow(path: Path, **options):
