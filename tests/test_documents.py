@@ -288,6 +288,14 @@ def test_the_format_lists_the_keys_that_are_written() -> None:
     assert written == listed
 
 
+def test_the_manual_names_what_the_window_shows() -> None:
+    """Words *like this* are titles of pages, buttons and switches, or values of theirs."""
+    code = "".join(text_of(path) for folder in ("viewer", "training") for path in (ROOT / folder).rglob("*.py"))
+    titles = set(re.findall(r"(?<![*\w])\*([A-Z0-9][^*\n]+)\*(?!\*)", text_of(ROOT / "docs/viewer.md")))
+    assert len(titles) > 15
+    assert not {title for title in titles if title not in code and title.lower() not in code}
+
+
 def test_the_tree_is_the_tree_on_disk() -> None:
     tree = next(block for block in blocks_of(ROOT / "docs/architecture.md") if block.startswith("console/"))
     listed: set[str] = set()

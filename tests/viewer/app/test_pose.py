@@ -57,5 +57,5 @@ def test_six_numbers_are_eye_and_target():
      '{"eye":[0,0,1],"target":[0,0,0],"fov":-3}'],
 )  # fmt: skip
 def test_text_that_is_no_pose_is_told_plainly(text):
-    with pytest.raises(ValueError, match="this is no pose"):
+    with pytest.raises(ValueError, match="this is not a pose"):
         pose_from_text(text)
