@@ -27,6 +27,7 @@ _EXTRAS = {
     "jax": "train",
     "jaxlib": "train",
     "matplotlib": "train",
+    "numba": "train",
     "optax": "train",
     "safetensors": "train",
     "av": "video",
