@@ -26,6 +26,8 @@ _NOT_WRITTEN = {
 _EXTRAS = {
     "jax": "train",
     "jaxlib": "train",
+    "matplotlib": "train",
+    "numba": "train",
     "optax": "train",
     "safetensors": "train",
     "av": "video",

