@@ -59,12 +59,18 @@ class NerfConfig:
     """Points that are evaluated at once when baking."""
 
 
+EngineName = Literal["auto", "jax", "fused"]
+
+
 @dataclass(frozen=True)
 class TrainConfig:
     """A training run."""
 
     method: Literal["nerf", "voxels"] = "nerf"
     """The model: the paper's MLP (nerf), or a sparse voxel grid (voxels)."""
+    engine: EngineName = "auto"
+    """What computes the steps of method voxels: JAX, or the fused loops for processors (Numba). auto: fused where JAX has no
+    accelerator. A run keeps the engine that it began with."""
     steps: int = 250_000
     """Total number of training steps. The learning-rate schedule ends here."""
     batch_size: int = 8192
@@ -170,6 +176,8 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
     if cls is VoxelConfig and "horizon" in values:  # runs of 0.1.0, before it was called by the field's word
         values = {**values, "early_termination": values["horizon"]}
         values.pop("horizon")
+    if cls is TrainConfig:  # runs of before there was a choice
+        values = {"engine": "jax", **values}
     unknown = sorted(set(values) - set(names))
     if unknown:
         raise UserError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from console import UserError
 from training.config import TrainConfig
 from training.dataset import RayDataset
@@ -19,3 +21,12 @@ def make_method(config: TrainConfig, dataset: RayDataset) -> Method:
 
         return VoxelMethod(config, dataset)
     raise UserError("no such method", where="method", expected="nerf or voxels", found=config.method)
+
+
+def settled(config: TrainConfig) -> TrainConfig:
+    """The config of a run that begins here, with what this machine decides: a run keeps its engine wherever it goes on."""
+    if config.method != "voxels":
+        return replace(config, engine="jax")
+    from training.voxels.engines import chosen_engine
+
+    return replace(config, engine=chosen_engine(config.engine))

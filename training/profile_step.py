@@ -15,17 +15,19 @@ import dataclasses
 import os
 import sys
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from console import UserError, progress, run_command, write_json
+from console import Notice, UserError, progress, run_command, write_json
 
 if TYPE_CHECKING:
     from training.voxels.method import VoxelMethod
     from training.voxels.state import VoxelState
+    from training.voxels.step import JaxEngine
 
 DESCRIPTION = "Times the parts of one training step of the voxel method (presets cpu and fast)."
 PARTS = {
@@ -40,6 +42,7 @@ PARTS = {
     "remember": "how deep, optically, cells are: one look in 50 steps, spread over them",
 }
 WHOLE_STEP = "step"
+FUSED = "fused"  # the whole step of the other engine
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,12 @@ class Profile:
             f"{facts['samples']:,} samples a step. {facts['rounds']} rounds on {facts['device']}; a step took "
             f"{self.step_ms:.0f} ms, by the median."
         )
+        if FUSED in facts:
+            other = facts[FUSED]
+            about += (
+                f" In the same rounds, a step of the fused engine took {other['ms']:.0f} ms for {other['samples']:,} samples: "
+                f"{other['ratio']:.1f} times the samples a second."
+            )
         rows = [
             f"| {name} | {what} | {100 * self.shares[name]:.0f} % | {self.parts[name]:.1f} |"
             for name, what in PARTS.items()
@@ -80,36 +89,59 @@ class Profile:
 def profile(
     method: VoxelMethod, state: VoxelState, step: int, rounds: int, on_share: Callable[[float], None] = lambda _: None
 ) -> Profile:
-    """Times `rounds` rounds at a state, whose trainable values are given away. step: how many were done before."""
+    """Times `rounds` rounds at a state, which goes on from there. step: how many steps were done before.
+
+    The JAX step is taken apart; where the fused engine can be had, its whole step is timed in the same rounds.
+    """
     import jax
     import numpy as np
 
+    from training.voxels.engines import chosen_engine, make_engine
     from training.voxels.method import REMEMBER_EVERY
+    from training.voxels.step import JaxEngine
 
-    programs = _programs(method, state)
-    times: dict[str, list[float]] = {name: [] for name in [*programs, WHOLE_STEP, "remember"]}
+    config, plain = method.config, method.engine.end(state)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Notice)
+        fused = chosen_engine("auto") == "fused"
+    other = make_engine("fused", method.dataset, method.plan, method.settings, config.seed) if fused else None
+    others = other.remember(other.begin(plain)) if other else None  # copied before JAX uses it up
+    engine = JaxEngine(method.dataset, method.settings, config.seed)
+    state = engine.begin(plain)
+    programs = _programs(engine, state)
+    names = [*programs, WHOLE_STEP, "remember", *([FUSED] if other else [])]
+    times: dict[str, list[float]] = {name: [] for name in names}
     metrics: dict[str, Any] = {}
+    fused_samples: list[float] = []
     for turn in range(rounds + 1):  # the first compiles, and is not counted
         at = step + turn
         for name, taken in times.items():
             began = time.perf_counter()
             if name == WHOLE_STEP:
-                state, metrics = method.engine.step(state, at, min(at / max(method.config.steps, 1), 1.0))
+                state, metrics = engine.step(state, at, min(at / max(config.steps, 1), 1.0))
                 jax.block_until_ready(state.optimised)
+            elif name == FUSED:
+                assert other is not None
+                others, told = other.step(others, at, min(at / max(config.steps, 1), 1.0))
+                fused_samples.append(told["samples"])
             elif name == "remember":
-                jax.block_until_ready(method.engine.remember(state).layout.support)
+                jax.block_until_ready(engine.remember(state).layout.support)
             else:
                 jax.block_until_ready(programs[name](state, at))
             if turn:
                 taken.append(1000 * (time.perf_counter() - began))
         on_share((turn + 1) / (rounds + 1))
-    parts = _differences({name: np.array(values) for name, values in times.items()}, REMEMBER_EVERY)
+    whole, samples = float(np.median(times[WHOLE_STEP])), float(metrics["samples"])
+    parts = _differences({name: np.array(values) for name, values in times.items() if name != FUSED}, REMEMBER_EVERY)
     facts = {
         "step": step, "voxels": int(state.trainable.rows.shape[0] - 1), "rays": state.rays,
         "samples": int(metrics["samples"]), "rounds": rounds,
         "device": f"{jax.device_count()} x {jax.devices()[0].device_kind}, {os.cpu_count()} cores",
     }  # fmt: skip
-    return Profile(parts, float(np.median(times[WHOLE_STEP])), facts)
+    if other:
+        ms, drawn = float(np.median(times[FUSED])), float(np.median(fused_samples))
+        facts[FUSED] = {"ms": round(ms, 3), "samples": int(drawn), "ratio": round(drawn / ms * whole / samples, 3)}
+    return Profile(parts, whole, facts)
 
 
 def _differences(times: dict[str, Any], every: int) -> dict[str, float]:
@@ -124,7 +156,7 @@ def _differences(times: dict[str, Any], every: int) -> dict[str, float]:
     return {**parts, "remember": float(np.median(times["remember"])) / every}
 
 
-def _programs(method: VoxelMethod, state: VoxelState) -> dict[str, Callable[[VoxelState, int], Any]]:
+def _programs(engine: JaxEngine, state: VoxelState) -> dict[str, Callable[[VoxelState, int], Any]]:
     """The step up to each part but the optimiser, jitted: (state, number of the step) -> what that part leaves.
 
     Those before `variation` look at one window of voxels only; `variation` is all up to the gradient with every window.
@@ -132,10 +164,7 @@ def _programs(method: VoxelMethod, state: VoxelState) -> dict[str, Callable[[Vox
     import jax
     import numpy as np
 
-    from training.voxels.step import JaxEngine, parts
-
-    engine = method.engine
-    assert isinstance(engine, JaxEngine)
+    from training.voxels.step import parts
 
     def up_to(part: str, trainable: Any, stage: Any, dataset: Any, key: Any, step: Any, *, share: float) -> Any:
         settings = engine.settings._replace(variation_share=share)

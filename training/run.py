@@ -25,7 +25,7 @@ from training.config import TrainConfig, from_json, to_json
 from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
 from training.method import Method
-from training.methods import make_method
+from training.methods import make_method, settled
 from training.scenes import Scene, SceneOptions, load_scene
 from training.scenes.box import checked_box
 
@@ -81,7 +81,8 @@ def start_run(path: Path, scene_path: Path, config: TrainConfig, options: SceneO
         if is_writer() and path.exists() and (not path.is_dir() or any(path.iterdir())):
             remedy = "continue it with --resume, or choose another --out" if is_run(path) else "choose another --out"
             raise UserError("exists already", where=path, remedy=remedy)
-    run = _assemble(path, RunDescription(config, scene_path.resolve(), options, _provenance()), scene_path)
+    description = RunDescription(settled(config), scene_path.resolve(), options, _provenance())
+    run = _assemble(path, description, scene_path)
     with together():
         write_description(path, run.description)
     return run

@@ -66,7 +66,7 @@ def test_profiling_trains_on_with_the_very_steps_of_training(procedural_scene: S
 def test_the_program_up_to_the_gradient_has_the_steps_own_gradient(procedural_scene: Scene):
     method = make_method(TINY, make_dataset(procedural_scene))
     state = method.start(jax.random.PRNGKey(0))
-    gradient, loss, _ = profile_step._programs(method, state)["variation"](state, 0)
+    gradient, loss, _ = profile_step._programs(method.engine, state)["variation"](state, 0)
     gradient = np.asarray(gradient.rows)
     after, metrics = method.step(state, 0)
     assert float(loss) == pytest.approx(float(metrics["loss"]), rel=1e-5)

@@ -1,14 +1,12 @@
 """The seam between the fast method and what computes its steps, so that one field can be trained by several programs.
 
-Between steps everything is shared: the dense start, pruning, refining, whole pictures, checkpoints. An engine is handed the
-dataset and the settings once, and from then on a state in, a state out. A state holds nothing of its engine's own.
+Between steps everything is shared: the dense start, pruning, refining, whole pictures, checkpoints. These work on a
+VoxelState, plain arrays; an engine keeps what it makes of one in a form of its own, from `begin` to `end`.
 """
 
 from __future__ import annotations
 
-from typing import Protocol
-
-import jax
+from typing import Any, Protocol
 
 from training.voxels.state import VoxelState
 
@@ -16,18 +14,25 @@ from training.voxels.state import VoxelState
 class Engine(Protocol):
     """What makes the steps: training.voxels.step.JaxEngine, or another that agrees with it to rounding.
 
-    Agreement is defined by two pure functions of training.voxels.step: `draw`, all randomness of a step as one Batch of
-    arrays, and `loss_and_gradient` of a Batch.
+    Agreement is defined by training.voxels.step.loss_and_gradient of a Batch. What is random about a step comes from the
+    seed and the step alone; two engines may draw differently.
     """
 
-    def step(self, state: VoxelState, step: int, progress: float) -> tuple[VoxelState, dict[str, jax.Array]]:
+    def begin(self, state: VoxelState) -> Any:
+        """The engine's own form of a state, which `step` may change in place. Cheap: a state may never be stepped."""
+        ...
+
+    def end(self, state: Any) -> VoxelState:
+        """The inverse of begin; the state stays as it is."""
+        ...
+
+    def step(self, state: Any, step: int, progress: float) -> tuple[Any, dict[str, Any]]:
         """One update of the trainable values and their moments, and its metrics (see training.method.Method.step).
 
-        What is random comes from the seed and `step` alone. progress in [0, 1]: how far down the learning rates are. The
-        arrays of `state.optimised` may be used up.
+        progress in [0, 1]: how far down the learning rates are.
         """
         ...
 
-    def remember(self, state: VoxelState) -> VoxelState:
+    def remember(self, state: Any) -> Any:
         """The state whose layout knows the cells' optical depths as they are now, by which marches terminate early."""
         ...

@@ -2,7 +2,7 @@
 
     state      what is trained, in plain arrays        settings   what a config means for a dataset
     field      raw values -> density, colours, rays    engine     the seam: state in, state out
-    step       one step (JAX)                          refine     what happens to voxels between steps
+    step       one step (JAX); fused: on processors    refine     what happens to voxels between steps
     render     whole pictures                          saving     checkpoints
 
 Here they are joined into a training.method.Method.
@@ -11,24 +11,22 @@ Here they are joined into a training.method.Method.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
 
 from training.config import TrainConfig
 from training.dataset import RayDataset
-from training.devices import here, put_whole
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.view_mlp import init_view_mlp
-from training.voxels.engine import Engine
+from training.voxels.engines import make_engine
 from training.voxels.field import query
 from training.voxels.refine import dense_start, refine
 from training.voxels.render import render_all
 from training.voxels.saving import restore, save
 from training.voxels.settings import plan_of, settings_of
 from training.voxels.sparse_grid import boxes_with_voxels
-from training.voxels.state import VoxelState
-from training.voxels.step import JaxEngine
 
 REMEMBER_EVERY = 50  # steps between looks at how deep, optically, cells are
 HEAD_BIAS = -3.0  # the view MLP starts near zero, so that diffuse colour settles first
@@ -42,39 +40,40 @@ class VoxelMethod:
         self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
         self.plan = plan_of(config, dataset)
         self.settings = settings_of(config, dataset, self.plan)
-        self.engine: Engine = JaxEngine(dataset, self.settings, config.seed)
+        self.engine = make_engine(config.engine, dataset, self.plan, self.settings, config.seed)
 
-    def start(self, key: jax.Array) -> VoxelState:
+    def start(self, key: jax.Array) -> Any:
         head = None
         if self.config.voxels.view_dependence:
             head = init_view_mlp(key)
             head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
-        return put_whole(dense_start(self.plan, self.geometry, self.settings, head), self.dataset.mesh)
+        return self.engine.begin(dense_start(self.plan, self.geometry, self.settings, head))
 
-    def step(self, state: VoxelState, step: int) -> tuple[VoxelState, dict[str, jax.Array]]:
+    def step(self, state: Any, step: int) -> tuple[Any, dict[str, Any]]:
         resolution = self.plan.schedule.get(step)
         if resolution is not None and step > 0:
-            refined = refine(here(state), resolution, self.plan, self.geometry, self.settings)
-            state = put_whole(refined, self.dataset.mesh)
+            refined = refine(self.engine.end(state), resolution, self.plan, self.geometry, self.settings)
+            state = self.engine.begin(refined)
         if step % REMEMBER_EVERY == 0 or resolution is not None:  # at a new stage, too: compiled then, not later
             state = self.engine.remember(state)
         return self.engine.step(state, step, step / max(self.config.steps, 1))
 
-    def render(self, state: VoxelState, rays: Rays) -> RenderOutput:
-        return render_all(here(state), rays, self.settings)
+    def render(self, state: Any, rays: Rays) -> RenderOutput:
+        return render_all(self.engine.end(state), rays, self.settings)
 
-    def query(self, state: VoxelState, points: jax.Array) -> FieldOutput:
-        return query(*here((state.trainable.rows, state.layout)), points, self.settings)
+    def query(self, state: Any, points: jax.Array) -> FieldOutput:
+        plain = self.engine.end(state)
+        return query(plain.trainable.rows, plain.layout, points, self.settings)
 
-    def may_hold(self, state: VoxelState, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    def may_hold(self, state: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Whether the boxes meet any present voxel's support; see training.method.Method."""
-        return boxes_with_voxels(here(state.layout), low, high)
+        return boxes_with_voxels(self.engine.end(state).layout, low, high)
 
-    def view_mlp(self, state: VoxelState) -> ViewMlpParams | None:
-        return here(state.trainable.head)
+    def view_mlp(self, state: Any) -> ViewMlpParams | None:
+        return self.engine.end(state).trainable.head
 
-    def save(self, state: VoxelState) -> dict[str, np.ndarray]:
-        return save(here(state))
+    def save(self, state: Any) -> dict[str, np.ndarray]:
+        return save(self.engine.end(state))
 
-    def restore(self, arrays: Mapping[str, np.ndarray]) -> VoxelState:
-        return put_whole(restore(arrays, self.dataset.count), self.dataset.mesh)
+    def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
+        return self.engine.begin(restore(arrays, self.dataset.count))

@@ -16,6 +16,7 @@ from training.voxels.config import KindSettings, settings_for
 SETTLING_STEPS = 80  # before this nothing is visible enough to tell content from air, however short the run
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
 NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
+ADAM_BETAS = (0.9, 0.99)
 MOST_RAYS = 8  # times the config's batch size: where few samples have support, rays are drawn up to this many
 
 

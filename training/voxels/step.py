@@ -20,19 +20,17 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding
 
 from training.dataset import RayDataset
-from training.devices import WHOLE, split
+from training.devices import WHOLE, here, put_whole, split
 from training.losses import psnr_of
 from training.marching.layout import blend
 from training.marching.march import MarchSizes, Samples, march
 from training.marching.rays import GridRays, to_grid
 from training.method import Rays, ViewMlpParams
 from training.voxels.field import remember_depths, render_samples
-from training.voxels.settings import Settings
+from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import distortion, neighbourhood, variation, windows
 from training.voxels.sparse_grid import CHANNELS
 from training.voxels.state import Optimised, Stage, Trainable, VoxelState
-
-ADAM_BETAS = (0.9, 0.99)
 
 
 class Batch(NamedTuple):
@@ -70,6 +68,12 @@ class JaxEngine:
 
     def __init__(self, dataset: RayDataset, settings: Settings, seed: int) -> None:
         self.dataset, self.settings, self.key = dataset, settings, jax.random.key(seed)
+
+    def begin(self, state: VoxelState) -> VoxelState:
+        return put_whole(state, self.dataset.mesh)
+
+    def end(self, state: VoxelState) -> VoxelState:
+        return here(state)
 
     def step(self, state: VoxelState, step: int, progress: float) -> tuple[VoxelState, dict[str, jax.Array]]:
         optimised, metrics = compiled_update(self.dataset.mesh)(

@@ -44,10 +44,6 @@ class Loading:
         """Gives up at the next image."""
         self.cancelled = True
 
-    def wait(self, seconds: float | None = None) -> None:
-        """For tests and for quitting: until the thread has ended."""
-        self._thread.join(seconds)
-
     def _run(self) -> None:
         try:
             with warnings.catch_warnings(record=True) as caught:

@@ -62,10 +62,6 @@ class Survey:
     def finished(self) -> bool:
         return not self._thread.is_alive()
 
-    def wait(self, seconds: float | None = None) -> None:
-        """Until the thread has ended; for tests."""
-        self._thread.join(seconds)
-
     @property
     def choices(self) -> list[int]:
         """Downscales that differ in what they give, from the largest pictures to the smallest."""

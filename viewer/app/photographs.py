@@ -158,20 +158,6 @@ class Photographs:
                 found.setdefault(("", photograph.name), photograph)
         self.background, self._found = scene.background, found
 
-    def nearest(self, camera: ViewCamera) -> int | None:
-        """The shot that was taken most nearly from where `camera` is, looking the same way."""
-        if not self.shots:
-            return None
-        ahead = camera.grid_T_camera[:3, 2]
-        spread = np.ptp([shot.view.position for shot in self.shots], axis=0).max() or 1.0
-        costs = [
-            float(np.linalg.norm(shot.view.position - camera.position)) / spread
-            + 1.0
-            - float(shot.view.grid_T_camera[:3, 2] @ ahead)
-            for shot in self.shots
-        ]
-        return int(np.argmin(costs))
-
 
 def shots_of(pack: Pack) -> list[Shot]:
     """The cameras in the pack's metadata; entries that make no sense are left out."""

@@ -135,10 +135,6 @@ class CameraRig:
         self.shown = goal if off < 2e-4 and angles_off < 0.02 else pose
         return True
 
-    def settle(self) -> None:
-        """Arrives at once."""
-        self.shown = self.goal
-
     # What hands do
 
     def take_over(self) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
 
 from console import UserError
 from viewer.app.application import App
@@ -17,7 +16,6 @@ from viewer.app.files import kind_of
 from viewer.app.filming import Size
 from viewer.rendering.settings import Mode
 
-LOOKS: tuple[How, ...] = get_args(How)
 STILL_SUFFIX = ".png"
 
 

@@ -64,10 +64,6 @@ class FontSearch:
     def finished(self) -> bool:
         return not self._thread.is_alive()
 
-    def wait(self, seconds: float | None = None) -> None:
-        """For tests: until the thread has ended."""
-        self._thread.join(seconds)
-
     def _run(self) -> None:
         try:
             self.found = [font for font in find_fonts(self.missing) if font.path.stat().st_size <= LARGEST_BYTES]

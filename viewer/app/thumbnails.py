@@ -56,10 +56,6 @@ class Thumbnails:
         """Gives up at the next photograph."""
         self._cancelled = True
 
-    def wait(self, seconds: float | None = None) -> None:
-        """For tests: until the thread has ended."""
-        self._thread.join(seconds)
-
     def _run(self) -> None:
         for index in range(self.shown):
             if self._cancelled:

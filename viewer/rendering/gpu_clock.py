@@ -20,17 +20,13 @@ def is_software(renderer: str) -> bool:
 
 
 class GpuClock:
-    """Times drawing in `ctx`. trusted: whether GPU times are measured; else `reason` says why not."""
+    """Times drawing in `ctx`. reason: why GPU times are not measured; "" where they are."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
         renderer = str(ctx.info.get("GL_RENDERER", ""))
         self.reason = f"{renderer.split(' (')[0]} draws in software" if is_software(renderer) else ""
         self._query = None if self.reason else ctx.query(time=True)
-
-    @property
-    def trusted(self) -> bool:
-        return self._query is not None
 
     def time(self, draw: Callable[[], None]) -> tuple[float | None, float]:
         """Runs `draw` to its end: milliseconds on the GPU, None where they are not measured, and by the wall clock."""

@@ -82,7 +82,6 @@ class Window:
             raise NoDisplay(problem)
         self.app, self._placed = app, (0, 0, *size)
         self._touched = True
-        self._pause = 0.0
         self.handle = _open(size, visible)
         self.ctx = moderngl.create_context(require=330)
         while self.ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation

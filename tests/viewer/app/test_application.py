@@ -7,6 +7,7 @@ import pytest
 
 from console import UserError
 from tests.viewer.conftest import toy_pack
+from tests.viewer.waiting import until
 from viewer.app import loading as loading_module
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS, modes_for, run
@@ -48,7 +49,7 @@ def open_app(pack, pack_folder) -> App:
 
 def finish_loading(app: App) -> None:
     assert app.loading is not None
-    app.loading.wait(20)
+    until(lambda: app.loading.finished)
     app.tick(0.01)
 
 
@@ -98,7 +99,7 @@ def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     loading = open_app.loading
     open_app.cancel_loading()
     go_on.set()
-    loading.wait(20)
+    until(lambda: loading.finished)
     open_app.tick(0.01)
     assert loading.pack is None and loading.error is None and open_app.scene is old and not open_app.messages.dialogs
 

@@ -15,6 +15,7 @@ from console import UserError
 from scenepack import load_pack, save_pack
 from scenepack.pictures import PICTURE, has_picture, picture_of, picture_uri
 from tests.viewer.app.scenes import SIDE, photographed
+from tests.viewer.waiting import until
 from training.scenes import load_scene
 from viewer.app.application import App
 from viewer.app.commands import run
@@ -57,7 +58,7 @@ def test_copies_are_the_photographs_shrunk_and_survive_every_way_a_pack_goes(kno
 
 def test_thumbnails_are_made_of_copies(carrying):
     thumbnails = Thumbnails(Photographs(carrying))
-    thumbnails.wait(20)
+    until(lambda: not thumbnails.coming)
     assert len(thumbnails.boxes) == 6 and not thumbnails.problem
     assert {box[2:] for box in thumbnails.boxes.values()} == {(48, 48)}
 
@@ -116,7 +117,7 @@ def test_a_copy_that_makes_no_sense_is_none(text, bare):
     cameras = [{**entry, PICTURE: text} for entry in bare.metadata["cameras"]]
     photographs = Photographs(bare.with_metadata(cameras=cameras))
     thumbnails = Thumbnails(photographs)
-    thumbnails.wait(20)
+    until(lambda: not thumbnails.coming)
     assert not thumbnails.boxes
     with pytest.raises(UserError):
         photographs.pixels(0)

@@ -44,7 +44,7 @@ def pull(ui, start: np.ndarray, by: tuple[float, float], steps: int = 4) -> None
     for _ in range(3):  # hovered for a moment first, so that the picture lets go of the mouse
         ui.frame()
     ui.drag(points)
-    ui.app.scene.rig.settle()
+    ui.app.scene.rig.shown = ui.app.scene.rig.goal
     for _ in range(3):
         ui.frame()
 

@@ -13,6 +13,7 @@ from PIL import Image
 from scenepack import save_pack
 from tests.viewer.app.test_application import FakeStage, finish_loading
 from tests.viewer.rendering.shapes import shapes_pack
+from tests.viewer.waiting import until
 from viewer.app import export as export_module
 from viewer.app import loading as loading_module
 from viewer.app.application import App
@@ -36,7 +37,7 @@ def ui(offscreen, app, shapes_folder, tmp_path):
     app.resolution.enabled = False
     ui = offscreen(app, size=(900, 560))
     app.open(folder)
-    app.loading.wait(30)
+    until(lambda: app.loading.finished)
     ui.settle()
     assert app.scene is not None
     return ui
@@ -48,7 +49,7 @@ def still_alive(ui) -> None:
     app.messages.dialogs.clear()
     before = ui.picture()
     app.scene.rig.orbit(0.3, 0.1)
-    app.scene.rig.settle()
+    app.scene.rig.shown = app.scene.rig.goal
     ui.settle()
     assert np.abs(ui.picture().astype(int) - before).mean() > 1
     assert ui.ctx.error == "GL_NO_ERROR" and not app.messages.dialogs
@@ -58,7 +59,7 @@ def wait_for_dialog(ui) -> str:
     """Title and text of the dialog that something led to."""
     app = ui.app
     if app.loading is not None:
-        app.loading.wait(30)
+        until(lambda: app.loading.finished)
     for _ in range(400):
         ui.frame()
         if app.messages.dialogs:
@@ -117,7 +118,7 @@ def test_a_pack_that_is_cut_off_while_it_is_seen_leads_back_to_the_start_page(
     app.messages.dialogs.clear()
     monkeypatch.undo()
     app.open(shapes_folder)
-    app.loading.wait(30)
+    until(lambda: app.loading.finished)
     ui.settle()
     still_alive(ui)
 

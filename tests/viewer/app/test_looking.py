@@ -9,6 +9,7 @@ from console import UserError
 from tests.viewer.app.scenes import SIDE, photographed
 from tests.viewer.app.test_application import FakeStage
 from tests.viewer.conftest import toy_pack
+from tests.viewer.waiting import until
 from viewer.app import crop, preferences
 from viewer.app.application import App
 from viewer.app.files import kind_of
@@ -75,7 +76,7 @@ def test_a_click_on_a_frustum_stands_in_it(ui, app):
     app.interface.page = "photographs"
     app.gallery.frusta = True
     app.scene.rig.dolly(-12)
-    app.scene.rig.settle()
+    app.scene.rig.shown = app.scene.rig.goal
     ui.settle()
     camera = app.camera()
     shots = app.gallery.photographs.shots
@@ -114,7 +115,9 @@ def test_psnr_is_the_fields():
 def test_two_packs_are_compared_under_one_camera(ui, app, pack_folder):
     ui.settle()
     alone = ui.picture()
+    app.gallery.chosen = 1
     app.compare_with(toy_pack(view_mlp=False), pack_folder)
+    assert app.gallery.chosen is None  # it is not what the picture is compared with
     app.comparison.how = "difference"
     ui.settle()
     assert np.abs(ui.picture().astype(int) - alone)[200:500, 200:600].mean() > 20
@@ -202,7 +205,7 @@ def test_things_dropped_are_told_apart(tmp_path, pack_folder):
     note = tmp_path / "notes.txt"
     note.write_text("hello")
     app.drop([note])
-    app.loading.wait(20)
+    until(lambda: app.loading.finished)
     app.tick(0.01)
     assert app.messages.dialogs and app.scene is None
 
@@ -213,7 +216,7 @@ def test_a_pose_is_copied_and_pasted(app, pack, pack_folder):
     before = app.scene.rig.matrix.copy()
     assert set(json.loads(app.clipboard.get())) == {"eye", "target", "up", "fov"}
     app.scene.rig.orbit(0.4, 0.1)
-    app.scene.rig.settle()
+    app.scene.rig.shown = app.scene.rig.goal
     app.paste_pose()
     np.testing.assert_allclose(app.scene.rig.matrix, before, atol=1e-4)
 

@@ -19,6 +19,7 @@ from PIL import Image
 from console.driven import Report, read_report
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.app.test_application import FakeStage
+from tests.viewer.waiting import until
 from training.presets import BakeablePreset
 from training.scenes.procedural import write_procedural_scene
 from viewer.app import child as child_module
@@ -82,7 +83,7 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
     app.drop([scene])
     plan = app.making.plan
     assert plan.subject == "scene" and plan.out == scene.parent / "still-snerg"
-    plan.survey.wait(20)
+    until(lambda: plan.survey.finished)
     assert plan.survey.text.startswith("5 photographs of 24 × 24") and "Blender" in plan.survey.text
     assert plan.problem() is None
     plan.downscale, plan.preset = 2, "fast"
@@ -99,7 +100,7 @@ def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
     app = App(stage=FakeStage())
     app.drop([write_colmap(tmp_path / "shrine", around(), ball(), folder=folder)])
     survey = app.making.plan.survey
-    survey.wait(20)
+    until(lambda: survey.finished)
     assert survey.text == "10 photographs of 48 × 36, 360°  (COLMAP)" and app.making.plan.problem() is None
 
 
@@ -126,7 +127,7 @@ def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):
     (tmp_path / "transforms_train.json").write_text('{"frames": []}')
     app = App(stage=FakeStage())
     app.drop([tmp_path])
-    app.making.plan.survey.wait(20)
+    until(lambda: app.making.plan.survey.finished)
     assert str(tmp_path) in app.making.plan.problem()
     app.making.start(app)
     assert app.making.job is None and app.making.plan is not None
@@ -284,7 +285,7 @@ def masked(tmp_path) -> Path:
 def surveyed(path: Path) -> Plan:
     app = App(stage=FakeStage())
     app.drop([path])
-    app.making.plan.survey.wait(30)
+    until(lambda: app.making.plan.survey.finished)
     return app.making.plan
 
 
@@ -375,7 +376,7 @@ def test_the_question_and_the_card_are_drawn_and_answered(offscreen, making, sce
     app.making.end()
     monkeypatch.setattr(Plan, "command", command)
     app.drop([scene])
-    app.making.plan.survey.wait(20)
+    until(lambda: app.making.plan.survey.finished)
     ui.settle()
     ui.key(imgui.Key.space)  # keys wait for the answer
     assert app.making.plan is not None

@@ -12,6 +12,7 @@ from PIL import Image
 
 from scenepack import save_pack
 from tests.viewer.app.test_application import FakeStage, finish_loading
+from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.panels import theme
@@ -70,7 +71,7 @@ def test_a_toast_is_drawn_when_it_comes_and_when_it_goes_and_not_in_between(unti
 def test_a_long_toast_stays_inside_a_small_window(offscreen, app, untidy):
     ui = offscreen(app, size=(480, 360))
     app.open(untidy)
-    app.loading.wait(30)
+    until(lambda: app.loading.finished)
     ui.settle()
     assert app.messages.toast_left > 0
     stripe = np.abs(ui.picture().astype(int) - (0xF2, 0xB8, 0x66)).sum(axis=2) < 40

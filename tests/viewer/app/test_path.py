@@ -100,14 +100,14 @@ def test_keyframes_are_added_moved_changed_and_removed(filming_app):
     app, filming = filming_app, filming_app.filming
     for azimuth in (0, 60, 120):
         app.scene.rig.look_along(azimuth, 0)
-        app.scene.rig.settle()
+        app.scene.rig.shown = app.scene.rig.goal
         run(app, "keyframe")
     assert filming.selected == 2 and len(filming.path.keyframes) == 3
     last = filming.path.keyframes[2]
     filming.move(2, -1)
     assert filming.path.keyframes[1] is last and filming.selected == 1
     app.scene.rig.look_along(200, 0)
-    app.scene.rig.settle()
+    app.scene.rig.shown = app.scene.rig.goal
     filming.update(app, 0)
     np.testing.assert_allclose(filming.path.keyframes[0].grid_T_camera, app.scene.rig.matrix)
     filming.remove(1)

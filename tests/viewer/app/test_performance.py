@@ -42,12 +42,12 @@ class QueryContext:
 
 def test_timer_queries_are_used_on_cards_and_not_in_software(ctx):
     clock = GpuClock(QueryContext())
-    assert clock.trusted and not clock.reason
+    assert not clock.reason
     gpu, wall = clock.time(lambda: None)
     assert gpu == 5.0 and wall < 5.0
     here = GpuClock(ctx)
     if is_software(ctx.info["GL_RENDERER"]):
-        assert not here.trusted and "software" in here.reason
+        assert "software" in here.reason
         assert here.time(lambda: None)[0] is None
 
 
@@ -100,7 +100,7 @@ def test_rays_are_counted_once_a_view_and_not_at_all_when_off(counting):
         costs.measure(counting)
     assert stage.asked == 1 and costs.costs.samples_mean == 1.0 and costs.costs.size == (192, 144)
     counting.scene.rig.orbit(0.2, 0.0)
-    counting.scene.rig.settle()
+    counting.scene.rig.shown = counting.scene.rig.goal
     costs.measure(counting)
     assert stage.asked == 2
     costs.switch(False)

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from tests.viewer.app.scenes import photographed
+from tests.viewer.waiting import until
 from training.scenes.pictures import PictureLoader
 from viewer.app import thumbnails as thumbnails_module
 from viewer.app.photographs import Photographs
@@ -38,7 +39,7 @@ def ui(few, offscreen, app, many, pack_folder):
 
 def ready(photographs: Photographs) -> Thumbnails:
     thumbnails = Thumbnails(photographs)
-    thumbnails.wait(20)
+    until(lambda: not thumbnails.coming)
     return thumbnails
 
 
@@ -136,7 +137,7 @@ def place_on_screen(app, index: int) -> tuple[float, float]:
 def far_away(ui, app) -> None:
     app.gallery.frusta, app.gallery.split_shown = True, "train"  # the toy's test cameras stand in the same places
     app.scene.rig.dolly(-12)
-    app.scene.rig.settle()
+    app.scene.rig.shown = app.scene.rig.goal
     ui.settle()
 
 

@@ -42,7 +42,7 @@ def test_the_first_view_shows_all_of_the_content(rig, pack):
 def test_turning_keeps_the_pivot_in_the_middle_and_the_distance(rig):
     before = rig.goal
     rig.orbit(0.3, 0.1)
-    rig.settle()
+    rig.shown = rig.goal
     assert rig.goal.distance == before.distance and rig.goal.pivot == before.pivot
     assert project(rig.camera(SIZE), np.asarray(before.pivot)) == pytest.approx((400, 300))
 
@@ -50,7 +50,7 @@ def test_turning_keeps_the_pivot_in_the_middle_and_the_distance(rig):
 def test_dragging_to_the_right_turns_the_scene_to_the_right(rig):
     near_side = under(rig.camera(SIZE), 400, 300, 0.7 * rig.goal.distance)
     rig.orbit(0.02, 0.0)
-    rig.settle()
+    rig.shown = rig.goal
     assert project(rig.camera(SIZE), near_side)[0] > 401
 
 
@@ -59,7 +59,7 @@ def test_what_lies_at_the_pivots_depth_stays_under_the_cursor_while_it_is_slid(d
     rig = rig_for(toy_pack())
     point = under(rig.camera(SIZE), 250, 200, rig.goal.distance)
     rig.pan(dx, dy)
-    rig.settle()
+    rig.shown = rig.goal
     assert project(rig.camera(SIZE), point) == pytest.approx((250 + 600 * dx, 200 + 600 * dy), abs=1e-3)
 
 
@@ -68,7 +68,7 @@ def test_the_wheel_keeps_what_lies_under_the_cursor(x, y, notches):
     rig = rig_for(toy_pack())
     point = under(rig.camera(SIZE), x, y, rig.goal.distance)
     rig.dolly(notches, ((2 * x - 800) / 600, (600 - 2 * y) / 600))
-    rig.settle()
+    rig.shown = rig.goal
     assert project(rig.camera(SIZE), point) == pytest.approx((x, y), abs=1e-3)
 
 
@@ -101,7 +101,7 @@ def test_home_comes_back_from_anywhere(rig):
     rig.dolly(8)
     rig.fov = 90.0
     rig.home()
-    rig.settle()
+    rig.shown = rig.goal
     assert rig.goal == start and rig.fov == rig.home_fov
 
 
@@ -128,7 +128,7 @@ def test_a_held_camera_is_shown_exactly_until_the_hands_move(rig):
     np.testing.assert_array_equal(seen.grid_T_camera, held.grid_T_camera)
     assert seen.fx == pytest.approx(2 * held.fx)
     rig.orbit(1e-9, 0.0)
-    rig.settle()
+    rig.shown = rig.goal
     assert rig.held is None
     np.testing.assert_allclose(rig.matrix[:3, 3], held.position, atol=1e-4)
 
@@ -136,7 +136,7 @@ def test_a_held_camera_is_shown_exactly_until_the_hands_move(rig):
 def test_a_new_pivot_is_looked_at_from_the_same_place(rig):
     eye = rig.goal.eye(rig.table)
     rig.set_pivot(np.array([0.5, 0.1, 0.0]))
-    rig.settle()
+    rig.shown = rig.goal
     np.testing.assert_allclose(rig.goal.eye(rig.table), eye, atol=1e-9)
     assert project(rig.camera(SIZE), np.array([0.5, 0.1, 0.0])) == pytest.approx((400, 300), abs=1e-6)
 
@@ -151,7 +151,7 @@ def test_another_up_axis_keeps_the_eye_and_levels_the_camera(rig):
 def test_flying_forward_moves_along_the_view(rig):
     before = rig.matrix.copy()
     rig.fly(0, 0, 1, 0.5)
-    rig.settle()
+    rig.shown = rig.goal
     np.testing.assert_allclose(rig.matrix[:3, 3] - before[:3, 3], -0.5 * rig.speed * before[:3, 2], atol=1e-9)
 
 
@@ -195,7 +195,7 @@ def test_sliding_a_forward_facing_pack_moves_the_picture_with_the_hand(ndc_pack)
     far = np.array([0.0, 0.0, 5.0])
     before = project(rig.camera(SIZE), far)
     rig.pan(0.1, 0.05)
-    rig.settle()
+    rig.shown = rig.goal
     after = project(rig.camera(SIZE), far)
     assert after[0] > before[0] and after[1] > before[1]
 
@@ -231,7 +231,7 @@ def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them():
     assert rig.fov == pytest.approx(60.0)
     rig.dolly(3, (0.1, 0.2))
     rig.home()
-    rig.settle()
+    rig.shown = rig.goal
     np.testing.assert_allclose(rig.matrix, expected.grid_T_camera, atol=1e-6)
     outside = CameraRig(seen_from(toy_pack(), 6.0))
     np.testing.assert_allclose(outside.matrix, CameraRig(toy_pack()).matrix)
@@ -246,7 +246,7 @@ def test_the_whole_scene_is_seen_in_the_width_of_every_picture(aspect, azimuth, 
     rig.fov = fov
     rig.look_along(azimuth, elevation)
     rig.frame()
-    rig.settle()
+    rig.shown = rig.goal
     size = (round(600 * aspect), 600)
     low, high = content_box(pack)
     z, y, x = np.nonzero(pack.occupied)

@@ -15,6 +15,7 @@ from pathlib import Path
 import moderngl
 
 from tests.viewer.offscreen_ui import OffscreenUi
+from tests.viewer.waiting import until
 from viewer.app.application import App
 
 
@@ -28,7 +29,7 @@ def resident_bytes() -> int:
 def open_and_look(ui: OffscreenUi, path: Path, *, other: bool = False) -> None:
     """Opens a pack from disk as a user does, and draws it."""
     ui.app.open(path, other=other)
-    ui.app.loading.wait(30)
+    until(lambda: ui.app.loading.finished)
     for _ in range(4):
         ui.frame()
     assert ui.app.scene is not None and not ui.app.messages.dialogs

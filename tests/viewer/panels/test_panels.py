@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
+from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.panels.layout import PAGES
@@ -193,7 +194,7 @@ def test_a_path_is_typed_where_the_system_has_no_dialogs(ui, app, pack_folder):
     ui.frame()
     ui.key(imgui.Key.enter)
     assert app.file_request is None and app.loading is not None
-    app.loading.wait(20)
+    until(lambda: app.loading.finished)
     ui.settle()
     assert app.scene.path == pack_folder and not app.messages.dialogs
 

@@ -21,6 +21,7 @@ from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.pictures import AMPLIFIED, FAILURES, GOLDEN, skip
+from tests.viewer.waiting import until
 from training.scenes.procedural import write_procedural_scene
 from viewer.app import crop
 from viewer.app.commands import run
@@ -138,7 +139,7 @@ def test_the_window_with_a_photograph_looks_as_before(ui, app, compare):
 def test_frusta_look_as_before(ui, app, compare):
     app.interface.page, app.gallery.frusta = "", True
     app.scene.rig.dolly(-9)
-    app.scene.rig.settle()
+    app.scene.rig.shown = app.scene.rig.goal
     compare(ui, "frusta")
 
 
@@ -188,7 +189,7 @@ def photographs(tmp_path_factory) -> Path:
 def plan_of(scene: Path) -> Plan:
     """How the scene would be made, with folders that are the same everywhere."""
     plan = Plan("scene", scene, Path("/scenes/still-snerg"), survey=Survey(scene))
-    plan.survey.wait(30)
+    until(lambda: plan.survey.finished)
     return plan
 
 

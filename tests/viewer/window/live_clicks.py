@@ -22,6 +22,7 @@ from console.driven import Report
 from scenepack import save_pack
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
+from tests.viewer.waiting import until
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
 from viewer.app import crop, loading, making
 from viewer.app.application import App
@@ -74,7 +75,7 @@ def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
     window.canvas.show(pack)
     plan = Plan("scene", folder / "scene", folder / "scene-snerg", survey=Survey(folder / "scene"))
     assert plan.survey is not None
-    plan.survey.wait(60)
+    until(lambda: plan.survey.finished)
     plan.survey.forward = True
     release = threading.Event()
     with pytest.MonkeyPatch.context() as patch:

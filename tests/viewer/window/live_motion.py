@@ -144,7 +144,7 @@ def test_the_object_keeps_its_size_while_it_slides(window, xdotool, grab):
         places.append(window.app.viewport.camera.position)
 
     window.app.scene.rig.dolly(-4)  # all of it stays in view
-    window.app.scene.rig.settle()
+    window.app.scene.rig.shown = window.app.scene.rig.goal
     slide(window, xdotool, grab, check, far=0.2)
     assert np.ptp(places, axis=0).max() > 0.3
     assert np.ptp(tall) < 0.12 * np.median(tall)  # it is seen from a little farther to the side
@@ -209,7 +209,7 @@ def test_the_crop_box_is_drawn_around_the_picture_of_the_same_camera(window, xdo
     app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
     app.crop_tool = "move"
     app.scene.rig.dolly(-4)
-    app.scene.rig.settle()
+    app.scene.rig.shown = app.scene.rig.goal
     pump(window)
     accent = np.array([int(theme.ACCENT[i : i + 2], 16) for i in (1, 3, 5)])
 

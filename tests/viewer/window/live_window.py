@@ -16,6 +16,7 @@ from PIL import Image
 
 from scenepack import save_pack
 from tests.viewer.conftest import SCREEN, toy_pack
+from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.app.make_plan import Plan
 from viewer.panels.ui import Ui
@@ -182,7 +183,7 @@ def test_photographs_that_are_dropped_are_asked_about_and_escape_declines(window
     other_client("drop", tmp_path)
     plan = window.app.making.plan
     assert plan is not None
-    plan.survey.wait(20)
+    until(lambda: plan.survey.finished)
     pump(window)
     assert plan.problem() is None and plan.survey.text.startswith("1 photographs of 16 × 12")
     xdotool("key", "Escape")

@@ -12,6 +12,7 @@ from imgui_bundle import imgui
 from PIL import Image
 
 from scenepack import save_pack
+from tests.viewer.waiting import until
 from viewer.app import system_fonts
 from viewer.app.log import Dialog
 from viewer.app.system_fonts import FontFile, FontSearch, chosen_fonts, find_fonts
@@ -96,7 +97,7 @@ def test_a_search_that_fails_finds_nothing(monkeypatch):
 
     monkeypatch.setattr(system_fonts, "find_fonts", fail)
     search = FontSearch("あ")
-    search.wait(30)
+    until(lambda: search.finished)
     assert search.finished and search.found == []
 
 

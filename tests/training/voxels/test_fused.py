@@ -1,0 +1,242 @@
+"""The fused step of processors against the JAX step: same rays, same losses, same gradients, for every kind of scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from tests.training.test_captures import circle, forward, write_llff, write_transforms
+from training.config import CPU, TrainConfig
+from training.dataset import make_dataset
+from training.marching.rays import to_grid
+from training.metrics import psnr
+from training.scenes import load_pixels, load_scene
+from training.scenes.pictures import over_background
+from training.voxels.config import VoxelConfig
+from training.voxels.method import VoxelMethod
+from training.voxels.sparse_grid import present_voxels
+from training.voxels.state import VoxelState
+from training.voxels.step import adam, draw, loss_and_gradient, marched_batch
+
+pytest.importorskip("numba", reason="the fused engine needs Numba: pip install 'snerg[train]'")
+
+from training.voxels.fused.bricks import build_bricks, support_of
+from training.voxels.fused.engine import FusedEngine, FusedState
+from training.voxels.fused.rays import Batch, photographs_of
+
+VOXELS = VoxelConfig(resolutions=(24,), ndc_resolutions=(24,), stage_starts=(0.0,), prunings=(), samples_per_step=8192)
+CONFIG = dataclasses.replace(CPU, steps=40, batch_size=64, voxels=VOXELS, engine="fused")
+TRAINED = 12  # steps: enough for mist of all densities, and for remembered depths that end rays
+
+
+def scene_path(kind: str, procedural_path: Path, folder: Path) -> Path:
+    """object: cut out by alpha; surroundings: opaque, through a lens that distorts; forward: in NDC."""
+    if kind == "object":
+        return procedural_path
+    if kind == "forward":
+        return write_llff(folder, forward())
+    return write_transforms(folder, circle(), k1=0.05, k2=-0.01, p1=0.002, p2=-0.003)
+
+
+class Both:
+    """One trained state of a scene, for both engines."""
+
+    def __init__(self, path: Path, voxels: VoxelConfig = VOXELS) -> None:
+        self.config = dataclasses.replace(CONFIG, voxels=voxels)
+        dataset = make_dataset(load_scene(path))
+        self.method = VoxelMethod(self.config, dataset)
+        self.jax_method = VoxelMethod(dataclasses.replace(self.config, engine="jax"), dataset)
+        state = self.method.start(jax.random.key(0))
+        for step in range(TRAINED):
+            state, _ = self.method.step(state, step)
+        self.fused: FusedState = self.method.engine.remember(state)
+        self.plain = self.method.engine.end(self.fused)
+        # lists with room for everything: what does not fit the JAX step's is left out there
+        longest = self.plain.sizes.per_ray * 8
+        sizes = self.plain.sizes._replace(coarse=1 << 16, samples=1 << 17, per_ray=longest)
+        self.state: VoxelState = self.plain._replace(sizes=sizes)
+
+    def jax_says(self):
+        settings, mesh = self.method.settings, self.method.dataset.mesh
+        batch = jax.jit(draw, static_argnames=("rays", "settings"))(
+            self.state.stage, self.method.dataset, jax.random.key(5), np.int32(3), 256, settings
+        )
+        marched = jax.jit(marched_batch, static_argnums=(2, 3, 4))(
+            batch, self.state.stage, self.state.sizes, settings, mesh
+        )
+        assert np.asarray(marched.samples.complete).all()
+        said = jax.jit(loss_and_gradient, static_argnames=("mesh", "sizes", "settings"))(
+            self.state.trainable, self.state.stage, batch, mesh, sizes=self.state.sizes, settings=settings
+        )
+        return batch, said
+
+    def fused_batch(self, batch) -> Batch:
+        rays = to_grid(self.state.layout, batch.rays)
+        arrays = (rays.origins, rays.directions, rays.start, rays.end, rays.length, batch.rays.viewdirs, batch.target,
+                  batch.background, batch.phase)  # fmt: skip
+        return Batch(*(np.ascontiguousarray(np.asarray(a, np.float32)) for a in arrays))
+
+
+@pytest.fixture(scope="module", params=["object", "surroundings", "forward"])
+def both(request: pytest.FixtureRequest, procedural_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Both:
+    return Both(scene_path(request.param, procedural_path, tmp_path_factory.mktemp(request.param) / "scene"))
+
+
+def flat_head(head) -> np.ndarray:
+    return np.concatenate([np.asarray(a).ravel() for pair in zip(*head, strict=True) for a in pair])
+
+
+def test_every_loss_and_every_gradient_is_that_of_the_jax_step(both: Both) -> None:
+    batch, (gradient, loss, terms) = both.jax_says()
+    stepper = both.fused.stepper
+    assert stepper is not None
+    order = stepper.grid.order
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    ours = stepper.differentiate(both.fused.values, both.fused_batch(batch), place[np.asarray(batch.picked)])
+    slopes = stepper.slopes / np.float32(ours.rays)
+    stepper.slopes[:], stepper.marks[:] = 0, 0
+    assert ours.metrics["samples"] == float(terms["samples"]) > 1000 and ours.rays == float(terms["rays"])
+    for name, value in {**terms, "loss": loss}.items():
+        assert ours.metrics[name] == pytest.approx(float(value), rel=2e-4, abs=1e-9), name
+    if both.method.settings.distortion_weight:
+        assert ours.metrics["distortion"] > 0
+    expected = np.asarray(gradient.rows)[order]
+    expected[0] = 0.0
+    for channel in range(8):
+        scale = np.abs(expected[:, channel]).max()
+        assert scale > 0, f"the test needs a gradient of channel {channel}"
+        np.testing.assert_allclose(slopes[:, channel], expected[:, channel], rtol=1e-3, atol=2e-4 * scale)
+    theirs = flat_head(gradient.head)
+    np.testing.assert_allclose(ours.head / ours.rays, theirs, rtol=1e-3, atol=2e-4 * np.abs(theirs).max())
+
+
+def test_adam_moves_values_and_moments_as_the_jax_step_does(both: Both) -> None:
+    batch, (gradient, _, _) = both.jax_says()
+    expected = adam(both.state.optimised, gradient, np.float32(0.3), both.method.settings)
+    state = FusedState(both.plain)
+    stepper = state.unpack(both.method.settings, both.method.engine.workers)
+    place = np.empty_like(stepper.grid.order)
+    place[stepper.grid.order] = np.arange(len(place))
+    found = stepper.differentiate(state.values, both.fused_batch(batch), place[np.asarray(batch.picked)])
+    decay = both.method.settings.final_rate_factor**0.3
+    stepper.adam(state.values, state.first, state.second, found, int(both.plain.updates), decay)
+    state.plain, state.updates = None, state.updates + 1
+    packed = state.pack()
+    assert not stepper.slopes.any() and not stepper.marks.any(), "ready for the next step"
+    assert int(packed.updates) == int(expected.updates)
+    largest = max(both.method.settings.rates)
+    for name, close in (("trainable", 0.02 * largest), ("first", 1e-6), ("second", 1e-8)):
+        ours, theirs = getattr(packed, name), getattr(expected, name)
+        # a slope near zero may have either sign in the last bit, and Adam moves by the sign: a few rows may differ
+        apart = np.abs(np.asarray(ours.rows) - np.asarray(theirs.rows)) > close + 2e-3 * np.abs(np.asarray(theirs.rows))
+        assert apart.mean() < 2e-4, name
+        np.testing.assert_allclose(flat_head(ours.head), flat_head(theirs.head), rtol=2e-3, atol=close)
+
+
+def test_rays_and_their_pixels_are_those_of_the_dataset(both: Both) -> None:
+    dataset, stepper = both.method.dataset, both.fused.stepper
+    ids = np.random.default_rng(0).integers(0, dataset.count, 500)
+    background = np.random.default_rng(1).random((500, 3), np.float32)
+    ours = stepper.batch(photographs_of(dataset), ids, np.zeros(500, np.float32), background)
+    rays = dataset.geometry_at(ids.astype(np.int32))
+    there = to_grid(both.plain.layout, rays)
+    size = float(np.asarray(both.plain.layout.dims).max())
+    for name, found, expected in (
+        ("origins", ours.origins, there.origins), ("directions", ours.directions, there.directions),
+        ("length", ours.length, there.length), ("viewdirs", ours.viewdirs, rays.viewdirs),
+    ):  # fmt: skip
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=2e-5 * size, err_msg=name)
+    meets = np.asarray(there.end) > np.asarray(there.start) + 0.1
+    assert meets.any()
+    np.testing.assert_allclose(ours.start[meets], np.asarray(there.start)[meets], rtol=1e-4, atol=2e-4 * size)
+    np.testing.assert_allclose(ours.end[meets], np.asarray(there.end)[meets], rtol=1e-4, atol=2e-4 * size)
+    np.testing.assert_allclose(ours.target, dataset.colours_over(ids.astype(np.int32), background), atol=1e-6)
+
+
+def test_bricks_know_every_row_and_every_cell_of_the_layout(both: Both) -> None:
+    layout = both.plain.layout
+    cells = np.asarray(both.plain.cells)
+    bricks, order = build_bricks(cells[1:], np.asarray(layout.support), np.asarray(layout.dims))
+    np.testing.assert_array_equal(support_of(bricks), np.asarray(layout.support))
+    assert sorted(order) == list(range(len(cells))), "each row has its place"
+    width, height = np.asarray(layout.dims)[:2] + 2
+    x, y, z = bricks.coordinates[1:].T
+    np.testing.assert_array_equal((z * height + y) * width + x, cells[order][1:])
+
+
+def test_remembered_depths_are_those_of_the_jax_engine(both: Both) -> None:
+    theirs = np.asarray(both.jax_method.engine.remember(both.jax_method.engine.begin(both.plain)).layout.support)
+    ours = np.asarray(both.plain.layout.support)
+    assert (ours > 0).sum() == (theirs > 0).sum() > 0
+    off = np.abs(ours.astype(int) - theirs)
+    assert off.max() <= 1 and (off > 0).mean() < 1e-3, "codes round apart in the last bit, if at all"
+
+
+def run(config: TrainConfig, path: Path, steps: int, threads: int | None = None) -> tuple[dict, list[float]]:
+    method = VoxelMethod(config, make_dataset(load_scene(path)))
+    if threads:
+        method.engine = FusedEngine(method.dataset, method.plan, method.settings, config.seed, threads)
+    state, losses = method.start(jax.random.key(config.seed)), []
+    for step in range(steps):
+        state, metrics = method.step(state, step)
+        losses.append(float(metrics["loss"]))
+    return method.save(state), losses
+
+
+PRUNED = dataclasses.replace(VOXELS, resolutions=(16, 24), stage_starts=(0.0, 0.5), prunings=(0.75,))
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_the_number_of_threads_changes_no_bit(procedural_path: Path, threads: int) -> None:
+    config = dataclasses.replace(CONFIG, voxels=VOXELS)
+    alone, together = run(config, procedural_path, 8, 1), run(config, procedural_path, 8, threads)
+    assert alone[1] == together[1]
+    assert all(np.array_equal(alone[0][name], together[0][name]) for name in alone[0])
+
+
+def test_a_restored_state_goes_on_to_the_byte(procedural_path: Path) -> None:
+    config = dataclasses.replace(CONFIG, steps=200, voxels=dataclasses.replace(PRUNED, stage_starts=(0.0, 0.45)))
+    unbroken, _ = run(config, procedural_path, 104)
+    halfway, _ = run(config, procedural_path, 57)
+    method = VoxelMethod(config, make_dataset(load_scene(procedural_path)))
+    state = method.restore(halfway)
+    for step in range(57, 104):
+        state, _ = method.step(state, step)
+    again = method.save(state)
+    assert set(again) == set(unbroken)
+    assert all(np.array_equal(again[name], unbroken[name]) for name in again), "refined and pruned between"
+
+
+def test_both_engines_end_at_the_same_quality(procedural_path: Path) -> None:
+    config = dataclasses.replace(CONFIG, steps=240, voxels=dataclasses.replace(PRUNED, resolutions=(24, 48)))
+    scene = load_scene(procedural_path)
+    dataset, camera = make_dataset(scene), scene.splits["test"][0].camera
+    pixels = load_pixels(scene.splits["test"][:1]).reshape(camera.height, camera.width, 4) / np.float32(255)
+    truth = over_background(pixels, scene.background)
+    reached = {}
+    for engine in ("jax", "fused"):
+        method = VoxelMethod(dataclasses.replace(config, engine=engine), dataset)
+        state = method.start(jax.random.key(0))
+        for step in range(config.steps):
+            state, _ = method.step(state, step)
+        assert present_voxels(method.engine.end(state).layout).mean() < 0.6, "pruned"
+        picture = np.asarray(method.render(state, dataset.view_rays(camera)).rgb).reshape(
+            camera.height, camera.width, 3
+        )
+        reached[engine] = psnr(picture, truth)
+    assert reached["fused"] > reached["jax"] - 0.3 and reached["fused"] > 18, reached
+
+
+def test_a_diffuse_model_has_no_head_to_learn(procedural_path: Path) -> None:
+    diffuse = Both(procedural_path, dataclasses.replace(VOXELS, view_dependence=False))
+    assert diffuse.plain.trainable.head is None
+    batch, (_, loss, _) = diffuse.jax_says()
+    stepper = diffuse.fused.stepper
+    found = stepper.differentiate(diffuse.fused.values, diffuse.fused_batch(batch), np.zeros(0, np.int32))
+    rough = diffuse.method.settings.variation
+    assert found.metrics["loss"] <= float(loss) and rough[0] > 0

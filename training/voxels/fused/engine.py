@@ -1,0 +1,141 @@
+"""training.voxels.engine.Engine by the fused loops: one process, one machine, its processor's cores.
+
+What is random about a step comes from (seed, step) through NumPy's generators, so that a run repeats itself whatever the
+number of threads, and goes on from a checkpoint to the byte. It draws other rays than the JAX engine does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from training.dataset import RayDataset
+from training.method import ViewMlpParams
+from training.voxels.fused.bricks import support_of
+from training.voxels.fused.rays import Batch, photographs_of
+from training.voxels.fused.step import PROBE_RAYS, Grid, Stepper, Values, grid_of
+from training.voxels.fused.workers import Workers
+from training.voxels.settings import Plan, Settings
+from training.voxels.smoothness import WINDOW
+from training.voxels.state import Trainable, VoxelState
+
+RAYS_TOGETHER = 64  # the number of rays of a step is a multiple of this
+
+
+class FusedState:
+    """A VoxelState in the order of the fused loops, which change it in place; made of `plain` when the first step asks.
+
+    plain: the same as plain arrays, as far as they are known; None once a step has changed something.
+    """
+
+    def __init__(self, plain: VoxelState) -> None:
+        self.plain: VoxelState | None = plain
+        self.stage, self.rays = plain._replace(trainable=None, first=None, second=None), plain.rays  # type: ignore[arg-type]
+        self.stepper: Stepper | None = None
+        self.updates = int(plain.updates)
+        self.hits = np.asarray(plain.hits)[: int(plain.hit_count)]
+
+    def unpack(self, settings: Settings, workers: Workers) -> Stepper:
+        """Takes the plain arrays over; later calls return the same loops."""
+        if self.stepper is None:
+            assert self.plain is not None
+            layout = self.plain.layout
+            grid = grid_of(self.plain.cells, layout.support, layout.dims, layout.origin, layout.voxel)
+            parts = (_values(part, grid.order) for part in (self.plain.trainable, self.plain.first, self.plain.second))
+            self.values, self.first, self.second = parts
+            self.stepper = Stepper(grid, settings, workers)
+        return self.stepper
+
+    def pack(self) -> VoxelState:
+        """The state as plain arrays, in the layout's own order."""
+        if self.plain is None:
+            assert self.stepper is not None
+            grid = self.stepper.grid
+            layout = self.stage.layout._replace(support=jnp.asarray(support_of(grid.bricks)))
+            self.plain = self.stage._replace(
+                trainable=_trainable(self.values, grid), first=_trainable(self.first, grid),
+                second=_trainable(self.second, grid), updates=jnp.int32(self.updates), layout=layout, rays=self.rays,
+            )  # fmt: skip
+        return self.plain
+
+
+class FusedEngine:
+    """See training.voxels.engine.Engine. threads: None for all cores."""
+
+    def __init__(
+        self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None
+    ) -> None:
+        self.photographs, self.plan, self.settings, self.seed = photographs_of(dataset), plan, settings, seed
+        self.workers = Workers(threads)
+
+    def begin(self, state: VoxelState) -> FusedState:
+        return FusedState(state)
+
+    def end(self, state: FusedState) -> VoxelState:
+        return state.pack()
+
+    def step(self, state: FusedState, step: int, progress: float) -> tuple[FusedState, dict[str, Any]]:
+        stepper = state.unpack(self.settings, self.workers)
+        random = np.random.default_rng((self.seed, step))
+        batch = self._draw(stepper, state, random, state.rays)
+        picked = windows(random, len(state.values.rows) - 1, self.settings.variation_share)
+        gradient = stepper.differentiate(state.values, batch, picked)
+        decay = self.settings.final_rate_factor**progress
+        stepper.adam(state.values, state.first, state.second, gradient, state.updates, decay)
+        state.updates += 1
+        state.plain = None
+        return state, gradient.metrics | {"psnr": -10.0 * float(np.log10(max(gradient.metrics["mse"], 1e-12)))}
+
+    def remember(self, state: FusedState) -> FusedState:
+        """As the protocol says; and draws as many rays a step from then on as fill it."""
+        stepper = state.unpack(self.settings, self.workers)
+        stepper.remember_depths(state.values)
+        random = np.random.default_rng((self.seed, state.updates, PROBE_RAYS))
+        mean = stepper.mean_samples(self._draw(stepper, state, random, PROBE_RAYS))
+        rays = int(np.clip(self.plan.samples / max(mean, 1.0), 256, self.plan.most_rays))
+        state.rays = -(-rays // RAYS_TOGETHER) * RAYS_TOGETHER
+        state.plain = None
+        return state
+
+    def _draw(self, stepper: Stepper, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
+        ids = state.hits[random.integers(0, len(state.hits), rays)].astype(np.int64)
+        phase = random.random(rays, np.float32)
+        if self.settings.any_background:
+            background = random.random((rays, 3), np.float32)
+        else:
+            background = np.broadcast_to(np.asarray(self.settings.background, np.float32), (rays, 3))
+        return stepper.batch(self.photographs, ids, phase, background)
+
+
+def windows(random: np.random.Generator, voxels: int, share: float) -> np.ndarray:
+    """int32 [P] rows of random runs of voxels, about `share` of all; as training.voxels.smoothness.windows."""
+    count = max(int(voxels * share / WINDOW), 1)
+    starts = random.integers(0, voxels, (count, 1))
+    return (1 + (starts + np.arange(WINDOW)) % voxels).ravel().astype(np.int32)
+
+
+def _values(part: Trainable, order: np.ndarray) -> Values:
+    """Copies, in the loops' order."""
+    head = [np.zeros(0, np.float32)]
+    if part.head is not None:
+        head = [np.asarray(a, np.float32).ravel() for pair in zip(*part.head, strict=True) for a in pair]
+    return Values(np.ascontiguousarray(np.asarray(part.rows, np.float32)[order]), np.concatenate(head))
+
+
+def _trainable(values: Values, grid: Grid) -> Trainable:
+    rows = np.empty_like(values.rows)
+    rows[grid.order] = values.rows
+    return Trainable(jnp.asarray(rows), _view_mlp(values.head))
+
+
+def _view_mlp(flat: np.ndarray) -> ViewMlpParams | None:
+    if not flat.size:
+        return None
+    weights, biases, start = [], [], 0
+    for rows, columns in ((34, 16), (16, 16), (16, 3)):
+        weights.append(jnp.asarray(flat[start : start + rows * columns].reshape(rows, columns)))
+        biases.append(jnp.asarray(flat[start + rows * columns : start + (rows + 1) * columns]))
+        start += (rows + 1) * columns
+    return ViewMlpParams(tuple(weights), tuple(biases))  # type: ignore[arg-type]

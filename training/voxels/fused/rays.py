@@ -1,0 +1,160 @@
+"""Training rays from their ids, on the CPU: cameras, lenses, the NDC warp, pixels, and the grid's box.
+
+The twin of RayDataset.geometry_at, colours_over and training.marching.to_grid (a test compares them), one ray at a time.
+
+Notation: a ray's id counts views, then rows, then columns; N rays of a batch. Geometry is computed in float64.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from training.dataset import NEWTON_STEPS, RayDataset
+from training.scenes.rays import NDC_NEAR
+
+
+class Photographs(NamedTuple):
+    """The training photographs as arrays of the host; see RayDataset.
+
+    pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, 4] float64; first int64 [V]; width
+    int64 [V]; ndc float64 [3] = width, height, focal, zeros where rays are not warped. near, far: bounds of t.
+    """
+
+    pixels: np.ndarray
+    world_T_camera: np.ndarray
+    intrinsics: np.ndarray
+    distortion: np.ndarray
+    first: np.ndarray
+    width: np.ndarray
+    ndc: np.ndarray
+    near: float
+    far: float
+
+
+class Batch(NamedTuple):
+    """N rays in grid coordinates and what they should show; float32.
+
+    origins, directions (unit) [N, 3] in voxels; start, end [N] in voxels; length [N] world units per voxel; viewdirs, target
+    and background [N, 3]; phase [N]: of the samples, in steps.
+    """
+
+    origins: np.ndarray
+    directions: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    length: np.ndarray
+    viewdirs: np.ndarray
+    target: np.ndarray
+    background: np.ndarray
+    phase: np.ndarray
+
+
+def photographs_of(dataset: RayDataset) -> Photographs:
+    """The photographs of a dataset that lies on this process's CPU; pixels are not copied."""
+    ndc = dataset.facts.ndc_camera or (0, 0, 0.0)
+    poses, intrinsics, lenses, ndc = (
+        np.asarray(array, np.float64) for array in (dataset.world_T_camera, dataset.intrinsics, dataset.distortion, ndc)
+    )
+    first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
+    pixels, near, far = np.asarray(dataset.pixels), float(dataset.near), float(dataset.far)
+    return Photographs(pixels, poses, intrinsics, lenses, first, width, ndc, near, far)
+
+
+def empty_batch(rays: int) -> Batch:
+    """Room for so many rays."""
+
+    def room(*shape: int) -> np.ndarray:
+        return np.empty((rays, *shape), np.float32)
+
+    return Batch(room(3), room(3), room(), room(), room(), room(3), room(3), room(3), room())
+
+
+@njit(nogil=True, cache=True)
+def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
+    """Fills rays low … high - 1 of `batch` from their ids, but for phase and background, which are there already."""
+    direction, position = np.empty(3), np.empty(3)
+    for n in range(low, high):
+        view = np.searchsorted(photographs.first, ids[n], side="right") - 1
+        rest = ids[n] - photographs.first[view]
+        x, y = rest % photographs.width[view], rest // photographs.width[view]
+        lens = photographs.intrinsics[view]
+        a, b = (x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1]
+        a, b = _undistorted(a, b, photographs.distortion[view])
+        pose = photographs.world_T_camera[view]
+        for axis in range(3):
+            direction[axis] = pose[axis, 0] * a - pose[axis, 1] * b - pose[axis, 2]
+            position[axis] = pose[axis, 3]
+        norm = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+        for axis in range(3):
+            direction[axis] /= norm
+            batch.viewdirs[n, axis] = direction[axis]
+        if photographs.ndc[2] > 0:
+            _warp_to_ndc(position, direction, photographs.ndc)
+        _into_grid(batch, n, position, direction, photographs.near, photographs.far, origin, voxel, dims)
+        _colour(photographs.pixels, ids[n], batch, n)
+
+
+@njit(nogil=True, cache=True)
+def _undistorted(u, v, distortion):
+    """training.dataset.undistort for one point."""
+    k1, k2, p1, p2 = distortion[0], distortion[1], distortion[2], distortion[3]
+    if k1 == 0 and k2 == 0 and p1 == 0 and p2 == 0:
+        return u, v
+    a, b = u, v
+    for _ in range(NEWTON_STEPS):
+        r2 = a * a + b * b
+        radial, slope = 1.0 + r2 * (k1 + r2 * k2), 2.0 * (k1 + 2.0 * k2 * r2)
+        du = a * radial + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a) - u
+        dv = b * radial + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b - v
+        ua = radial + a * a * slope + 2.0 * p1 * b + 6.0 * p2 * a
+        ub = a * b * slope + 2.0 * p1 * a + 2.0 * p2 * b
+        vb = radial + b * b * slope + 6.0 * p1 * b + 2.0 * p2 * a
+        determinant = ua * vb - ub * ub
+        if abs(determinant) > 1e-6:  # where the lens model folds over, stay
+            a, b = a - (vb * du - ub * dv) / determinant, b - (ua * dv - ub * du) / determinant
+    return a, b
+
+
+@njit(nogil=True, cache=True)
+def _warp_to_ndc(position, direction, ndc):
+    """training.dataset.ndc_warp for one ray, in place."""
+    ahead = (NDC_NEAR + position[2]) / direction[2]
+    for axis in range(3):
+        position[axis] -= ahead * direction[axis]
+    inverse = 2.0 * NDC_NEAR / position[2]
+    for axis in range(2):
+        scale = -2.0 * ndc[2] / ndc[axis]
+        place, slope = position[axis] / position[2], direction[axis] / direction[2]
+        position[axis], direction[axis] = scale * place, scale * (slope - place)
+    position[2], direction[2] = 1.0 + inverse, -inverse
+
+
+@njit(nogil=True, cache=True)
+def _into_grid(batch, n, position, direction, near, far, origin, voxel, dims):
+    """Clips a ray to the grid's box and measures it in voxels."""
+    world = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    for axis in range(3):
+        position[axis] = (position[axis] - origin[axis]) / voxel[axis]
+        direction[axis] /= voxel[axis]
+    scale = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    start, end = near * scale, far * scale
+    for axis in range(3):
+        along = direction[axis] / scale
+        safe = along if abs(along) >= 1e-9 else 1e-9
+        to_low, to_high = -position[axis] / safe, (dims[axis] - position[axis]) / safe
+        start, end = max(start, min(to_low, to_high)), min(end, max(to_low, to_high))
+        batch.origins[n, axis], batch.directions[n, axis] = position[axis], along
+    batch.start[n], batch.end[n], batch.length[n] = start, end, world / scale
+
+
+@njit(nogil=True, cache=True)
+def _colour(pixels, id_, batch, n):
+    """The pixel's colour, over the ray's background where it is not opaque."""
+    opaque = pixels.shape[1] == 3
+    alpha = np.float32(1.0) if opaque else np.float32(pixels[id_, pixels.shape[1] - 1]) / np.float32(255.0)
+    for channel in range(3):
+        colour = np.float32(pixels[id_, channel]) / np.float32(255.0)
+        batch.target[n, channel] = colour * alpha + (np.float32(1.0) - alpha) * batch.background[n, channel]

@@ -1,0 +1,243 @@
+"""One step of the voxel method by the fused loops, which share it out among threads.
+
+Notation: V voxels, B bricks; `order` int32 [V + 1] is the layout's row of each of ours, which follow a Morton curve.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from scenepack.constants import TRANSMITTANCE_SHADED
+from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, segments_across
+from training.voxels.fused.bricks import Bricks, build_bricks
+from training.voxels.fused.head import PARAMETERS, Head, make_head_work
+from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch
+from training.voxels.fused.render import (
+    CHUNK,
+    COLOUR,
+    PENALTY,
+    RAYS,
+    SAMPLES,
+    SCATTER,
+    SQUARED,
+    Numbers,
+    Work,
+    make_scratch,
+    make_work,
+    march_chunk,
+    render_chunk,
+)  # fmt: skip
+from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
+from training.voxels.fused.workers import Workers
+from training.voxels.settings import ADAM_BETAS, Settings
+from training.voxels.smoothness import WINDOW
+
+CHUNKS_AT_ONCE = 4  # that a worker claims
+PROBE_RAYS = 4096  # whose sample counts tell how many rays fill a step
+
+
+class Grid(NamedTuple):
+    """Where the voxels are: bricks, order; origin, voxel [3] world units, float64."""
+
+    bricks: Bricks
+    order: np.ndarray
+    origin: np.ndarray
+    voxel: np.ndarray
+
+
+class Values(NamedTuple):
+    """rows [V + 1, 8] and the view MLP's flat parameters [883] (empty: diffuse): values, or a moment of them."""
+
+    rows: np.ndarray
+    head: np.ndarray
+
+
+class Gradient(NamedTuple):
+    """What a batch says: slopes of rows are in the engine's accumulator; head [883] summed over rays; rays that counted."""
+
+    head: np.ndarray
+    rays: float
+    metrics: dict[str, float]
+
+
+@njit(nogil=True, cache=True)
+def _render_chunks(low, high, bricks, rows, batch, head, numbers, work, scratch, shading, room, head_gradients):
+    for chunk in range(low, high):
+        shading.gradient[:] = 0.0
+        render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shading, room)
+        head_gradients[chunk, :] = shading.gradient
+
+
+def split_head(flat: np.ndarray) -> Head:
+    """The view MLP whose parameters lie one after the other in `flat` (no copy): w0, b0, w1, b1, w2, b2."""
+    used = flat.size > 0
+    flat = flat if used else np.zeros(PARAMETERS, np.float32)
+    parts, start = [], 0
+    for shape in ((34, 16), (16,), (16, 16), (16,), (16, 3), (3,)):
+        size = int(np.prod(shape))
+        parts.append(flat[start : start + size].reshape(shape))
+        start += size
+    return Head(used, *parts)
+
+
+class Stepper:
+    """The fused loops over one grid; a new one is made where the grid changes."""
+
+    def __init__(self, grid: Grid, settings: Settings, workers: Workers) -> None:
+        self.grid, self.settings, self.workers = grid, settings, workers
+        rows = len(grid.order)
+        self.slopes = np.zeros((rows, 8), np.float32)
+        self.marks = np.zeros(-(-rows // 64), np.uint64)
+        self._work = None
+        # A chunk has room for the longest rays there can be, so that none is ever left out; what is not touched is no memory.
+        self._room = CHUNK * COARSE * segments_across(grid.bricks.dims, settings.step_voxels)
+        self._shading = [make_head_work(CHUNK) for _ in range(workers.count)]
+        self._scratch = [make_scratch(self._room) for _ in range(workers.count)]
+        f = np.float32
+        voxel = float(grid.voxel.max())
+        spread = settings.distortion_spread / (voxel * settings.step_voxels)
+        self.numbers = Numbers(
+            f(settings.step_voxels), f(settings.shift), f(settings.reference), np.int64(settings.last_depth),
+            f(settings.sparsity_weight * settings.step_voxels * voxel / settings.sparsity_spacing),
+            f(settings.sparsity_scale), f(settings.distortion_weight / spread), f(TRANSMITTANCE_SHADED),
+        )  # fmt: skip
+
+    def batch(self, photographs: Photographs, ids: np.ndarray, phase: np.ndarray, background: np.ndarray) -> Batch:
+        """The rays of ids [N] in the grid's frame, over `background` [N, 3], with samples at `phase` [N]."""
+        grid, batch = self.grid, empty_batch(len(ids))
+        batch.phase[:], batch.background[:] = phase, background
+        size = 16 * CHUNK
+
+        def fill(_: int, part: int) -> None:
+            low, high = part * size, min((part + 1) * size, len(ids))
+            fill_batch(photographs, ids, grid.origin, grid.voxel, grid.bricks.dims, batch, low, high)
+
+        self.workers.share(-(-len(ids) // size), fill)
+        return batch
+
+    def differentiate(self, values: Values, batch: Batch, picked: np.ndarray) -> Gradient:
+        """Forward and backward: fills `slopes` (sums over rays, the variation's times their number) and `marks`."""
+        chunks = -(-len(batch.start) // CHUNK)
+        work, room = self._work_for(chunks), self._room
+        head, numbers, bricks = split_head(values.head), self.numbers, self.grid.bricks
+        head_gradients = np.zeros((chunks, PARAMETERS), np.float32)
+
+        def render(worker: int, part: int) -> None:
+            low, high = part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks)
+            _render_chunks(low, high, bricks, values.rows, batch, head, numbers, work, self._scratch[worker],
+                           self._shading[worker], room, head_gradients)  # fmt: skip
+
+        self.workers.share(-(-chunks // CHUNKS_AT_ONCE), render)
+        sums = work.metrics.sum(0)
+        rays = max(sums[RAYS], 1.0)
+        rough = self._variation(values, picked)
+        scale = np.float32(rays)
+        bounds = self._ranges(work, room)
+
+        def gather(_: int, part: int) -> None:
+            gather_slopes(work, room, rough, scale, self.slopes, self.marks, bounds[part], bounds[part + 1])
+
+        self.workers.share(len(bounds) - 1, gather)
+        weights, norms = self.settings.variation, rough.sums.sum(0) / max(len(picked), 1)
+        metrics = {
+            "mse": sums[SQUARED] / (3 * rays),
+            "sparsity": float(numbers.sparsity) * sums[PENALTY] / rays,
+            "variation": weights[0] * norms[0] + weights[1] * norms[1],
+            "distortion": float(numbers.scatter) * sums[SCATTER] / rays,
+        }
+        metrics["loss"] = sums[COLOUR] / rays + metrics["sparsity"] + metrics["variation"] + metrics["distortion"]
+        metrics |= {"rays": rays, "samples": sums[SAMPLES]}
+        return Gradient(head_gradients.sum(0), rays, metrics)
+
+    def adam(
+        self, values: Values, first: Values, second: Values, gradient: Gradient, updates: int, decay: float
+    ) -> None:
+        """Moves values and moments in place by the gradient that `differentiate` left; updates: how many came before."""
+        beta1, beta2 = ADAM_BETAS
+        correction = np.sqrt(1 - beta2 ** (updates + 1)) / (1 - beta1 ** (updates + 1)) * decay
+        density, colours, head_rate = (np.float32(rate * correction) for rate in self.settings.rates)
+        rates = np.array([[density, *[colours] * 7]], np.float32)
+        scale = np.float32(1.0 / gradient.rays)
+        rows = len(values.rows)
+        count = self.workers.count * 2
+        bounds = [*(rows * i // count // WORD * WORD for i in range(count)), rows]
+
+        def move(_: int, part: int) -> None:
+            adam_rows(values.rows, first.rows, second.rows, self.slopes, self.marks, rates, scale, bounds[part],
+                      bounds[part + 1])  # fmt: skip
+
+        self.workers.share(count, move)
+        if values.head.size:
+            slope = gradient.head * scale
+            first.head[:] += np.float32(1 - beta1) * (slope - first.head)
+            second.head[:] += np.float32(1 - beta2) * (np.square(slope) - second.head)
+            values.head[:] -= head_rate * first.head / np.sqrt(second.head + np.float32(1e-20))
+
+    def remember_depths(self, values: Values) -> None:
+        """The bricks remember their cells' optical depths as they are now; `march` ends by these."""
+        settings, bricks = self.settings, self.grid.bricks
+        thickness = np.float32(settings.step_voxels * self.grid.voxel.max())
+        slots, size = len(bricks.base), 512
+
+        def look(_: int, part: int) -> None:
+            remember(bricks, values.rows, np.float32(settings.shift), np.float32(settings.reference), thickness,
+                     np.float32(DEPTH_UNITS), DEEPEST, part * size, min((part + 1) * size, slots))  # fmt: skip
+
+        self.workers.share(-(-slots // size), look)
+
+    def mean_samples(self, batch: Batch) -> float:
+        """Samples a ray of a batch has."""
+        chunks = -(-len(batch.start) // CHUNK)
+        work = self._work_for(chunks)
+
+        def count(worker: int, chunk: int) -> None:
+            low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, len(batch.start))
+            first = self._scratch[worker].first
+            march_chunk(self.grid.bricks, batch, low, high, self.numbers.step, self.numbers.last_depth, chunk * self._room,
+                        self._room, work.ids, work.weights, self._scratch[worker].t, first)  # fmt: skip
+            work.counts[chunk] = first[high - low]
+
+        self.workers.share(chunks, count)
+        return float(work.counts.sum() / max(len(batch.start), 1))
+
+    def _work_for(self, chunks: int) -> Work:
+        if self._work is None or len(self._work.counts) != chunks:
+            self._work = make_work(chunks, self._room)
+        return self._work
+
+    def _variation(self, values: Values, picked: np.ndarray) -> Variation:
+        count, size = len(picked), 64 * WINDOW
+        parts = -(-count // size)
+        rough = Variation(
+            np.zeros((count, 4), np.int32), np.empty((4 * count, 8), np.float32), np.zeros((max(parts, 1), 2))
+        )
+        density, colours = self.settings.variation
+        weights = (np.array([density, *[colours] * 7]) / max(count, 1)).astype(np.float32)
+
+        def look(_: int, part: int) -> None:
+            low, high = part * size, min((part + 1) * size, count)
+            variation(self.grid.bricks, values.rows, picked, weights, part, rough, low, high)
+
+        self.workers.share(parts, look)
+        return rough
+
+    def _ranges(self, work: Work, room: int) -> np.ndarray:
+        """Ranges of rows, one a worker, that hold about the same number of samples: quantiles of a few. Bounds are multiples
+        of 64, so that no two workers share a word of marks."""
+        rows, count = len(self.slopes), self.workers.count
+        some = [work.ids[c * room : c * room + min(work.counts[c], 512) : 16].ravel() for c in range(len(work.counts))]
+        drawn = np.concatenate(some)
+        drawn = drawn[drawn > 0]
+        inner = np.quantile(drawn, np.arange(1, count) / count) if drawn.size else np.zeros(count - 1)
+        bounds = np.concatenate([[0], np.minimum(np.round(inner / 64) * 64, rows // 64 * 64), [rows]])
+        return bounds.astype(np.int64)
+
+
+def grid_of(cells: ArrayLike, support: ArrayLike, dims: ArrayLike, origin: ArrayLike, voxel: ArrayLike) -> Grid:
+    """The bricks of a layout, from its arrays: cells [V + 1] padded flat index of each row, the first for row 0."""
+    bricks, order = build_bricks(np.asarray(cells)[1:], np.asarray(support), np.asarray(dims))
+    return Grid(bricks, order, np.asarray(origin, np.float64), np.asarray(voxel, np.float64))
