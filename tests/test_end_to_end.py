@@ -277,7 +277,7 @@ def test_a_field_with_nothing_in_it_cannot_be_baked(made: Path, tmp_path: Path, 
         "1.1",
     ]  # fainter than this is all
     line = one_line(capsys, snerg_bake, [str(made / "run"), *arguments])
-    assert "holds nothing" in line and str(made / "run") in line
+    assert "contains nothing" in line and str(made / "run") in line
     assert not (tmp_path / "pack").exists()
 
 
