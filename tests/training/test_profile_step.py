@@ -92,4 +92,4 @@ def test_what_cannot_be_profiled_gets_one_line(procedural_path: Path, tmp_path: 
         json.dumps({"format": 1, "scene": "s", "scene_options": {}, "config": {"method": "nerf"}})
     )
     assert main([str(tmp_path)]) == 2
-    assert "fast method" in capsys.readouterr().err
+    assert "voxel method" in capsys.readouterr().err

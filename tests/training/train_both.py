@@ -40,6 +40,7 @@ NERF = dataclasses.replace(
 VOXELS = dataclasses.replace(
     PRESETS["cpu"],
     **EVERY,
+    engine="jax",  # the one that many devices share; alone, a processor would take another
     batch_size=512,
     voxels=VoxelConfig(resolutions=(12, 24), stage_starts=(0.0, 0.5), prunings=(), samples_per_step=4096),
 )
