@@ -108,7 +108,11 @@ def test_a_damaged_newest_checkpoint_costs_a_warning_and_some_steps(unbroken: Pa
 
 def test_a_loaded_run_renders_queries_and_knows_its_scene(unbroken: Path):
     run = load_run(unbroken)
-    assert run.step == 12 and run.config == dataclasses.replace(MINUTE, engine="jax") and len(run.scene.splits["train"]) == 12
+    assert (
+        run.step == 12
+        and run.config == dataclasses.replace(MINUTE, engine="jax")
+        and len(run.scene.splits["train"]) == 12
+    )
     rays = run.dataset.view_rays(run.scene.splits["test"][0].camera)
     out = run.method.render(run.state, rays)
     assert out.rgb.shape == (48 * 48, 3) and float(out.rgb.min()) >= 0 and float(out.rgb.max()) <= 1
