@@ -37,7 +37,6 @@ class VoxelMethod:
 
     def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
         self.config, self.dataset = config, dataset
-        self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
         self.plan = plan_of(config, dataset)
         self.settings = settings_of(config, dataset, self.plan)
         self.engine = make_engine(config.engine, dataset, self.plan, self.settings, config.seed)
@@ -47,13 +46,12 @@ class VoxelMethod:
         if self.config.voxels.view_dependence:
             head = init_view_mlp(key)
             head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
-        return self.engine.begin(dense_start(self.plan, self.geometry, self.settings, head))
+        return self.engine.begin(dense_start(self.engine, self.plan, self.dataset.local(), head))
 
     def step(self, state: Any, step: int) -> tuple[Any, dict[str, Any]]:
         resolution = self.plan.schedule.get(step)
         if resolution is not None and step > 0:
-            refined = refine(self.engine.end(state), resolution, self.plan, self.geometry, self.settings)
-            state = self.engine.begin(refined)
+            state = refine(self.engine, state, resolution, self.plan)
         if step % REMEMBER_EVERY == 0 or resolution is not None:  # at a new stage, too: compiled then, not later
             state = self.engine.remember(state)
         return self.engine.step(state, step, step / max(self.config.steps, 1))
@@ -76,4 +74,4 @@ class VoxelMethod:
         return save(self.engine.end(state))
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
-        return self.engine.begin(restore(arrays, self.dataset.count))
+        return self.engine.begin(restore(arrays))

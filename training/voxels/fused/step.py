@@ -28,6 +28,7 @@ from training.voxels.fused.head import (
 from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch
 from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work, march_chunk, render_chunk
 from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
+from training.voxels.fused.survey import interpolate, raise_weights, rays_meet
 from training.voxels.fused.workers import Workers
 from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import WINDOW
@@ -192,6 +193,45 @@ class Stepper:
 
         self.workers.share(chunks, count)
         return float(work.counts.sum() / max(len(batch.start), 1))
+
+    def meets(self, batch: Batch) -> np.ndarray:
+        """bool [N]: which rays of a batch have support at any of their samples, wherever these begin."""
+        meets, size = np.zeros(len(batch.start), bool), 16 * CHUNK
+        step = np.float32(0.5 * self.settings.step_voxels)
+
+        def look(_: int, part: int) -> None:
+            rays_meet(self.grid.bricks, batch, step, meets, part * size, min((part + 1) * size, len(meets)))
+
+        self.workers.share(-(-len(meets) // size), look)
+        return meets
+
+    def blank_weights(self) -> np.ndarray:
+        """For `raise_weights`: zeros [T, V + 1]."""
+        return np.zeros((self.workers.count, len(self.grid.order)), np.float32)
+
+    def raise_weights(self, values: Values, batch: Batch, best: np.ndarray) -> None:
+        """Raises best [T, V + 1], one row for each worker, to the weights of a batch's samples by the voxel they lie in."""
+        chunks = -(-len(batch.start) // CHUNK)
+        work, bricks = self._work_for(chunks), self.grid.bricks
+
+        def look(worker: int, part: int) -> None:
+            low, high = part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks)
+            raise_weights(
+                low, high, bricks, values.rows, batch, self.numbers, work, self._scratch[worker], best[worker]
+            )
+
+        self.workers.share(-(-chunks // CHUNKS_AT_ONCE), look)
+
+    def interpolate(self, values: Values, points: np.ndarray) -> np.ndarray:
+        """Raw values float32 [N, 8] at world points float32 [N, 3]."""
+        raw, size, grid = np.empty((len(points), 8), np.float32), 4096, self.grid
+
+        def look(_: int, part: int) -> None:
+            low, high = part * size, min((part + 1) * size, len(points))
+            interpolate(grid.bricks, values.rows, grid.origin, grid.voxel, points, raw, low, high)
+
+        self.workers.share(-(-len(points) // size), look)
+        return raw
 
     def _work_for(self, chunks: int) -> Work:
         if self._work is None or len(self._work.counts) < chunks:
