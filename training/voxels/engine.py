@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from training.method import Rays, RenderOutput
 from training.voxels.sparse_grid import GridLayout
 from training.voxels.state import VoxelState
 
@@ -51,4 +52,8 @@ class Engine(Protocol):
 
     def raw_at(self, state: Any, points: np.ndarray) -> np.ndarray:
         """Raw values float32 [N, 8] of a state at world points float32 [N, 3]."""
+        ...
+
+    def render(self, state: Any, rays: Rays) -> RenderOutput:
+        """Every ray to its last sample, these taken as the viewer takes them; see training.method.Method.render."""
         ...

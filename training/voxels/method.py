@@ -23,7 +23,6 @@ from training.view_mlp import init_view_mlp
 from training.voxels.engines import make_engine
 from training.voxels.field import query
 from training.voxels.refine import dense_start, refine
-from training.voxels.render import render_all
 from training.voxels.saving import restore, save
 from training.voxels.settings import plan_of, settings_of
 from training.voxels.sparse_grid import boxes_with_voxels
@@ -57,7 +56,7 @@ class VoxelMethod:
         return self.engine.step(state, step, step / max(self.config.steps, 1))
 
     def render(self, state: Any, rays: Rays) -> RenderOutput:
-        return render_all(self.engine.end(state), rays, self.settings)
+        return self.engine.render(state, rays)
 
     def query(self, state: Any, points: jax.Array) -> FieldOutput:
         plain = self.engine.end(state)

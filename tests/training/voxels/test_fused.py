@@ -274,3 +274,10 @@ def test_what_happens_between_steps_is_asked_of_either_engine_alike(both: Both) 
     meets, may = ours.meeting(layout, ids), theirs.meeting(layout, ids)
     assert not (meets & ~may).any() and meets.sum() > 0.6 * may.sum(), "the reference asks coarser cells"
     assert not meets.all()
+
+    rays = dataset.geometry_at(ids[::3])
+    ours, theirs = ours.render(state, rays), theirs.render(jax_state, rays)
+    assert np.asarray(theirs.alpha).max() > 0.6 > np.asarray(theirs.alpha).min()
+    for name, picture in theirs._asdict().items():
+        off = np.abs(np.asarray(getattr(ours, name)) - picture) > 2e-3 * max(np.abs(picture).max(), 1.0)
+        assert off.mean() < 2e-3, f"{name}: but for rays that begin a step apart by rounding"

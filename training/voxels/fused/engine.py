@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from training.dataset import RayDataset
-from training.method import ViewMlpParams
+from training.method import Rays, RenderOutput, ViewMlpParams
+from training.voxels.field import finished, shade
 from training.voxels.fused.bricks import support_of
 from training.voxels.fused.rays import Batch, photographs_of
 from training.voxels.fused.step import PROBE_RAYS, Grid, Stepper, Values, grid_of
@@ -121,6 +122,17 @@ class FusedEngine:
 
     def raw_at(self, state: FusedState, points: np.ndarray) -> np.ndarray:
         return state.unpack(self.settings, self.workers).interpolate(state.values, points)
+
+    def render(self, state: FusedState, rays: Rays) -> RenderOutput:
+        stepper = state.unpack(self.settings, self.workers)
+        origins, directions, near, far = (np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far))
+        gathered = np.empty((len(near), 9), np.float32)
+        for low in range(0, len(near), SURVEYED_TOGETHER):
+            some = slice(low, low + SURVEYED_TOGETHER)
+            batch = stepper.take(origins[some], directions[some], near[some], far[some])
+            gathered[some] = stepper.gather(state.values, batch)
+        scale = np.linalg.norm(directions / stepper.grid.voxel, axis=-1)  # voxels per t
+        return finished(shade(jnp.asarray(gathered), _view_mlp(state.values.head), rays.viewdirs, self.settings), scale)
 
     def _survey(self, stepper: Stepper, ids: np.ndarray) -> Batch:
         """Rays that are looked at, but not trained on; their samples as the viewer takes them."""

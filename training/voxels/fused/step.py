@@ -25,14 +25,15 @@ from training.voxels.fused.head import (
     Head,
     make_head_work,
 )
-from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch
+from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch, take_rays
 from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work, march_chunk, render_chunk
 from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
-from training.voxels.fused.survey import interpolate, raise_weights, rays_meet
+from training.voxels.fused.survey import gather_rays, interpolate, raise_weights, rays_meet
 from training.voxels.fused.workers import Workers
 from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import WINDOW
 
+NEVER = 2**62  # an optical depth that no ray reaches
 CHUNKS_AT_ONCE = 4  # that a worker claims
 PROBE_RAYS = 4096  # whose sample counts tell how many rays fill a step
 
@@ -232,6 +233,28 @@ class Stepper:
 
         self.workers.share(-(-len(points) // size), look)
         return raw
+
+    def take(self, origins: np.ndarray, directions: np.ndarray, near: np.ndarray, far: np.ndarray) -> Batch:
+        """Rays of the training frame, [N, 3] and [N], in the grid's frame; samples as the viewer takes them."""
+        grid, batch = self.grid, empty_batch(len(near))
+        batch.phase[:] = 0.5
+        take_rays(origins, directions, near, far, grid.origin, grid.voxel, grid.bricks.dims, batch, 0, len(near))
+        return batch
+
+    def gather(self, values: Values, batch: Batch) -> np.ndarray:
+        """float32 [N, 9] of a batch: accumulated colours and features (7), T behind each ray, and the sum of weights times t;
+        to the last sample, however little light is left."""
+        chunks = -(-len(batch.start) // CHUNK)
+        work, gathered = self._work_for(chunks), np.empty((len(batch.start), 9), np.float32)
+        numbers = self.numbers._replace(last_depth=np.int64(NEVER))
+
+        def look(worker: int, part: int) -> None:
+            low, high = part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks)
+            gather_rays(low, high, self.grid.bricks, values.rows, batch, numbers, work, self._scratch[worker],
+                        self._shading[worker], gathered)  # fmt: skip
+
+        self.workers.share(-(-chunks // CHUNKS_AT_ONCE), look)
+        return gathered
 
     def _work_for(self, chunks: int) -> Work:
         if self._work is None or len(self._work.counts) < chunks:

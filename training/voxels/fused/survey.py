@@ -1,4 +1,5 @@
-"""What happens between steps, by compiled loops: which rays meet content, which voxels are seen, values between voxels.
+"""What is asked of a state besides its steps: which rays meet content, which voxels are seen, values between voxels, and
+what rays gather on their way.
 
 Notation: N rays of a batch in grid coordinates; V voxels; T workers.
 """
@@ -11,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from training.voxels.fused.bricks import Bricks, row_of
-from training.voxels.fused.render import CHUNK, CLOSE, leaving, march_chunk
+from training.voxels.fused.render import CHUNK, CLOSE, composite_chunk, fetch_chunk, leaving, march_chunk
 
 
 @njit(nogil=True, cache=True)
@@ -89,3 +90,23 @@ def interpolate(bricks: Bricks, rows, origin, voxel, points, values, low, high):
                 weight *= fraction[axis] if corner >> axis & 1 else np.float32(1.0) - fraction[axis]
             for channel in range(8):
                 values[n, channel] += weight * rows[row, channel]
+
+
+@njit(nogil=True, cache=True)
+def gather_rays(low, high, bricks, rows, batch, numbers, work, scratch, shading, gathered):
+    """gathered [N, 9]: what the rays of chunks low … high - 1 gather: colours and features (7), T behind all, weights times t."""
+    for chunk in range(low, high):
+        march_chunk(chunk, bricks, batch, numbers, work, scratch)
+        first_ray, last_ray = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
+        offset = chunk * scratch.t.shape[0]
+        fetch_chunk(offset, work.counts[chunk], rows, work.ids, work.weights, work.slopes, numbers.shift, scratch.pre)
+        composite_chunk(first_ray, last_ray, offset, batch.length, work.slopes, numbers, scratch, shading.sums,
+                        work.metrics[chunk])  # fmt: skip
+        for r in range(last_ray - first_ray):
+            for c in range(7):
+                gathered[first_ray + r, c] = shading.sums[c, r]
+            gathered[first_ray + r, 7] = scratch.behind[r]
+            total = np.float32(0.0)
+            for n in range(scratch.first[r], scratch.first[r + 1]):
+                total += scratch.weight[n] * scratch.t[n]
+            gathered[first_ray + r, 8] = total
