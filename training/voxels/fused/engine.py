@@ -148,11 +148,7 @@ class FusedEngine:
     def _draw(self, stepper: Stepper, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
         ids = self._runs(random, state.hits, rays)
         phase = random.random(rays, np.float32)
-        if self.settings.any_background:
-            background = random.random((rays, 3), np.float32)
-        else:
-            background = np.broadcast_to(np.asarray(self.settings.background, np.float32), (rays, 3))
-        return stepper.batch(self.photographs, ids, phase, background)
+        return stepper.batch(self.photographs, ids, phase, random.random((rays, 3), np.float32))
 
     def _smoothed(self, rows: int) -> float:
         """The share of voxels whose variation is looked at in a step: as set, but never more work than the samples are."""
