@@ -3,7 +3,7 @@
     python -m training.profile_step RUN                        (a trained run, as its newest checkpoint left it)
     python -m training.profile_step SCENE --preset cpu --steps 300   (photographs, trained that long first)
 
-The step (training.voxels.step.parts) is compiled up to each of its parts. These programs take turns, round by round, with
+The step (training.voxels.step.update) is compiled up to each of its parts. These programs take turns, round by round, with
 the whole step, which goes on training; a part's time is the median over rounds of the difference between its program
 and the one before, so that a machine that slows down slows all alike. What a compiler may fuse across the border of two
 parts is counted with the later one.
@@ -164,11 +164,14 @@ def _programs(engine: JaxEngine, state: VoxelState) -> dict[str, Callable[[Voxel
     import jax
     import numpy as np
 
-    from training.voxels.step import parts
+    from training.voxels.step import draw, gradient_parts
 
     def up_to(part: str, trainable: Any, stage: Any, dataset: Any, key: Any, step: Any, *, share: float) -> Any:
         settings = engine.settings._replace(variation_share=share)
-        made = parts(trainable, stage, dataset, key, step, sizes=state.sizes, rays=state.rays, settings=settings)
+        batch = draw(stage, dataset, key, step, state.rays, settings)
+        if part == "draw":
+            return batch
+        made = gradient_parts(trainable, stage, batch, dataset.mesh, sizes=state.sizes, settings=settings)
         return next(left for name, left in made if name == part)
 
     def program(name: str) -> Callable[[VoxelState, int], Any]:

@@ -4,8 +4,9 @@ Published parts: direct voxel optimisation with total variation (Plenoxels, Frid
 leaves unseen voxels alone (DVGO, Sun et al. 2022), empty space skipped by an occupancy structure (instant-ngp, Müller et al.
 2022). The Cauchy sparsity term is SNeRG's (section 4.3).
 
-The parts of a step are made one after another by `parts`, which `update` runs to its end and training.profile_step up to
-each of them. `draw` and `loss_and_gradient` are what another engine must agree with (training.voxels.engine).
+`update` is the step: `draw` and `loss_and_gradient`, with which another engine must agree (training.voxels.engine), and
+`adam`. The parts of a gradient are made one after another by `gradient_parts`, so that training.profile_step can stop at
+each.
 """
 
 from __future__ import annotations
@@ -106,23 +107,12 @@ def update(
     *, sizes: MarchSizes, rays: int, settings: Settings,
 ) -> tuple[Optimised, dict[str, jax.Array]]:  # fmt: skip
     """One step. progress in [0, 1], of the learning rates."""
-    through = parts(optimised.trainable, stage, dataset, key, step, sizes=sizes, rays=rays, settings=settings)
-    *_, (_, (gradient, loss, metrics)) = through
+    batch = draw(stage, dataset, key, step, rays, settings)
+    gradient, loss, metrics = loss_and_gradient(
+        optimised.trainable, stage, batch, dataset.mesh, sizes=sizes, settings=settings
+    )
     metrics |= {"loss": loss, "psnr": psnr_of(metrics["mse"])}
     return adam(optimised, gradient, progress, settings), metrics
-
-
-def parts(
-    trainable: Trainable, stage: Stage, dataset: RayDataset, key: jax.Array, step: jax.Array,
-    *, sizes: MarchSizes, rays: int, settings: Settings,
-) -> Iterator[tuple[str, Any]]:  # fmt: skip
-    """The parts of a step before the optimiser, in order: after each, its name and all that the next ones take.
-
-    The last is ("backward", (gradient, loss, metrics)).
-    """
-    batch = draw(stage, dataset, key, step, rays, settings)
-    yield "draw", batch
-    yield from gradient_parts(trainable, stage, batch, dataset.mesh, sizes=sizes, settings=settings)
 
 
 def loss_and_gradient(
@@ -136,7 +126,10 @@ def loss_and_gradient(
 def gradient_parts(
     trainable: Trainable, stage: Stage, batch: Batch, mesh: Mesh, *, sizes: MarchSizes, settings: Settings
 ) -> Iterator[tuple[str, Any]]:
-    """`parts` behind the draw."""
+    """A batch's gradient part by part, in order: after each, its name and all that the next ones take.
+
+    The last is ("backward", (gradient, loss, metrics)).
+    """
     marched = marched_batch(batch, stage, sizes, settings, mesh)
     yield "march", (batch, marched)
     addresses = addressed(stage, marched.samples, batch.picked)
