@@ -49,14 +49,16 @@ class VoxelMethod:
             head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
         return self.engine.begin(dense_start(self.plan, self.geometry, self.settings, head))
 
-    def step(self, state: Any, step: int) -> tuple[Any, dict[str, Any]]:
+    def step(self, state: Any, step: int, progress: float | None = None) -> tuple[Any, dict[str, Any]]:
+        if progress is None:
+            progress = step / max(self.config.steps, 1)
         resolution = self.plan.schedule.get(step)
         if resolution is not None and step > 0:
             refined = refine(self.engine.end(state), resolution, self.plan, self.geometry, self.settings)
             state = self.engine.begin(refined)
         if step % REMEMBER_EVERY == 0 or resolution is not None:  # at a new stage, too: compiled then, not later
             state = self.engine.remember(state)
-        return self.engine.step(state, step, step / max(self.config.steps, 1))
+        return self.engine.step(state, step, progress)
 
     def render(self, state: Any, rays: Rays) -> RenderOutput:
         return render_all(self.engine.end(state), rays, self.settings)
