@@ -202,8 +202,8 @@ def losses(
     sparsity = settings.sparsity_weight * spacing * penalty / total
     scattered = 0.0
     if settings.distortion_weight > 0:
-        spread = settings.distortion_spread / (voxel.max() * settings.step_voxels)
-        scattered = distortion(samples, weights, spread, count, sizes.per_ray) / total
+        spread = settings.distortion_spread / voxel.max()
+        scattered = distortion(samples, weights, settings.step_voxels, spread, count, sizes.per_ray) / total
     rough_density, rough_colour = variation(nearby, addresses.near)
     smooth = settings.variation[0] * rough_density + settings.variation[1] * rough_colour
     mse = jnp.where(counted, jnp.square(jnp.clip(output.rgb, 0, 1) - batch.target).sum(-1), 0.0).sum() / (3 * total)

@@ -71,6 +71,14 @@ def test_what_few_photographs_see_is_left_out_from_the_start(procedural_scene: S
     assert np.array_equal(present, views_that_see(dataset, whole) >= 8)
 
 
+def test_a_handful_of_opaque_photographs_begins_with_voxels(tmp_path: Path) -> None:
+    dataset = make_dataset(load_scene(write_transforms(tmp_path / "t", circle(6))))
+    assert dataset.kind == "surroundings" and dataset.views == 5 < BY_KIND["surroundings"].least_views
+    voxels = VoxelConfig(resolutions=(16,), stage_starts=(0.0,), prunings=(), samples_per_step=2048)
+    method = VoxelMethod(dataclasses.replace(PRESETS["cpu"], engine="jax", batch_size=64, voxels=voxels), dataset)
+    assert present_voxels(method.start(jax.random.key(0)).layout).any()
+
+
 def test_transparent_pixels_take_the_background_that_is_asked_for(procedural_scene: Scene) -> None:
     dataset = make_dataset(procedural_scene)
     ids = jnp.arange(dataset.count)

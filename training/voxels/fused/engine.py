@@ -43,8 +43,11 @@ class FusedState:
             assert self.plain is not None
             layout = self.plain.layout
             grid = grid_of(self.plain.cells, layout.support, layout.dims, layout.origin, layout.voxel)
-            parts = (_values(part, grid.order) for part in (self.plain.trainable, self.plain.first, self.plain.second))
-            self.values, self.first, self.second = parts
+            # the dense tables are made again where somebody asks; each part is given up when it is copied
+            self.stage = self.stage._replace(layout=layout._replace(lookup=None, support=None))  # type: ignore[arg-type]
+            parts = [self.plain.second, self.plain.first, self.plain.trainable]
+            self.plain = None
+            self.values, self.first, self.second = (_values(parts.pop(), grid.order) for _ in range(3))
             self.stepper = Stepper(grid, settings, workers)
         return self.stepper
 
@@ -53,7 +56,10 @@ class FusedState:
         if self.plain is None:
             assert self.stepper is not None
             grid = self.stepper.grid
-            layout = self.stage.layout._replace(support=jnp.asarray(support_of(grid.bricks)))
+            support, cells = support_of(grid.bricks), np.asarray(self.stage.cells)
+            lookup = np.zeros(support.size, np.int32)
+            lookup[cells[1:]] = np.arange(1, len(cells))
+            layout = self.stage.layout._replace(support=jnp.asarray(support), lookup=jnp.asarray(lookup))
             self.plain = self.stage._replace(
                 trainable=_trainable(self.values, grid), first=_trainable(self.first, grid),
                 second=_trainable(self.second, grid), updates=jnp.int32(self.updates), layout=layout, rays=self.rays,

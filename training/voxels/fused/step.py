@@ -5,6 +5,7 @@ Notation: V voxels, B bricks; `order` int32 [V + 1] is the layout's row of each 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import WINDOW
 
 CHUNKS_AT_ONCE = 4  # that a worker claims
+ROOM = 64  # samples a ray that a chunk has room for, before one of them needs more
 PROBE_RAYS = 4096  # whose sample counts tell how many rays fill a step
 
 
@@ -86,14 +88,12 @@ class Stepper:
         rows = len(grid.order)
         self.slopes = np.zeros((rows, 8), np.float32)
         self.marks = np.zeros(-(-rows // 64), np.uint64)
-        self._work = None
-        # A chunk has room for the longest rays there can be, so that none is ever left out; what is not touched is no memory.
-        self._room = CHUNK * COARSE * segments_across(grid.bricks.dims, settings.step_voxels)
+        self._most = CHUNK * COARSE * segments_across(grid.bricks.dims, settings.step_voxels)  # samples of a chunk
         self._shading = [make_head_work(CHUNK) for _ in range(workers.count)]
-        self._scratch = [make_scratch(self._room) for _ in range(workers.count)]
+        self._give_room(min(CHUNK * ROOM, self._most))
         f = np.float32
         voxel = float(grid.voxel.max())
-        spread = settings.distortion_spread / (voxel * settings.step_voxels)
+        spread = settings.distortion_spread / voxel
         self.numbers = Numbers(
             f(settings.step_voxels), f(settings.shift), f(settings.reference), np.int64(settings.last_depth),
             f(settings.sparsity_weight * settings.step_voxels * voxel / settings.sparsity_spacing),
@@ -115,17 +115,14 @@ class Stepper:
 
     def differentiate(self, values: Values, batch: Batch, picked: np.ndarray) -> Gradient:
         """Forward and backward: fills `slopes` (sums over rays, the variation's times their number) and `marks`."""
-        chunks = -(-len(batch.start) // CHUNK)
-        work, room = self._work_for(chunks), self._room
         head, numbers, bricks = split_head(values.head), self.numbers, self.grid.bricks
 
-        def render(worker: int, part: int) -> None:
-            low, high = part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks)
+        def render(worker: int, low: int, high: int, work: Work) -> None:
             _render_chunks(low, high, bricks, values.rows, batch, head, numbers, work, self._scratch[worker],
                            self._shading[worker])  # fmt: skip
 
-        self.workers.share(-(-chunks // CHUNKS_AT_ONCE), render)
-        sums = work.metrics.sum(0)
+        work = self._over_chunks(batch, render)
+        room, sums = self._room, work.metrics.sum(0)
         rays = max(sums[RAYS], 1.0)
         rough = self._variation(values, picked)
         scale = np.float32(rays)
@@ -184,20 +181,39 @@ class Stepper:
 
     def mean_samples(self, batch: Batch) -> float:
         """Samples a ray of a batch has."""
+
+        def count(worker: int, low: int, high: int, work: Work) -> None:
+            for chunk in range(low, high):
+                march_chunk(chunk, self.grid.bricks, batch, self.numbers, work, self._scratch[worker])
+
+        return float(self._over_chunks(batch, count).counts.sum() / max(len(batch.start), 1))
+
+    def _over_chunks(self, batch: Batch, look: Callable[[int, int, int, Work], None]) -> Work:
+        """What look(worker, low, high, work) leaves of each chunk low … high - 1 of a batch's rays.
+
+        Where a chunk was full, all is done again with more room: `look` must bear that. What it leaves does not depend on the
+        room. The longest rays that there can be would ask for some hundred times of what is needed, gigabytes that a system
+        may refuse even though nobody touches them.
+        """
         chunks = -(-len(batch.start) // CHUNK)
-        work = self._work_for(chunks)
+        while True:
+            if self._work is None or len(self._work.counts) < chunks:
+                self._work = make_work(chunks, self._room)
+            work = self._work
+            work = work._replace(counts=work.counts[:chunks], metrics=work.metrics[:chunks], head=work.head[:chunks])
 
-        def count(worker: int, chunk: int) -> None:
-            march_chunk(chunk, self.grid.bricks, batch, self.numbers, work, self._scratch[worker])
+            def share(worker: int, part: int, work: Work = work) -> None:
+                look(worker, part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks), work)
 
-        self.workers.share(chunks, count)
-        return float(work.counts.sum() / max(len(batch.start), 1))
+            self.workers.share(-(-chunks // CHUNKS_AT_ONCE), share)
+            if self._room == self._most or work.counts.max(initial=0) < self._room:
+                return work
+            self._give_room(min(2 * self._room, self._most))
 
-    def _work_for(self, chunks: int) -> Work:
-        if self._work is None or len(self._work.counts) < chunks:
-            self._work = make_work(chunks, self._room)
-        work = self._work
-        return work._replace(counts=work.counts[:chunks], metrics=work.metrics[:chunks], head=work.head[:chunks])
+    def _give_room(self, samples: int) -> None:
+        """Room for so many samples a chunk from now on."""
+        self._room, self._work = samples, None
+        self._scratch = [make_scratch(samples) for _ in range(self.workers.count)]
 
     def _variation(self, values: Values, picked: np.ndarray) -> Variation:
         count, size = len(picked), 64 * WINDOW
