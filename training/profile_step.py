@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from console import Notice, UserError, progress, run_command, write_json
 
 if TYPE_CHECKING:
+    from training.voxels.jax_engine import JaxEngine
     from training.voxels.method import VoxelMethod
     from training.voxels.state import VoxelState
-    from training.voxels.step import JaxEngine
 
 DESCRIPTION = "Times the parts of one training step of the voxel method (presets cpu and fast)."
 PARTS = {
@@ -97,8 +97,8 @@ def profile(
     import numpy as np
 
     from training.voxels.engines import chosen_engine, make_engine
+    from training.voxels.jax_engine import JaxEngine
     from training.voxels.method import REMEMBER_EVERY
-    from training.voxels.step import JaxEngine
 
     config, plain = method.config, method.engine.end(state)
     with warnings.catch_warnings():
@@ -106,7 +106,7 @@ def profile(
         fused = chosen_engine("auto") == "fused"
     other = make_engine("fused", method.dataset, method.plan, method.settings, config.seed) if fused else None
     others = other.remember(other.begin(plain)) if other else None  # copied before JAX uses it up
-    engine = JaxEngine(method.dataset, method.settings, config.seed)
+    engine = JaxEngine(method.dataset, method.plan, method.settings, config.seed)
     state = engine.begin(plain)
     programs = _programs(engine, state)
     names = [*programs, WHOLE_STEP, "remember", *([FUSED] if other else [])]

@@ -25,7 +25,7 @@ from training.nerf.method import NerfMethod
 from training.recorder import Recorder
 from training.run import load_run
 from training.voxels.config import VoxelConfig
-from training.voxels.step import JaxEngine
+from training.voxels.jax_engine import JaxEngine
 
 
 def losses(run: Path) -> dict[int, float]:

@@ -13,18 +13,18 @@ from console import Notice, UserError
 from training.config import EngineName
 from training.dataset import RayDataset
 from training.voxels.engine import Engine
+from training.voxels.jax_engine import JaxEngine
 from training.voxels.settings import Plan, Settings
 from training.voxels.state import VoxelState
-from training.voxels.step import JaxEngine
 
 
 def make_engine(name: EngineName, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> Engine:
     """The engine of a name; "auto" is JAX's, since only a run that begins may choose (see chosen_engine)."""
     if name != "fused":
-        return JaxEngine(dataset, settings, seed)
+        return JaxEngine(dataset, plan, settings, seed)
     problem = _problem_of_fused()
     if problem:
-        return _Resting(dataset, settings, seed, problem)
+        return _Resting(dataset, plan, settings, seed, problem)
     fused = importlib.import_module("training.voxels.fused.engine")  # Numba is heavy, and may be missing
     return fused.FusedEngine(dataset, plan, settings, seed)
 
@@ -44,9 +44,17 @@ def chosen_engine(name: EngineName) -> EngineName:
 class _Resting(JaxEngine):
     """Stands in for the fused engine where there is none: a run of it is rendered, scored and baked, but not trained."""
 
-    def __init__(self, dataset: RayDataset, settings: Settings, seed: int, problem: tuple[str, str]) -> None:
-        super().__init__(dataset, settings, seed)
+    def __init__(
+        self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, problem: tuple[str, str]
+    ) -> None:
+        super().__init__(dataset, plan, settings, seed)
         self.problem = problem
+
+    def begin(self, state: VoxelState) -> VoxelState:
+        return state  # as it is: no step is ever made of it
+
+    def end(self, state: VoxelState) -> VoxelState:
+        return state
 
     def remember(self, state: VoxelState) -> VoxelState:
         found, remedy = self.problem

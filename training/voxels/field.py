@@ -10,6 +10,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED
 from training.marching.march import MarchSizes, Samples, transmittance
@@ -58,11 +59,27 @@ def render_samples(
     weights = jnp.where(samples.valid, before * alpha_of(tau, 1.0), 0.0)
     values = jnp.concatenate([field.diffuse, field.features, samples.t[:, None]], axis=-1)
     sums = jnp.zeros((count, 8)).at[samples.ray].add(weights[:, None] * values)
+    gathered = jnp.concatenate([sums[:, :7], behind[:, None], sums[:, 7:]], axis=-1)
+    return shade(gathered, head, viewdirs, settings, background), field, weights
+
+
+@partial(jax.jit, static_argnames="settings")
+def shade(
+    gathered: jax.Array, head: ViewMlpParams | None, viewdirs: jax.Array, settings: Settings,
+    background: jax.Array | None = None,
+) -> RenderOutput:  # fmt: skip
+    """Colours of N rays that have gathered [N, 9]: colours and features (7), T behind all, weights times t (their depth)."""
+    behind = gathered[:, 7]
     behind_all = jnp.asarray(settings.background) if background is None else background
-    diffuse = sums[:, :3] + behind[:, None] * behind_all
+    diffuse = gathered[:, :3] + behind[:, None] * behind_all
     rgb = diffuse
     if head is not None:
-        residual = apply_view_mlp(head, diffuse, sums[:, 3:7], viewdirs)
+        residual = apply_view_mlp(head, diffuse, gathered[:, 3:7], viewdirs)
         rgb = diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
-    output = RenderOutput(rgb=rgb, diffuse=diffuse, features=sums[:, 3:7], alpha=1.0 - behind, depth=sums[:, 7])
-    return output, field, weights
+    return RenderOutput(rgb, diffuse, gathered[:, 3:7], 1.0 - behind, gathered[:, 8])
+
+
+def finished(output: RenderOutput, scale: jax.Array | np.ndarray) -> RenderOutput:
+    """What `shade` returns as a picture: colours in [0, 1], and the mean t of what each ray meets. scale [N]: voxels per t."""
+    depth = output.depth / jnp.maximum(output.alpha, 1e-6) / scale
+    return output._replace(rgb=jnp.clip(output.rgb, 0, 1), depth=depth)

@@ -21,25 +21,18 @@ PROBE_RAYS = 4096  # rays whose sample counts set the list sizes
 HEADROOM = 1.15  # lists are this much longer than the mean asks for
 
 
-def hits_of(
-    geometry: RayDataset, layout: GridLayout, hits: jax.Array, hit_count: int, step_voxels: float
-) -> tuple[jax.Array, int]:
-    """The ids among the first hit_count of `hits` whose rays may meet content, and how many; the rest is padding."""
-    candidates = np.asarray(hits)[:hit_count]
+def rays_with_content(geometry: RayDataset, layout: GridLayout, ids: np.ndarray, step_voxels: float) -> np.ndarray:
+    """bool [N]: which of the rays int [N] may meet content."""
     segments = segments_across(np.asarray(layout.dims), step_voxels)
-    meets = rays_that_meet(layout, geometry, candidates, segments, phase=0.0, step=step_voxels)
-    kept = candidates[agree(meets)]
-    out = np.zeros(geometry.count, np.int32)
-    out[: len(kept)] = kept
-    return jnp.asarray(out), max(len(kept), 1)
+    return agree(rays_that_meet(layout, geometry, ids, segments, phase=0.0, step=step_voxels))
 
 
 def fitting_sizes(
-    geometry: RayDataset, layout: GridLayout, hits: jax.Array, hit_count: int, plan: Plan, settings: Settings
+    geometry: RayDataset, layout: GridLayout, hits: jax.Array, plan: Plan, settings: Settings
 ) -> tuple[MarchSizes, int]:
     """List sizes and rays a step such that the sample list is just filled, from the counts of some probe rays."""
     step = settings.step_voxels
-    probe = np.random.default_rng(0).integers(0, hit_count, PROBE_RAYS)
+    probe = np.random.default_rng(0).integers(0, len(hits), PROBE_RAYS)
     segments = segments_across(np.asarray(layout.dims), step)
     rays = to_grid(layout, geometry.geometry_at(hits[jnp.asarray(probe)]))
     coarse, fine = (agree(np.asarray(a)) for a in _count(layout, rays, segments, step, settings.last_depth))

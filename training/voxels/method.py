@@ -23,7 +23,6 @@ from training.view_mlp import init_view_mlp
 from training.voxels.engines import make_engine
 from training.voxels.field import query
 from training.voxels.refine import dense_start, refine
-from training.voxels.render import render_all
 from training.voxels.saving import restore, save
 from training.voxels.settings import plan_of, settings_of
 from training.voxels.sparse_grid import boxes_with_voxels
@@ -37,7 +36,6 @@ class VoxelMethod:
 
     def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
         self.config, self.dataset = config, dataset
-        self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
         self.plan = plan_of(config, dataset)
         self.settings = settings_of(config, dataset, self.plan)
         self.engine = make_engine(config.engine, dataset, self.plan, self.settings, config.seed)
@@ -47,21 +45,20 @@ class VoxelMethod:
         if self.config.voxels.view_dependence:
             head = init_view_mlp(key)
             head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
-        return self.engine.begin(dense_start(self.plan, self.geometry, self.settings, head))
+        return self.engine.begin(dense_start(self.engine, self.plan, self.dataset.local(), head))
 
     def step(self, state: Any, step: int, progress: float | None = None) -> tuple[Any, dict[str, Any]]:
         if progress is None:
             progress = step / max(self.config.steps, 1)
         resolution = self.plan.schedule.get(step)
         if resolution is not None and step > 0:
-            refined = refine(self.engine.end(state), resolution, self.plan, self.geometry, self.settings)
-            state = self.engine.begin(refined)
+            state = refine(self.engine, state, resolution, self.plan)
         if step % REMEMBER_EVERY == 0 or resolution is not None:  # at a new stage, too: compiled then, not later
             state = self.engine.remember(state)
         return self.engine.step(state, step, progress)
 
     def render(self, state: Any, rays: Rays) -> RenderOutput:
-        return render_all(self.engine.end(state), rays, self.settings)
+        return self.engine.render(state, rays)
 
     def query(self, state: Any, points: jax.Array) -> FieldOutput:
         plain = self.engine.end(state)
@@ -78,4 +75,4 @@ class VoxelMethod:
         return save(self.engine.end(state))
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
-        return self.engine.begin(restore(arrays, self.dataset.count))
+        return self.engine.begin(restore(arrays))

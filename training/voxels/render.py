@@ -1,4 +1,4 @@
-"""Whole pictures of the fast field, in lists of one fixed length."""
+"""Whole pictures of the fast field by the JAX engine, in lists of one fixed length."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from training.marching.layout import COARSE, segments_across
 from training.marching.march import MarchSizes, march
 from training.marching.rays import to_grid
 from training.method import Rays, RenderOutput
-from training.voxels.field import render_samples
+from training.voxels.field import finished, render_samples
 from training.voxels.settings import Settings
 from training.voxels.sparse_grid import GridLayout, interpolate
 from training.voxels.state import Trainable, VoxelState
@@ -46,5 +46,4 @@ def _render_chunk(
     samples = march(layout, grid_rays, jnp.full(rays.near.shape[0], 0.5), sizes, settings.step_voxels)
     raw = interpolate(trainable.rows, layout, samples.g)
     output, _, _ = render_samples(raw, trainable.head, samples, grid_rays.length, rays.viewdirs, sizes, settings)
-    depth = output.depth / jnp.maximum(output.alpha, 1e-6) / grid_rays.scale
-    return output._replace(rgb=jnp.clip(output.rgb, 0, 1), depth=depth), samples.complete
+    return finished(output, grid_rays.scale), samples.complete

@@ -12,6 +12,8 @@ from training.method import ViewMlpParams
 from training.voxels.sparse_grid import build_layout
 from training.voxels.state import Trainable, VoxelState
 
+UNKNOWN = MarchSizes(0, 0, 0, 0)  # sizes that no engine has asked for yet
+
 
 def save(state: VoxelState) -> dict[str, np.ndarray]:
     """Named arrays: what `restore` cannot derive."""
@@ -19,7 +21,7 @@ def save(state: VoxelState) -> dict[str, np.ndarray]:
         "origin": state.layout.origin, "voxel": state.layout.voxel, "dims": state.layout.dims,
         "depths": np.asarray(state.layout.support)[np.asarray(state.layout.support) > 0],
         "cells": state.cells, "hits": state.hits[: int(state.hit_count)], "updates": state.updates,
-        "sizes": np.array([*state.sizes, state.rays], np.int32),
+        "sizes": np.array([*(state.sizes or UNKNOWN), state.rays], np.int32),
     }  # fmt: skip
     for name in ("trainable", "first", "second"):
         part = getattr(state, name)
@@ -30,8 +32,8 @@ def save(state: VoxelState) -> dict[str, np.ndarray]:
     return {name: np.asarray(array, order="C") for name, array in arrays.items()}
 
 
-def restore(arrays: Mapping[str, np.ndarray], rays: int) -> VoxelState:
-    """The inverse of save. rays: how many the dataset has. KeyError where an array is missing."""
+def restore(arrays: Mapping[str, np.ndarray]) -> VoxelState:
+    """The inverse of save. KeyError where an array is missing."""
     width, height, depth = (int(n) for n in arrays["dims"])
     padded = np.zeros((depth + 2, height + 2, width + 2), bool)
     padded.ravel()[arrays["cells"][1:]] = True
@@ -46,10 +48,10 @@ def restore(arrays: Mapping[str, np.ndarray], rays: int) -> VoxelState:
                 tuple(jnp.asarray(arrays[f"{name}.bias{i}"]) for i in range(3)),  # type: ignore[arg-type]
             )
         parts[name] = Trainable(jnp.asarray(arrays[f"{name}.rows"]), head)
-    hits = np.zeros(rays, np.int32)
-    hits[: len(arrays["hits"])] = arrays["hits"]
-    *sizes, rays_a_step = (int(n) for n in arrays["sizes"])
+    *sizes, rays = (int(n) for n in arrays["sizes"])
+    sizes = MarchSizes(*sizes)
     return VoxelState(
         **parts, updates=jnp.asarray(arrays["updates"]), layout=layout, cells=jnp.asarray(arrays["cells"]),
-        hits=jnp.asarray(hits), hit_count=jnp.int32(len(arrays["hits"])), sizes=MarchSizes(*sizes), rays=rays_a_step,
+        hits=jnp.asarray(arrays["hits"]), hit_count=jnp.int32(len(arrays["hits"])),
+        sizes=None if sizes == UNKNOWN else sizes, rays=rays,
     )  # fmt: skip

@@ -30,8 +30,8 @@ class Optimised(NamedTuple):
 class Stage(NamedTuple):
     """What stays the same until voxels are pruned or refined, but for the optical depths that the layout remembers.
 
-    cells int32 [V + 1]: padded voxel of each row. hits int32 [rays]: ids of the training rays that meet content, of which
-    the first hit_count hold.
+    cells int32 [V + 1]: padded voxel of each row. hits int [rays]: ids of the training rays that meet content, of which
+    the first hit_count hold; the rest is padding that the JAX engine needs.
     """
 
     layout: GridLayout
@@ -43,7 +43,8 @@ class Stage(NamedTuple):
 class VoxelState(NamedTuple):
     """All that changes between steps: the fields of Optimised and of Stage.
 
-    sizes, rays: how long the lists of a step are and how many rays fill them; plain numbers, fixed as long as the stage.
+    sizes, rays: how long the JAX engine's lists of a step are, and how many rays fill a step; plain numbers. sizes is None, and
+    rays 0, where no engine has looked yet.
     """
 
     trainable: Trainable
@@ -54,7 +55,7 @@ class VoxelState(NamedTuple):
     cells: jax.Array
     hits: jax.Array
     hit_count: jax.Array
-    sizes: MarchSizes
+    sizes: MarchSizes | None
     rays: int
 
     @property

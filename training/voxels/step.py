@@ -17,21 +17,20 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.sharding import Mesh, NamedSharding
 
 from training.dataset import RayDataset
-from training.devices import WHOLE, here, put_whole, split
+from training.devices import WHOLE, split
 from training.losses import psnr_of
 from training.marching.layout import blend
 from training.marching.march import MarchSizes, Samples, march
 from training.marching.rays import GridRays, to_grid
 from training.method import Rays, ViewMlpParams
-from training.voxels.field import remember_depths, render_samples
+from training.voxels.field import render_samples
 from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import distortion, neighbourhood, variation, windows
 from training.voxels.sparse_grid import CHANNELS
-from training.voxels.state import Optimised, Stage, Trainable, VoxelState
+from training.voxels.state import Optimised, Stage, Trainable
 
 
 class Batch(NamedTuple):
@@ -59,39 +58,6 @@ class Addresses(NamedTuple):
     ids: jax.Array
     weights: jax.Array
     near: jax.Array
-
-
-class JaxEngine:
-    """training.voxels.engine.Engine by XLA: for cards, for many devices and hosts, and the reference for other engines.
-
-    Samples are spread over the devices of the dataset's mesh.
-    """
-
-    def __init__(self, dataset: RayDataset, settings: Settings, seed: int) -> None:
-        self.dataset, self.settings, self.key = dataset, settings, jax.random.key(seed)
-
-    def begin(self, state: VoxelState) -> VoxelState:
-        return put_whole(state, self.dataset.mesh)
-
-    def end(self, state: VoxelState) -> VoxelState:
-        return here(state)
-
-    def step(self, state: VoxelState, step: int, progress: float) -> tuple[VoxelState, dict[str, jax.Array]]:
-        optimised, metrics = compiled_update(self.dataset.mesh)(
-            state.optimised, state.stage, self.dataset, self.key, np.int32(step), np.float32(progress),
-            sizes=state.sizes, rays=state.rays, settings=self.settings,
-        )  # fmt: skip
-        return state.after(optimised), metrics
-
-    def remember(self, state: VoxelState) -> VoxelState:
-        remember = compiled_remembering(self.dataset.mesh)
-        return state._replace(layout=remember(state.trainable.rows, state.layout, self.settings))
-
-
-@lru_cache
-def compiled_remembering(mesh: Mesh) -> Callable[..., Any]:
-    """`remember_depths`, jitted to return what the step's compilation expects: a layout whole on every device."""
-    return jax.jit(remember_depths, static_argnums=2, out_shardings=NamedSharding(mesh, WHOLE))
 
 
 @lru_cache

@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -19,7 +20,7 @@ from training.scenes.pictures import over_background
 from training.voxels.config import VoxelConfig
 from training.voxels.field import render_samples
 from training.voxels.method import VoxelMethod
-from training.voxels.sparse_grid import interpolate, present_voxels
+from training.voxels.sparse_grid import build_layout, interpolate, present_voxels, voxel_centres
 from training.voxels.state import VoxelState
 from training.voxels.step import adam, draw, loss_and_gradient, marched_batch
 
@@ -58,8 +59,9 @@ class Both:
         self.fused: FusedState = self.method.engine.remember(state)
         self.plain = self.method.engine.end(self.fused)
         # lists with room for everything: what does not fit the JAX step's is left out there
-        longest = self.plain.sizes.per_ray * 8
-        sizes = self.plain.sizes._replace(coarse=1 << 16, samples=1 << 17, per_ray=longest)
+        fitting = self.jax_method.engine.begin(self.plain).sizes
+        longest = fitting.per_ray * 8
+        sizes = fitting._replace(coarse=1 << 16, samples=1 << 17, per_ray=longest)
         self.state: VoxelState = self.plain._replace(sizes=sizes)
 
     def jax_says(self):
@@ -299,3 +301,42 @@ def test_a_diffuse_model_has_no_head_to_learn(procedural_path: Path) -> None:
     found = stepper.differentiate(diffuse.fused.values, diffuse.fused_batch(batch), np.zeros(0, np.int32))
     rough = diffuse.method.settings.variation
     assert found.metrics["loss"] <= float(loss) and rough[0] > 0
+
+
+def test_what_happens_between_steps_is_asked_of_either_engine_alike(both: Both) -> None:
+    ours, theirs, dataset = both.method.engine, both.jax_method.engine, both.method.dataset
+    ids = np.arange(0, dataset.count, 7, dtype=np.int32)
+    # fog with denser parts, in half of the box: something of every weight, and rays that meet nothing
+    random = np.random.default_rng(0)
+    layout = both.plain.layout
+    present = present_voxels(layout) & (np.arange(int(layout.dims[2])) < int(layout.dims[2]) // 2)[:, None, None]
+    layout = build_layout(present, np.asarray(layout.origin), np.asarray(layout.voxel))
+    rows = random.normal(0.0, 2.0, (present.sum() + 1, 8)).astype(np.float32)
+    rows[:, 0] += 6.0
+    rows[0] = 0.0
+    blank = both.plain.first._replace(rows=jnp.zeros_like(rows))
+    cells = np.concatenate([[0], np.nonzero(np.asarray(layout.lookup))[0]]).astype(np.int32)
+    plain = both.plain._replace(
+        trainable=both.plain.trainable._replace(rows=jnp.asarray(rows)), first=blank, second=blank, layout=layout,
+        cells=jnp.asarray(cells), sizes=None,
+    )  # fmt: skip
+    state, jax_state = ours.remember(ours.begin(plain)), theirs.remember(theirs.begin(plain))
+
+    weights, expected = ours.visible_weights(state, ids), theirs.visible_weights(jax_state, ids)
+    assert expected.max() > 0.1
+    off = np.abs(weights - expected) > 2e-3
+    assert off.mean() < 2e-3, "a sample on the border of two voxels may count for either"
+    centres = voxel_centres(present, np.asarray(layout.origin), np.asarray(layout.voxel))
+    points = (centres + random.uniform(-1, 1, centres.shape) * np.asarray(layout.voxel)).astype(np.float32)
+    found, known = ours.raw_at(state, points), theirs.raw_at(jax_state, points)
+    np.testing.assert_allclose(found, known, rtol=1e-3, atol=1e-3 * np.abs(known).max())
+    meets, may = ours.meeting(layout, ids), theirs.meeting(layout, ids)
+    assert not (meets & ~may).any() and meets.sum() > 0.6 * may.sum(), "the reference asks coarser cells"
+    assert not meets.all()
+
+    rays = dataset.geometry_at(ids[::3])
+    ours, theirs = ours.render(state, rays), theirs.render(jax_state, rays)
+    assert np.asarray(theirs.alpha).max() > 0.6 > np.asarray(theirs.alpha).min()
+    for name, picture in theirs._asdict().items():
+        off = np.abs(np.asarray(getattr(ours, name)) - picture) > 2e-3 * max(np.abs(picture).max(), 1.0)
+        assert off.mean() < 2e-3, f"{name}: but for rays that begin a step apart by rounding"

@@ -51,7 +51,9 @@ def build_bricks(cells: np.ndarray, support: np.ndarray, dims: np.ndarray) -> tu
 
     cells int [V]: padded flat indices of the present voxels, in the layout's row order. support uint8: GridLayout.support.
     """
-    cells, support = np.asarray(cells), np.asarray(support)
+    cells, support = np.asarray(cells, np.int32).view(), np.asarray(support).view()
+    for table in (cells, support):  # as JAX's arrays are, so that the loops compile once
+        table.setflags(write=False)
     dims = np.asarray(dims, np.int64)
     shape = -(-(dims + 2) // SIDE)
     used = np.zeros(int(np.prod(shape)), np.uint8)
@@ -71,11 +73,11 @@ def build_bricks(cells: np.ndarray, support: np.ndarray, dims: np.ndarray) -> tu
     bx, by, bz = _unflatten(bricks[supported], shape)
     blocks[_flatten(bx // BLOCK, by // BLOCK, bz // BLOCK, block_shape)] = 1
     corners = np.ascontiguousarray(np.stack(_unflatten(bricks, shape), axis=-1) * SIDE, np.int32)
-    table = Bricks(
+    made = Bricks(
         dims.astype(np.int32), shape.astype(np.int32), slots, blocks, block_shape.astype(np.int32), base, bits, by_cell,
         np.asarray(supported, np.uint8), corners, coordinates,
     )  # fmt: skip
-    return table, rows
+    return made, rows
 
 
 @njit(nogil=True, cache=True)

@@ -12,15 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from training.dataset import RayDataset
-from training.method import ViewMlpParams
+from training.method import Rays, RenderOutput, ViewMlpParams
+from training.voxels.field import finished, shade
 from training.voxels.fused.bricks import support_of
 from training.voxels.fused.rays import Batch, photographs_of
 from training.voxels.fused.step import PROBE_RAYS, Grid, Stepper, Values, grid_of
 from training.voxels.fused.workers import Workers
 from training.voxels.settings import Plan, Settings
 from training.voxels.smoothness import WINDOW
+from training.voxels.sparse_grid import GridLayout
 from training.voxels.state import Trainable, VoxelState
 
+SURVEYED_TOGETHER = 16_384  # rays that are looked at together between steps
 RAYS_TOGETHER = 64  # the number of rays of a step is a multiple of this
 
 
@@ -104,6 +107,43 @@ class FusedEngine:
         state.rays = -(-rays // RAYS_TOGETHER) * RAYS_TOGETHER
         state.plain = None
         return state
+
+    def meeting(self, layout: GridLayout, ids: np.ndarray) -> np.ndarray:
+        grid = grid_of(np.zeros(1, np.int64), layout.support, layout.dims, layout.origin, layout.voxel)
+        stepper = Stepper(grid, self.settings, self.workers)
+        meets = np.zeros(len(ids), bool)
+        for low in range(0, len(ids), SURVEYED_TOGETHER):
+            some = ids[low : low + SURVEYED_TOGETHER]
+            meets[low : low + len(some)] = stepper.meets(self._survey(stepper, some))
+        return meets
+
+    def visible_weights(self, state: FusedState, ids: np.ndarray) -> np.ndarray:
+        stepper = state.unpack(self.settings, self.workers)
+        best = stepper.blank_weights()
+        for low in range(0, len(ids), SURVEYED_TOGETHER):
+            stepper.raise_weights(state.values, self._survey(stepper, ids[low : low + SURVEYED_TOGETHER]), best)
+        by_row = np.empty(len(stepper.grid.order), np.float32)
+        by_row[stepper.grid.order] = best.max(0)
+        return by_row
+
+    def raw_at(self, state: FusedState, points: np.ndarray) -> np.ndarray:
+        return state.unpack(self.settings, self.workers).interpolate(state.values, points)
+
+    def render(self, state: FusedState, rays: Rays) -> RenderOutput:
+        stepper = state.unpack(self.settings, self.workers)
+        origins, directions, near, far = (np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far))
+        gathered = np.empty((len(near), 9), np.float32)
+        for low in range(0, len(near), SURVEYED_TOGETHER):
+            some = slice(low, low + SURVEYED_TOGETHER)
+            batch = stepper.take(origins[some], directions[some], near[some], far[some])
+            gathered[some] = stepper.gather(state.values, batch)
+        scale = np.linalg.norm(directions / stepper.grid.voxel, axis=-1)  # voxels per t
+        return finished(shade(jnp.asarray(gathered), _view_mlp(state.values.head), rays.viewdirs, self.settings), scale)
+
+    def _survey(self, stepper: Stepper, ids: np.ndarray) -> Batch:
+        """Rays that are looked at, but not trained on; their samples as the viewer takes them."""
+        half = np.full(len(ids), 0.5, np.float32)
+        return stepper.batch(self.photographs, ids.astype(np.int64), half, np.zeros((len(ids), 3), np.float32))
 
     def _draw(self, stepper: Stepper, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
         ids = state.hits[random.integers(0, len(state.hits), rays)].astype(np.int64)

@@ -100,6 +100,16 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
 
 
 @njit(nogil=True, cache=True)
+def take_rays(origins, directions, near, far, origin, voxel, dims, batch, low, high):
+    """Fills the geometry of rays low … high - 1 of `batch` from rays of the training frame, [N, 3] and [N]."""
+    direction, position = np.empty(3), np.empty(3)
+    for n in range(low, high):
+        for axis in range(3):
+            position[axis], direction[axis] = origins[n, axis], directions[n, axis]
+        _into_grid(batch, n, position, direction, np.float64(near[n]), np.float64(far[n]), origin, voxel, dims)
+
+
+@njit(nogil=True, cache=True)
 def _undistorted(u, v, distortion):
     """training.dataset.undistort for one point."""
     k1, k2, p1, p2 = distortion[0], distortion[1], distortion[2], distortion[3]

@@ -26,13 +26,15 @@ from training.voxels.fused.head import (
     Head,
     make_head_work,
 )
-from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch
+from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch, take_rays
 from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work, march_chunk, render_chunk
 from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
+from training.voxels.fused.survey import gather_rays, interpolate, raise_weights, rays_meet
 from training.voxels.fused.workers import Workers
 from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import WINDOW
 
+NEVER = 2**62  # an optical depth that no ray reaches
 CHUNKS_AT_ONCE = 4  # that a worker claims
 ROOM = 64  # samples a ray that a chunk has room for, before one of them needs more
 PROBE_RAYS = 4096  # whose sample counts tell how many rays fill a step
@@ -187,6 +189,62 @@ class Stepper:
                 march_chunk(chunk, self.grid.bricks, batch, self.numbers, work, self._scratch[worker])
 
         return float(self._over_chunks(batch, count).counts.sum() / max(len(batch.start), 1))
+
+    def meets(self, batch: Batch) -> np.ndarray:
+        """bool [N]: which rays of a batch have support at any of their samples, wherever these begin."""
+        meets, size = np.zeros(len(batch.start), bool), 16 * CHUNK
+        step = np.float32(0.5 * self.settings.step_voxels)
+
+        def look(_: int, part: int) -> None:
+            rays_meet(self.grid.bricks, batch, step, meets, part * size, min((part + 1) * size, len(meets)))
+
+        self.workers.share(-(-len(meets) // size), look)
+        return meets
+
+    def blank_weights(self) -> np.ndarray:
+        """For `raise_weights`: zeros [T, V + 1]."""
+        return np.zeros((self.workers.count, len(self.grid.order)), np.float32)
+
+    def raise_weights(self, values: Values, batch: Batch, best: np.ndarray) -> None:
+        """Raises best [T, V + 1], one row for each worker, to the weights of a batch's samples by the voxel they lie in."""
+        bricks = self.grid.bricks
+
+        def look(worker: int, low: int, high: int, work: Work) -> None:
+            scratch = self._scratch[worker]
+            raise_weights(low, high, bricks, values.rows, batch, self.numbers, work, scratch, best[worker])
+
+        self._over_chunks(batch, look)
+
+    def interpolate(self, values: Values, points: np.ndarray) -> np.ndarray:
+        """Raw values float32 [N, 8] at world points float32 [N, 3]."""
+        raw, size, grid = np.empty((len(points), 8), np.float32), 4096, self.grid
+
+        def look(_: int, part: int) -> None:
+            low, high = part * size, min((part + 1) * size, len(points))
+            interpolate(grid.bricks, values.rows, grid.origin, grid.voxel, points, raw, low, high)
+
+        self.workers.share(-(-len(points) // size), look)
+        return raw
+
+    def take(self, origins: np.ndarray, directions: np.ndarray, near: np.ndarray, far: np.ndarray) -> Batch:
+        """Rays of the training frame, [N, 3] and [N], in the grid's frame; samples as the viewer takes them."""
+        grid, batch = self.grid, empty_batch(len(near))
+        batch.phase[:] = 0.5
+        take_rays(origins, directions, near, far, grid.origin, grid.voxel, grid.bricks.dims, batch, 0, len(near))
+        return batch
+
+    def gather(self, values: Values, batch: Batch) -> np.ndarray:
+        """float32 [N, 9] of a batch: accumulated colours and features (7), T behind each ray, and the sum of weights times t;
+        to the last sample, however little light is left."""
+        gathered = np.empty((len(batch.start), 9), np.float32)
+        numbers = self.numbers._replace(last_depth=np.int64(NEVER))
+
+        def look(worker: int, low: int, high: int, work: Work) -> None:
+            gather_rays(low, high, self.grid.bricks, values.rows, batch, numbers, work, self._scratch[worker],
+                        self._shading[worker], gathered)  # fmt: skip
+
+        self._over_chunks(batch, look)
+        return gathered
 
     def _over_chunks(self, batch: Batch, look: Callable[[int, int, int, Work], None]) -> Work:
         """What look(worker, low, high, work) leaves of each chunk low … high - 1 of a batch's rays.

@@ -1,0 +1,77 @@
+"""training.voxels.engine.Engine by XLA: for cards, for many devices and hosts, and the reference for other engines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding
+
+from training.dataset import RayDataset
+from training.devices import WHOLE, here, put_whole
+from training.method import Rays, RenderOutput
+from training.voxels.field import remember_depths
+from training.voxels.lists import fitting_sizes, rays_with_content
+from training.voxels.render import render_all
+from training.voxels.settings import Plan, Settings
+from training.voxels.sparse_grid import GridLayout
+from training.voxels.state import VoxelState
+from training.voxels.step import compiled_update
+from training.voxels.survey import raw_at, visible_weights
+
+
+class JaxEngine:
+    """See training.voxels.engine.Engine. Samples are spread over the devices of the dataset's mesh.
+
+    The ids of rays are padded to one length, and the lists of a step have a size that fits the stage, so that a stage compiles
+    once.
+    """
+
+    def __init__(self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> None:
+        self.dataset, self.plan, self.settings, self.key = dataset, plan, settings, jax.random.key(seed)
+        self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
+
+    def begin(self, state: VoxelState) -> VoxelState:
+        if state.sizes is None:
+            layout = remember_depths(state.trainable.rows, state.layout, self.settings)
+            sizes, rays = fitting_sizes(self.geometry, layout, state.hits, self.plan, self.settings)
+            state = state._replace(layout=layout, sizes=sizes, rays=rays)
+        missing = self.dataset.count - state.hits.shape[0]
+        return put_whole(state._replace(hits=jnp.pad(state.hits, (0, missing))), self.dataset.mesh)
+
+    def end(self, state: VoxelState) -> VoxelState:
+        state = here(state)
+        return state._replace(hits=state.hits[: int(state.hit_count)])
+
+    def step(self, state: VoxelState, step: int, progress: float) -> tuple[VoxelState, dict[str, jax.Array]]:
+        optimised, metrics = compiled_update(self.dataset.mesh)(
+            state.optimised, state.stage, self.dataset, self.key, np.int32(step), np.float32(progress),
+            sizes=state.sizes, rays=state.rays, settings=self.settings,
+        )  # fmt: skip
+        return state.after(optimised), metrics
+
+    def remember(self, state: VoxelState) -> VoxelState:
+        remember = compiled_remembering(self.dataset.mesh)
+        return state._replace(layout=remember(state.trainable.rows, state.layout, self.settings))
+
+    def meeting(self, layout: GridLayout, ids: np.ndarray) -> np.ndarray:
+        return rays_with_content(self.geometry, layout, ids, self.settings.step_voxels)
+
+    def visible_weights(self, state: VoxelState, ids: np.ndarray) -> np.ndarray:
+        return visible_weights(self.end(state), self.geometry, ids, self.settings)
+
+    def raw_at(self, state: VoxelState, points: np.ndarray) -> np.ndarray:
+        return raw_at(self.end(state), points)
+
+    def render(self, state: VoxelState, rays: Rays) -> RenderOutput:
+        return render_all(self.end(state), rays, self.settings)
+
+
+@lru_cache
+def compiled_remembering(mesh: Mesh) -> Callable[..., Any]:
+    """`remember_depths`, jitted to return what the step's compilation expects: a layout whole on every device."""
+    return jax.jit(remember_depths, static_argnums=2, out_shardings=NamedSharding(mesh, WHOLE))
