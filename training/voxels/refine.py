@@ -25,11 +25,12 @@ from training.voxels.sparse_grid import (
     present_voxels,
     voxel_centres,
 )  # fmt: skip
-from training.voxels.state import Trainable, VoxelState
+from training.voxels.state import Trainable, VoxelState, ray_ids
 
 # How many rays tell which voxels stay. A surface is a few voxels thick, so that two rays a voxel are about ten for each that
 # can be seen, however fine the grid; with a fixed number, one in ten visible voxels at 512³ was met by none and lost.
 PRUNE_RAYS, PRUNE_RAYS_PER_VOXEL = 200_000, 2.0
+LISTED_TOGETHER = 1 << 25  # rays whose ids are listed together to ask which meet content
 
 
 def dense_start(engine: Engine, plan: Plan, geometry: RayDataset, head: ViewMlpParams | None) -> VoxelState:
@@ -45,7 +46,7 @@ def dense_start(engine: Engine, plan: Plan, geometry: RayDataset, head: ViewMlpP
         present = views_that_see(geometry, layout) >= plan.least_views
         layout = build_layout(present, plan.box[0], voxel)
     rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
-    every_ray = np.arange(geometry.count, dtype=np.int32)
+    every_ray = np.zeros(0, np.int32), geometry.count
     blank, blank_too = (jax.tree.map(jnp.zeros_like, head) for _ in range(2))  # each is given away on its own
     return _stage_of(engine, plan, layout, Trainable(rows, head), (blank, blank_too), jnp.int32(0), every_ray)
 
@@ -54,8 +55,8 @@ def refine(engine: Engine, state: Any, resolution: int, plan: Plan) -> Any:
     """An engine's state without the voxels that no pixel sees, in a box that fits the rest, resampled at `resolution` where
     that is finer."""
     before = engine.end(state)
-    hits = np.asarray(before.hits)
-    weights = engine.visible_weights(state, _pruning_rays(hits, len(before.cells) - 1))
+    hits = np.asarray(before.hits), int(before.hit_count)
+    weights = engine.visible_weights(state, _pruning_rays(*hits, len(before.cells) - 1))
     present = present_voxels(before.layout)
     keep = np.zeros(present.shape, bool)
     keep[present] = weights[1:] > plan.keep_weight
@@ -77,28 +78,39 @@ def refine(engine: Engine, state: Any, resolution: int, plan: Plan) -> Any:
     )
 
 
-def _pruning_rays(hits: np.ndarray, voxels: int) -> np.ndarray:
+def _pruning_rays(hits: np.ndarray, hit_count: int, voxels: int) -> np.ndarray:
     """Ids of the rays that tell which voxels stay; in order, since neighbours read the same memory."""
     count = max(PRUNE_RAYS, int(PRUNE_RAYS_PER_VOXEL * voxels))
-    if count >= len(hits):
-        return hits
-    return hits[np.sort(np.random.default_rng(1).integers(0, len(hits), count))]
+    if count >= hit_count:
+        return ray_ids(hits, np.arange(hit_count, dtype=np.int32))
+    return ray_ids(hits, np.sort(np.random.default_rng(1).integers(0, hit_count, count)))
+
+
+def _rays_that_meet(engine: Engine, layout: GridLayout, hits: np.ndarray, hit_count: int) -> tuple[np.ndarray, int]:
+    """Of the rays that a stage drew from, those that may meet content in a layout, some at a time."""
+    kept = []
+    for low in range(0, hit_count, LISTED_TOGETHER):
+        ids = ray_ids(hits, np.arange(low, min(low + LISTED_TOGETHER, hit_count), dtype=np.int32))
+        kept.append(ids[engine.meeting(layout, ids)])
+    found = np.concatenate(kept)
+    if not len(found):
+        found = ray_ids(hits, np.zeros(1, np.int32))  # a step needs something to draw
+    return (hits, hit_count) if len(found) == hit_count else (found, len(found))
 
 
 def _stage_of(
     engine: Engine, plan: Plan, layout: GridLayout, trainable: Trainable,
-    head_moments: tuple[ViewMlpParams | None, ViewMlpParams | None], updates: jax.Array, candidates: np.ndarray,
+    head_moments: tuple[ViewMlpParams | None, ViewMlpParams | None], updates: jax.Array, candidates: tuple[np.ndarray, int],
 ) -> VoxelState:  # fmt: skip
-    """A state around new voxels: rays that meet them, fresh moments for voxels. candidates: ids of rays; others meet none."""
-    hits = candidates if plan.always_hit else candidates[engine.meeting(layout, candidates)]
-    if not len(hits):
-        hits = candidates[:1]  # a step needs something to draw
+    """A state around new voxels: rays that meet them, fresh moments for voxels. candidates: hits and hit_count of
+    before; other rays meet none."""
+    hits, hit_count = candidates if plan.always_hit else _rays_that_meet(engine, layout, *candidates)
     (cells,) = np.nonzero(np.asarray(layout.lookup))
     first, second = (Trainable(jnp.zeros_like(trainable.rows), head) for head in head_moments)
     return VoxelState(
         trainable=trainable, first=first, second=second, updates=updates, layout=layout,
         cells=jnp.asarray(np.concatenate([[0], cells]).astype(np.int32)), hits=jnp.asarray(hits),
-        hit_count=jnp.int32(len(hits)), sizes=None, rays=0,
+        hit_count=jnp.int32(hit_count), sizes=None, rays=0,
     )  # fmt: skip
 
 

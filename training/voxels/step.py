@@ -30,7 +30,7 @@ from training.voxels.field import render_samples
 from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import distortion, neighbourhood, variation, windows
 from training.voxels.sparse_grid import CHANNELS
-from training.voxels.state import Optimised, Stage, Trainable
+from training.voxels.state import Optimised, Stage, Trainable, ray_ids
 
 
 class Batch(NamedTuple):
@@ -118,7 +118,7 @@ def gradient_parts(
 def draw(stage: Stage, dataset: RayDataset, key: jax.Array, step: jax.Array, rays: int, settings: Settings) -> Batch:
     """Random training rays among those that meet content, and whatever else of a step is random."""
     ray_key, phase_key, voxel_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 4)
-    ids = stage.hits[jax.random.randint(ray_key, (rays,), 0, stage.hit_count)]
+    ids = ray_ids(stage.hits, jax.random.randint(ray_key, (rays,), 0, stage.hit_count))
     # Before a background of any colour, gaps in opaque photographs are mistakes, and so is white mist around what masks
     # cut out. Rendered pictures are seen before their own colour, and keep it.
     background = jax.random.uniform(colour_key, (rays, 3))

@@ -246,8 +246,8 @@ def test_a_step_asks_for_no_more_memory_than_its_samples_may_take(both: Both) ->
     rays = empty_batch(32_768)
     for array in rays:
         array[:] = 0.0
-    assert stepper.mean_samples(rays) == 0.0
-    asked = sum(array.nbytes for part in [stepper._work, *stepper._scratch] for array in part)
+    assert stepper.mean_samples(both.fused.values, rays) == 0.0
+    asked = sum(array.nbytes for part in [stepper._work, *stepper.scratch] for array in part)
     assert asked < 1e9, "untouched memory is refused, too, where a system does not overcommit"
 
 

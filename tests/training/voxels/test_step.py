@@ -43,7 +43,7 @@ def test_a_step_is_a_drawn_batch_its_gradient_and_adam(method: VoxelMethod) -> N
 
 
 def test_the_parts_of_a_step_are_those_that_are_profiled(method: VoxelMethod) -> None:
-    from training.profile_step import PARTS
+    from training.profile_report import JAX_PARTS
 
     state = method.start(jax.random.key(0))
 
@@ -56,4 +56,4 @@ def test_the_parts_of_a_step_are_those_that_are_profiled(method: VoxelMethod) ->
 
     names = ["draw"]
     jax.eval_shape(run, state.trainable, state.stage)
-    assert names == [name for name in PARTS if name not in ("variation", "adam", "remember")]
+    assert names == [name for name in JAX_PARTS if name not in ("variation", "adam", "remember")]

@@ -6,6 +6,7 @@ number of threads, and goes on from a checkpoint to the byte. It draws other ray
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import jax.numpy as jnp
@@ -21,7 +22,7 @@ from training.voxels.fused.workers import Workers
 from training.voxels.settings import Plan, Settings
 from training.voxels.smoothness import WINDOW
 from training.voxels.sparse_grid import GridLayout
-from training.voxels.state import Trainable, VoxelState
+from training.voxels.state import Trainable, VoxelState, ray_ids
 
 SURVEYED_TOGETHER = 16_384  # rays that are looked at together between steps
 RAYS_TOGETHER = 64  # the number of rays of a step is a multiple of this
@@ -38,7 +39,7 @@ class FusedState:
         self.stage, self.rays = plain._replace(trainable=None, first=None, second=None), plain.rays  # type: ignore[arg-type]
         self.stepper: Stepper | None = None
         self.updates = int(plain.updates)
-        self.hits = np.asarray(plain.hits)[: int(plain.hit_count)]
+        self.hits, self.hit_count = np.asarray(plain.hits)[: int(plain.hit_count)], int(plain.hit_count)
 
     def unpack(self, settings: Settings, workers: Workers) -> Stepper:
         """Takes the plain arrays over; later calls return the same loops."""
@@ -86,23 +87,31 @@ class FusedEngine:
         return state.pack()
 
     def step(self, state: FusedState, step: int, progress: float) -> tuple[FusedState, dict[str, Any]]:
+        *_, (_, made) = self.parts(state, step, progress)
+        return made
+
+    def parts(self, state: FusedState, step: int, progress: float) -> Iterator[tuple[str, Any]]:
+        """A step part by part, in order: after each, its name and what it leaves. The last is ("adam", (state, metrics))."""
         stepper = state.unpack(self.settings, self.workers)
         random = np.random.default_rng((self.seed, step))
-        batch = self._draw(stepper, state, random, state.rays)
+        batch = self.draw(state, random, state.rays)
+        yield "draw", batch
         picked = windows(random, len(state.values.rows) - 1, self.settings.variation_share)
-        gradient = stepper.differentiate(state.values, batch, picked)
+        gradient: Any = None
+        for name, gradient in stepper.gradient_parts(state.values, batch, picked):
+            yield name, gradient
         decay = self.settings.final_rate_factor**progress
         stepper.adam(state.values, state.first, state.second, gradient, state.updates, decay)
         state.updates += 1
         state.plain = None
-        return state, gradient.metrics | {"psnr": -10.0 * float(np.log10(max(gradient.metrics["mse"], 1e-12)))}
+        yield "adam", (state, gradient.metrics | {"psnr": -10.0 * float(np.log10(max(gradient.metrics["mse"], 1e-12)))})
 
     def remember(self, state: FusedState) -> FusedState:
         """As the protocol says; and draws as many rays a step from then on as fill it."""
         stepper = state.unpack(self.settings, self.workers)
         stepper.remember_depths(state.values)
         random = np.random.default_rng((self.seed, state.updates, PROBE_RAYS))
-        mean = stepper.mean_samples(self._draw(stepper, state, random, PROBE_RAYS))
+        mean = stepper.mean_samples(state.values, self.draw(state, random, PROBE_RAYS))
         rays = int(np.clip(self.plan.samples / max(mean, 1.0), 256, self.plan.most_rays))
         state.rays = -(-rays // RAYS_TOGETHER) * RAYS_TOGETHER
         state.plain = None
@@ -145,8 +154,10 @@ class FusedEngine:
         half = np.full(len(ids), 0.5, np.float32)
         return stepper.batch(self.photographs, ids.astype(np.int64), half, np.zeros((len(ids), 3), np.float32))
 
-    def _draw(self, stepper: Stepper, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
-        ids = state.hits[random.integers(0, len(state.hits), rays)].astype(np.int64)
+    def draw(self, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
+        """So many random rays of a state, in its grid's frame."""
+        stepper = state.unpack(self.settings, self.workers)
+        ids = ray_ids(state.hits, random.integers(0, state.hit_count, rays)).astype(np.int64)
         phase = random.random(rays, np.float32)
         if self.settings.any_background:
             background = random.random((rays, 3), np.float32)

@@ -5,11 +5,10 @@ Notation: V voxels, B bricks; `order` int32 [V + 1] is the layout's row of each 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from scenepack.constants import TRANSMITTANCE_SHADED
@@ -26,8 +25,9 @@ from training.voxels.fused.head import (
     Head,
     make_head_work,
 )
+from training.voxels.fused.passes import UP_TO
 from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch, take_rays
-from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work, march_chunk, render_chunk
+from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work
 from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
 from training.voxels.fused.survey import gather_rays, interpolate, raise_weights, rays_meet
 from training.voxels.fused.workers import Workers
@@ -64,12 +64,6 @@ class Gradient(NamedTuple):
     metrics: dict[str, float]
 
 
-@njit(nogil=True, cache=True)
-def _render_chunks(low, high, bricks, rows, batch, head, numbers, work, scratch, shading):
-    for chunk in range(low, high):
-        render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shading)
-
-
 def split_head(flat: np.ndarray) -> Head:
     """The view MLP whose parameters lie one after the other in `flat` (no copy): w0, b0, w1, b1, w2, b2."""
     used = flat.size > 0
@@ -91,7 +85,7 @@ class Stepper:
         self.slopes = np.zeros((rows, 8), np.float32)
         self.marks = np.zeros(-(-rows // 64), np.uint64)
         self._most = CHUNK * COARSE * segments_across(grid.bricks.dims, settings.step_voxels)  # samples of a chunk
-        self._shading = [make_head_work(CHUNK) for _ in range(workers.count)]
+        self.shading = [make_head_work(CHUNK) for _ in range(workers.count)]
         self._give_room(min(CHUNK * ROOM, self._most))
         f = np.float32
         voxel = float(grid.voxel.max())
@@ -117,24 +111,38 @@ class Stepper:
 
     def differentiate(self, values: Values, batch: Batch, picked: np.ndarray) -> Gradient:
         """Forward and backward: fills `slopes` (sums over rays, the variation's times their number) and `marks`."""
-        head, numbers, bricks = split_head(values.head), self.numbers, self.grid.bricks
+        *_, (_, gradient) = self.gradient_parts(values, batch, picked)
+        return gradient
 
-        def render(worker: int, low: int, high: int, work: Work) -> None:
-            _render_chunks(low, high, bricks, values.rows, batch, head, numbers, work, self._scratch[worker],
-                           self._shading[worker])  # fmt: skip
-
-        work = self._over_chunks(batch, render)
-        room, sums = self._room, work.metrics.sum(0)
-        rays = max(sums[RAYS], 1.0)
+    def gradient_parts(self, values: Values, batch: Batch, picked: np.ndarray) -> Iterator[tuple[str, Any]]:
+        """`differentiate` part by part: after each, its name and what it leaves. The last is ("scatter", gradient)."""
+        work = self.render(values, batch)
+        yield "render", work
         rough = self._variation(values, picked)
-        scale = np.float32(rays)
-        bounds = self._ranges(work, room)
+        yield "variation", rough
+        yield "scatter", self._scattered(work, rough)
+
+    def render(self, values: Values, batch: Batch, up_to: str = "backward") -> Work:
+        """A batch's samples and their slopes; up_to: the name of an earlier part to end with (see passes)."""
+        head, bricks, chunks_of = split_head(values.head), self.grid.bricks, UP_TO[up_to]
+
+        def look(worker: int, low: int, high: int, work: Work) -> None:
+            chunks_of(low, high, bricks, values.rows, batch, head, self.numbers, work, self.scratch[worker],
+                      self.shading[worker])  # fmt: skip
+
+        return self.over_chunks(batch, look)
+
+    def _scattered(self, work: Work, rough: Variation) -> Gradient:
+        """Adds the slopes of samples and of the variation to those of their rows."""
+        room, sums, numbers = self._room, work.metrics.sum(0), self.numbers
+        rays = max(sums[RAYS], 1.0)
+        scale, bounds = np.float32(rays), self._ranges(work, room)
 
         def gather(_: int, part: int) -> None:
             gather_slopes(work, room, rough, scale, self.slopes, self.marks, bounds[part], bounds[part + 1])
 
         self.workers.share(len(bounds) - 1, gather)
-        weights, norms = self.settings.variation, rough.sums.sum(0) / max(len(picked), 1)
+        weights, norms = self.settings.variation, rough.sums.sum(0) / max(len(rough.near), 1)
         metrics = {
             "mse": sums[SQUARED] / (3 * rays),
             "sparsity": float(numbers.sparsity) * sums[PENALTY] / rays,
@@ -181,14 +189,9 @@ class Stepper:
 
         self.workers.share(-(-slots // size), look)
 
-    def mean_samples(self, batch: Batch) -> float:
+    def mean_samples(self, values: Values, batch: Batch) -> float:
         """Samples a ray of a batch has."""
-
-        def count(worker: int, low: int, high: int, work: Work) -> None:
-            for chunk in range(low, high):
-                march_chunk(chunk, self.grid.bricks, batch, self.numbers, work, self._scratch[worker])
-
-        return float(self._over_chunks(batch, count).counts.sum() / max(len(batch.start), 1))
+        return float(self.render(values, batch, "march").counts.sum() / max(len(batch.start), 1))
 
     def meets(self, batch: Batch) -> np.ndarray:
         """bool [N]: which rays of a batch have support at any of their samples, wherever these begin."""
@@ -210,10 +213,10 @@ class Stepper:
         bricks = self.grid.bricks
 
         def look(worker: int, low: int, high: int, work: Work) -> None:
-            scratch = self._scratch[worker]
+            scratch = self.scratch[worker]
             raise_weights(low, high, bricks, values.rows, batch, self.numbers, work, scratch, best[worker])
 
-        self._over_chunks(batch, look)
+        self.over_chunks(batch, look)
 
     def interpolate(self, values: Values, points: np.ndarray) -> np.ndarray:
         """Raw values float32 [N, 8] at world points float32 [N, 3]."""
@@ -240,13 +243,13 @@ class Stepper:
         numbers = self.numbers._replace(last_depth=np.int64(NEVER))
 
         def look(worker: int, low: int, high: int, work: Work) -> None:
-            gather_rays(low, high, self.grid.bricks, values.rows, batch, numbers, work, self._scratch[worker],
-                        self._shading[worker], gathered)  # fmt: skip
+            gather_rays(low, high, self.grid.bricks, values.rows, batch, numbers, work, self.scratch[worker],
+                        self.shading[worker], gathered)  # fmt: skip
 
-        self._over_chunks(batch, look)
+        self.over_chunks(batch, look)
         return gathered
 
-    def _over_chunks(self, batch: Batch, look: Callable[[int, int, int, Work], None]) -> Work:
+    def over_chunks(self, batch: Batch, look: Callable[[int, int, int, Work], None]) -> Work:
         """What look(worker, low, high, work) leaves of each chunk low … high - 1 of a batch's rays.
 
         Where a chunk was full, all is done again with more room: `look` must bear that. What it leaves does not depend on the
@@ -271,7 +274,7 @@ class Stepper:
     def _give_room(self, samples: int) -> None:
         """Room for so many samples a chunk from now on."""
         self._room, self._work = samples, None
-        self._scratch = [make_scratch(samples) for _ in range(self.workers.count)]
+        self.scratch = [make_scratch(samples) for _ in range(self.workers.count)]
 
     def _variation(self, values: Values, picked: np.ndarray) -> Variation:
         count, size = len(picked), 64 * WINDOW
