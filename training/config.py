@@ -84,7 +84,7 @@ class TrainConfig:
     sparsity_over_samples: Literal["sum", "mean"] = "sum"
     """How the sparsity loss reduces the samples of a ray. The paper sums, the published code averages."""
     minutes: float = 0.0
-    """Stop after this many minutes, with a checkpoint; 0 for no limit."""
+    """Stop after this many minutes, with a checkpoint; 0 for no limit. The learning rates reach their last values by then."""
     log_every: int = 100
     """Steps between lines of metrics.jsonl."""
     validate_every: int = 5000

@@ -2,8 +2,9 @@
 
 Notation: V views, P pixels in all (views need not share one size), C = 3 or 4 channels (4 where some pixel is not
 opaque: RGB not premultiplied); N rays of a batch. A ray's id in [0, P) counts views, then rows, then columns; (x, y)
-are pixel coordinates, centres at +0.5. Geometry and lens model: training.scenes.rays, whose JAX twin this is (a test
-compares them).
+are pixel coordinates, centres at +0.5. Where a scene has more pixels than int32 counts, only one row in `row_step` of each
+photograph is taken, as if it had no others; no run draws so many rays anyway. Geometry and lens model:
+training.scenes.rays, whose JAX twin this is (a test compares them).
 
 RayDataset is a pytree: pass it to a jitted function as an argument, so that its pictures are no constants of the
 program. Pixels are stored along the mesh (training.devices): a process decodes only the photographs that its devices
@@ -12,8 +13,11 @@ hold, and a batch's colours are fetched from whichever device has them.
 
 from __future__ import annotations
 
+import math
+import warnings
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -21,11 +25,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 
-from console import UserError
+from console import Notice, UserError
 from scenepack.constants import NDC_NEAR
 from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
+from training.scenes.pixels import any_transparent, may_be_transparent, pixel_counts, without_alpha
 from training.scenes.rays import camera_rays, ndc_rays
 from training.scenes.scene import Kind
 
@@ -38,8 +43,8 @@ class SceneFacts(NamedTuple):
 
     near, far: bounds of t. aabb: ((x, y, z), (x, y, z)), training frame (NDC space where ndc). ndc_camera:
     (width, height, focal) or None. disparity: spread samples in 1/t. background: sRGB. distorted: some
-    lens is not a pinhole. size: (width, height) of every view, or None where they differ. cut_out: photographs of an
-    object were cut out of what surrounded it, by masks.
+    lens is not a pinhole. size: (width, rows) of every view, or None where they differ. cut_out: photographs of an
+    object were cut out of what surrounded it, by masks. row_step: one row in so many is rows of pixels.
     """
 
     near: float
@@ -51,6 +56,7 @@ class SceneFacts(NamedTuple):
     distorted: bool
     size: tuple[int, int] | None
     cut_out: bool = False
+    row_step: int = 1
 
 
 @partial(
@@ -132,15 +138,13 @@ class RayDataset:
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
         """Rays of int32 ids [N], through places `away` [N, 2] pixels from their centres; jittable."""
         if self.facts.size is not None:
-            width, height = self.facts.size
-            view, rest = ids // (width * height), ids % (width * height)
+            width, rows = self.facts.size
+            view, rest = ids // (width * rows), ids % (width * rows)
         else:
             view = jnp.searchsorted(self.first, ids, side="right") - 1
             rest, width = ids - self.first[view], self.width[view]
-        x, y = (
-            (rest % width, rest // width) if away is None else (rest % width + away[:, 0], rest // width + away[:, 1])
-        )
-        return self.rays(view, x, y)
+        x, y = rest % width, rest // width * self.facts.row_step
+        return self.rays(view, x, y) if away is None else self.rays(view, x + away[:, 0], y + away[:, 1])
 
     def colours_at(self, ids: jax.Array) -> jax.Array:
         """Colours float32 [N, 3] of rays over the background; jittable."""
@@ -231,24 +235,43 @@ def undistort(u: jax.Array, v: jax.Array, distortion: jax.Array) -> tuple[jax.Ar
     return a, b
 
 
-def make_dataset(scene: Scene, split: str = "train", mesh: Mesh | None = None) -> RayDataset:
+def row_step_for(scene: Scene, split: str) -> int:
+    """One row in how many becomes rays; a notice where it is not each."""
+    cameras = [photograph.camera for photograph in scene.splits[split]]
+    count, step = int(pixel_counts(cameras).sum()), 1
+    while int(pixel_counts(cameras, step).sum()) > MOST_RAYS:
+        step += 1
+        if step > max(camera.height for camera in cameras):
+            raise UserError("too many pixels", where=scene.path, expected=f"at most {MOST_RAYS:,}", found=f"{count:,}",
+                            remedy="use --downscale")  # fmt: skip
+    if step > 1:
+        told = f"{scene.path}: {count:,} pixels are more than the {MOST_RAYS:,} rays that training can count"
+        shrink = math.ceil(math.sqrt(count / MOST_RAYS)) * int(str(scene.notes.get("downscale", 1)))
+        warnings.warn(
+            Notice(f"{told}; it takes one row in {step} of each photograph (or use --downscale {shrink})"), stacklevel=2
+        )
+    return step
+
+
+def make_dataset(
+    scene: Scene, split: str = "train", mesh: Mesh | None = None, *, folder: Path | None = None
+) -> RayDataset:
     """Decodes the photographs of a split and puts them on the devices (of all processes, unless a mesh is given).
 
-    UserError where a picture is bad, in every process.
+    folder: where pixels lie that take too much memory (see load_pixels). UserError where a picture is bad, in every process.
     """
     mesh = mesh or every_device()
     photographs = scene.splits[split]
     cameras = [photograph.camera for photograph in photographs]
-    sizes = np.array([camera.width * camera.height for camera in cameras], np.int64)
+    row_step = row_step_for(scene, split)
+    sizes = pixel_counts(cameras, row_step)
     count = int(sizes.sum())
-    if count > MOST_RAYS:
-        raise UserError("too many pixels", where=scene.path, expected=f"at most {MOST_RAYS}", found=count,
-                        remedy="use --downscale")  # fmt: skip
     low, high = own_rows(count, mesh)
     with together():
-        own = load_pixels(photographs, low, high)
-    if not anywhere(bool(np.any(own[:, 3] != 255))):
-        own = np.ascontiguousarray(own[:, :3])
+        channels = 4 if may_be_transparent(photographs) else 3
+        own = load_pixels(photographs, low, high, channels=channels, row_step=row_step, folder=folder)
+    if channels == 4 and not anywhere(any_transparent(own[: max(count - low, 0)])):
+        own = without_alpha(own)
     whole = put_whole(
         {
             "world_T_camera": np.stack([c.world_T_camera[:3] for c in cameras]).astype(np.float32),
@@ -259,6 +282,7 @@ def make_dataset(scene: Scene, split: str = "train", mesh: Mesh | None = None) -
         },
         mesh,
     )
+    same_size = len({(camera.width, camera.height) for camera in cameras}) == 1
     facts = SceneFacts(
         near=float(scene.near),
         far=float(scene.far),
@@ -267,7 +291,8 @@ def make_dataset(scene: Scene, split: str = "train", mesh: Mesh | None = None) -
         disparity=scene.disparity,
         background=tuple(float(c) for c in scene.background),  # type: ignore[arg-type]
         distorted=any(any(camera.distortion) for camera in cameras),
-        size=(cameras[0].width, cameras[0].height) if len({(c.width, c.height) for c in cameras}) == 1 else None,
+        size=(cameras[0].width, -(-cameras[0].height // row_step)) if same_size else None,
         cut_out=bool(scene.notes.get("masks")),
+        row_step=row_step,
     )
     return RayDataset(pixels=put_split(own, count, mesh), **whole, facts=facts, count=count, mesh=mesh)

@@ -55,10 +55,12 @@ def train(
     with together():
         recorder = Recorder(run)
 
+    annealing = Annealing(config.steps, config.minutes)
     shown = progress("training", config.steps, quiet=not is_writer(), begun=run.step)
     with interruptible() as asked_to_stop, shown as bar:
         for step in range(run.step, config.steps):
-            run.state, metrics = run.method.step(run.state, step)
+            progress_made = annealing.progress(step, recorder.seconds)
+            run.state, metrics = run.method.step(run.state, step, progress_made)
             run.step = step + 1
             stopping, out_of_time = _told_to_stop(asked_to_stop(), recorder.seconds, config, run.step)
 
@@ -66,6 +68,7 @@ def train(
             if last or run.step % config.log_every == 0:
                 values = {name: float(value) for name, value in jax.device_get(metrics).items()}
                 _refuse_divergence(run, values["loss"])
+                values["progress"] = progress_made
                 with together():
                     bar.update(run.step, metrics=recorder.log(values))
             if last or run.step % config.checkpoint_every == 0:
@@ -86,6 +89,21 @@ def train(
 def how_to_resume(run: Run) -> str:
     """The command line that goes on with a run."""
     return f"snerg-train {shlex.quote(str(run.scene.path))} --out {shlex.quote(str(run.path))} --resume"
+
+
+class Annealing:
+    """How far down a run's learning rates are: by its steps, or by its time where that ends it sooner."""
+
+    def __init__(self, steps: int, minutes: float) -> None:
+        self.steps, self.minutes = steps, minutes
+        self._by_time: float | None = None
+
+    def progress(self, step: int, seconds: float) -> float:
+        """In [0, 1], before `step`, after so many seconds of the run; the same in every process."""
+        by_steps = step / max(self.steps, 1)
+        if self.minutes > 0 and (jax.process_count() == 1 or self._by_time is None or step % AGREE_EVERY == 0):
+            self._by_time = float(agree(np.array(seconds / (60.0 * self.minutes))))
+        return min(max(by_steps, self._by_time or 0.0), 1.0)
 
 
 def _told_to_stop(asked: bool, seconds: float, config: TrainConfig, step: int) -> tuple[bool, bool]:

@@ -57,9 +57,10 @@ class Method(Protocol):
         """The state before step 0."""
         ...
 
-    def step(self, state: Any, step: int) -> tuple[Any, dict[str, jax.Array]]:
+    def step(self, state: Any, step: int, progress: float | None = None) -> tuple[Any, dict[str, jax.Array]]:
         """One update; randomness comes from the seed and `step` alone, so that a resumed run repeats an unbroken one.
 
+        progress in [0, 1]: how far down the learning rates are; None: the share of the config's steps that are done.
         Returns the new state and scalar metrics, of which "loss" and "psnr" (of the batch) are always there.
         """
         ...

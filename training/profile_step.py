@@ -1,12 +1,15 @@
-"""Where the time of one training step of the fast method goes, on the machine at hand.
+"""Where the time of one training step of the fast method goes, on the machine at hand, for both engines.
 
     python -m training.profile_step RUN                        (a trained run, as its newest checkpoint left it)
     python -m training.profile_step SCENE --preset cpu --steps 300   (photographs, trained that long first)
 
-The step (training.voxels.step.parts) is compiled up to each of its parts. These programs take turns, round by round, with
+The JAX step (training.voxels.step.update) is compiled up to each of its parts. These programs take turns, round by round, with
 the whole step, which goes on training; a part's time is the median over rounds of the difference between its program
 and the one before, so that a machine that slows down slows all alike. What a compiler may fuse across the border of two
 parts is counted with the later one.
+
+The fused step tells its own parts (training.voxels.fused.engine.FusedEngine.parts); what happens within a chunk of rays is
+taken apart by passes that end earlier, over other rays of the same state.
 """
 
 from __future__ import annotations
@@ -14,15 +17,14 @@ from __future__ import annotations
 import dataclasses
 import os
 import sys
-import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from console import Notice, UserError, progress, run_command, write_json
+from training.profile_report import JAX_PARTS, Profile, Stopwatch, fused_profile, jax_profile
 
 if TYPE_CHECKING:
     from training.voxels.jax_engine import JaxEngine
@@ -30,60 +32,6 @@ if TYPE_CHECKING:
     from training.voxels.state import VoxelState
 
 DESCRIPTION = "Times the parts of one training step of the voxel method (presets cpu and fast)."
-PARTS = {
-    "draw": "random rays and their pixels, and what else is random",
-    "march": "which samples of each ray lie in stored voxels",
-    "look up": "which rows hold the 8 voxels around each sample",
-    "gather": "these rows, fetched and blended",
-    "forward": "activation, compositing, the view MLP once a ray, the losses",
-    "backward": "all of these in reverse, and the scatter into one dense gradient",
-    "variation": "total variation of random windows of voxels, forth and back",
-    "adam": "the optimiser, over every stored voxel",
-    "remember": "how deep, optically, cells are: one look in 50 steps, spread over them",
-}
-WHOLE_STEP = "step"
-FUSED = "fused"  # the whole step of the other engine
-
-
-@dataclass(frozen=True)
-class Profile:
-    """parts: milliseconds of each of PARTS. step_ms: the whole step, by its own median. facts: what was profiled, on what."""
-
-    parts: dict[str, float]
-    step_ms: float
-    facts: dict[str, Any]
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """Each part's share of their sum; a difference below zero is noise and counts as nothing."""
-        times = {name: max(ms, 0.0) for name, ms in self.parts.items()}
-        total = max(sum(times.values()), 1e-9)
-        return {name: ms / total for name, ms in times.items()}
-
-    def to_json(self) -> dict[str, Any]:
-        """For scripts: {"step_ms", "parts": {name: {"ms", "share"}}, and what was profiled}."""
-        parts = {name: {"ms": round(ms, 3), "share": round(self.shares[name], 4)} for name, ms in self.parts.items()}
-        return {"step_ms": round(self.step_ms, 3), "parts": parts, **self.facts}
-
-    def to_markdown(self) -> str:
-        """The table, below a line about what was profiled."""
-        facts = self.facts
-        about = (
-            f"{facts['scene']} after {facts['step']:,} steps: {facts['voxels']:,} voxels, {facts['rays']:,} rays and "
-            f"{facts['samples']:,} samples a step. {facts['rounds']} rounds on {facts['device']}; a step took "
-            f"{self.step_ms:.0f} ms, by the median."
-        )
-        if FUSED in facts:
-            other = facts[FUSED]
-            about += (
-                f" In the same rounds, a step of the fused engine took {other['ms']:.0f} ms for {other['samples']:,} samples: "
-                f"{other['ratio']:.1f} times the samples a second."
-            )
-        rows = [
-            f"| {name} | {what} | {100 * self.shares[name]:.0f} % | {self.parts[name]:.1f} |"
-            for name, what in PARTS.items()
-        ]
-        return "\n".join([about, "", "| part | what it does | share | ms |", "| --- | --- | --- | --- |", *rows]) + "\n"
 
 
 def profile(
@@ -91,10 +39,9 @@ def profile(
 ) -> Profile:
     """Times `rounds` rounds at a state, which goes on from there. step: how many steps were done before.
 
-    The JAX step is taken apart; where the fused engine can be had, its whole step is timed in the same rounds.
+    Where the fused engine can be had, it is taken apart in the same rounds.
     """
     import jax
-    import numpy as np
 
     from training.voxels.engines import chosen_engine, make_engine
     from training.voxels.jax_engine import JaxEngine
@@ -104,56 +51,63 @@ def profile(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Notice)
         fused = chosen_engine("auto") == "fused"
-    other = make_engine("fused", method.dataset, method.plan, method.settings, config.seed) if fused else None
+    other: Any = make_engine("fused", method.dataset, method.plan, method.settings, config.seed) if fused else None
     others = other.remember(other.begin(plain)) if other else None  # copied before JAX uses it up
     engine = JaxEngine(method.dataset, method.plan, method.settings, config.seed)
     state = engine.begin(plain)
     programs = _programs(engine, state)
-    names = [*programs, WHOLE_STEP, "remember", *([FUSED] if other else [])]
-    times: dict[str, list[float]] = {name: [] for name in names}
+    watch, fused_watch = Stopwatch(), Stopwatch()
     metrics: dict[str, Any] = {}
     fused_samples: list[float] = []
-    for turn in range(rounds + 1):  # the first compiles, and is not counted
+    for turn in range(rounds + 1):
         at = step + turn
-        for name, taken in times.items():
-            began = time.perf_counter()
-            if name == WHOLE_STEP:
-                state, metrics = engine.step(state, at, min(at / max(config.steps, 1), 1.0))
-                jax.block_until_ready(state.optimised)
-            elif name == FUSED:
-                assert other is not None
-                others, told = other.step(others, at, min(at / max(config.steps, 1), 1.0))
-                fused_samples.append(told["samples"])
-            elif name == "remember":
-                jax.block_until_ready(engine.remember(state).layout.support)
-            else:
-                jax.block_until_ready(programs[name](state, at))
-            if turn:
-                taken.append(1000 * (time.perf_counter() - began))
+        share = min(at / max(config.steps, 1), 1.0)
+        watch.start()
+        for name, program in programs.items():
+            jax.block_until_ready(program(state, at))
+            watch.lap(name)
+        state, metrics = engine.step(state, at, share)
+        jax.block_until_ready(state.optimised)
+        watch.lap("step")
+        jax.block_until_ready(engine.remember(state).layout.support)
+        watch.lap("remember")
+        if other:
+            fused_samples.append(_fused_round(other, others, at, share, fused_watch))
+        if not turn:  # the first compiles
+            watch.forget()
+            fused_watch.forget()
         on_share((turn + 1) / (rounds + 1))
-    whole, samples = float(np.median(times[WHOLE_STEP])), float(metrics["samples"])
-    parts = _differences({name: np.array(values) for name, values in times.items() if name != FUSED}, REMEMBER_EVERY)
     facts = {
-        "step": step, "voxels": int(state.trainable.rows.shape[0] - 1), "rays": state.rays,
-        "samples": int(metrics["samples"]), "rounds": rounds,
+        "step": step, "voxels": int(state.trainable.rows.shape[0] - 1), "rays": state.rays, "rounds": rounds,
         "device": f"{jax.device_count()} x {jax.devices()[0].device_kind}, {os.cpu_count()} cores",
     }  # fmt: skip
-    if other:
-        ms, drawn = float(np.median(times[FUSED])), float(np.median(fused_samples))
-        facts[FUSED] = {"ms": round(ms, 3), "samples": int(drawn), "ratio": round(drawn / ms * whole / samples, 3)}
-    return Profile(parts, whole, facts)
+    of_jax = jax_profile(
+        watch.rounds(), REMEMBER_EVERY, float(metrics["samples"]), os.cpu_count() or 1, jax.default_backend() == "cpu"
+    )
+    if not other:
+        return Profile(of_jax, None, facts)
+    samples = sorted(fused_samples)[len(fused_samples) // 2]
+    return Profile(of_jax, fused_profile(fused_watch.rounds(), REMEMBER_EVERY, samples, other.workers.count), facts)
 
 
-def _differences(times: dict[str, Any], every: int) -> dict[str, float]:
-    """Milliseconds of each of PARTS, from those [rounds] of the programs that end with it."""
+def _fused_round(engine: Any, state: Any, step: int, share: float, watch: Stopwatch) -> float:
+    """One step of the fused engine, taken apart; the samples that it had."""
     import numpy as np
 
-    order = [*(name for name in PARTS if name not in ("adam", "remember")), WHOLE_STEP]
-    before, parts = np.zeros_like(times[WHOLE_STEP]), {}
-    for name in order:
-        parts["adam" if name == WHOLE_STEP else name] = float(np.median(times[name] - before))
-        before = times[name]
-    return {**parts, "remember": float(np.median(times["remember"])) / every}
+    stepper = state.stepper
+    for number, part in enumerate(("march", "fetch", "forward")):
+        batch = engine.draw(state, np.random.default_rng((step, number)), state.rays)  # rows that no cache holds yet
+        watch.start()
+        stepper.render(state.values, batch, part)
+        watch.lap(f"up to {part}")
+    lefts: list[Any] = []
+    watch.start()
+    for part, left in engine.parts(state, step, share):
+        watch.lap(part)
+        lefts.append(left)
+    stepper.remember_depths(state.values)
+    watch.lap("remember")
+    return lefts[-1][1]["samples"]
 
 
 def _programs(engine: JaxEngine, state: VoxelState) -> dict[str, Callable[[VoxelState, int], Any]]:
@@ -164,11 +118,14 @@ def _programs(engine: JaxEngine, state: VoxelState) -> dict[str, Callable[[Voxel
     import jax
     import numpy as np
 
-    from training.voxels.step import parts
+    from training.voxels.step import draw, gradient_parts
 
     def up_to(part: str, trainable: Any, stage: Any, dataset: Any, key: Any, step: Any, *, share: float) -> Any:
         settings = engine.settings._replace(variation_share=share)
-        made = parts(trainable, stage, dataset, key, step, sizes=state.sizes, rays=state.rays, settings=settings)
+        batch = draw(stage, dataset, key, step, state.rays, settings)
+        if part == "draw":
+            return batch
+        made = gradient_parts(trainable, stage, batch, dataset.mesh, sizes=state.sizes, settings=settings)
         return next(left for name, left in made if name == part)
 
     def program(name: str) -> Callable[[VoxelState, int], Any]:
@@ -176,7 +133,7 @@ def _programs(engine: JaxEngine, state: VoxelState) -> dict[str, Callable[[Voxel
         jitted = jax.jit(partial(up_to, part, share=share))
         return lambda now, step: jitted(now.trainable, now.stage, engine.dataset, engine.key, np.int32(step))
 
-    return {name: program(name) for name in PARTS if name not in ("adam", "remember")}
+    return {name: program(name) for name in JAX_PARTS if name not in ("adam", "remember")}
 
 
 def profile_step(

@@ -119,7 +119,7 @@ def _assemble(
     config = description.config
     with together():
         scene = load_scene(scene_path, description.options)
-    dataset = make_dataset(scene)
+    dataset = make_dataset(scene, folder=path)
     with together():
         method = make_method(config, dataset)
     if checkpoint is None:

@@ -22,7 +22,10 @@ from training.config import PRESETS, TINY, TrainConfig, from_json, to_json
 from training.journal import Journal, read_journal
 from training.loop import train
 from training.nerf.method import NerfMethod
+from training.recorder import Recorder
 from training.run import load_run
+from training.voxels.config import VoxelConfig
+from training.voxels.jax_engine import JaxEngine
 
 
 def losses(run: Path) -> dict[int, float]:
@@ -66,10 +69,10 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_repeats_the_unbroken_one_exactly(
 ):
     out, step_of = tmp_path / "broken", NerfMethod.step
 
-    def step_and_interrupt(self, state, step):
+    def step_and_interrupt(self, state, step, progress):
         if step == 6:
             os.kill(os.getpid(), signal.SIGINT)
-        return step_of(self, state, step)
+        return step_of(self, state, step, progress)
 
     monkeypatch.setattr(NerfMethod, "step", step_and_interrupt)
     before = signal.getsignal(signal.SIGINT)
@@ -145,6 +148,38 @@ def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp
 def test_time_can_be_limited(procedural_path: Path, tmp_path: Path):
     run = train(procedural_path, tmp_path / "run", dataclasses.replace(MINUTE, steps=100_000, minutes=1e-9))
     assert run.step == 1 and load_run(tmp_path / "run").step == 1
+
+
+@pytest.mark.parametrize("method", ["nerf", "voxels"])
+def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
+    procedural_path: Path, tmp_path: Path, monkeypatch, method: str
+):
+    clock = {"seconds": 0.0}
+
+    def seconds(_) -> float:  # a clock by which each look takes 5 s
+        clock["seconds"] += 5.0
+        return clock["seconds"]
+
+    monkeypatch.setattr(Recorder, "seconds", property(seconds))
+    voxels = VoxelConfig(resolutions=(12,), stage_starts=(0.0,), prunings=(), samples_per_step=1024)
+    config = dataclasses.replace(MINUTE, method=method, engine="jax", steps=100_000, minutes=1.0, voxels=voxels)
+    moved = []
+    if method == "voxels":
+        step = JaxEngine.step
+        monkeypatch.setattr(JaxEngine, "step", lambda *words: moved.append(words[-1]) or step(*words))
+    run = train(procedural_path, tmp_path / "run", config)
+    records = [r for r in read_journal(run.path / "metrics.jsonl") if "loss" in r]
+    shares = [r["progress"] for r in records]
+    assert shares == sorted(shares) and shares[0] < 0.2 and 0.9 < shares[-1] <= 1.0 and run.step < 10
+    if method == "voxels":
+        assert moved == shares
+    else:
+        last = config.nerf.last_rate * (config.nerf.first_rate / config.nerf.last_rate) ** (1 - shares[-1])
+        assert records[-1]["learning_rate"] == pytest.approx(last, rel=1e-4)
+    more = dataclasses.replace(run.config, minutes=2.0)
+    resumed = train(procedural_path, run.path, more, resume=True)
+    records = [r for r in read_journal(run.path / "metrics.jsonl") if "loss" in r and r["step"] > run.step]
+    assert resumed.step > run.step and 0.4 < records[0]["progress"] < 0.7 and records[-1]["progress"] > 0.9
 
 
 def test_seconds_of_training_go_on_counting_after_a_resume(tmp_path: Path):

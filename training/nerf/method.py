@@ -53,7 +53,7 @@ class NerfMethod:
         inputs = dataclasses.replace(inputs, pixels=NamedSharding(mesh, SPLIT))
         self._update = jax.jit(
             self._update_traced,
-            in_shardings=(inputs, everywhere, everywhere),
+            in_shardings=(inputs, everywhere, everywhere, everywhere),
             out_shardings=everywhere,
             donate_argnums=1,
         )
@@ -64,9 +64,13 @@ class NerfMethod:
         """The state before step 0."""
         return put_whole(self._fresh(key), self.mesh)
 
-    def step(self, state: NerfState, step: int) -> tuple[NerfState, dict[str, jax.Array]]:
+    def step(
+        self, state: NerfState, step: int, progress: float | None = None
+    ) -> tuple[NerfState, dict[str, jax.Array]]:
         """One update on a batch that depends on seed and step alone; the old state's buffers are given away."""
-        return self._update(self.dataset, state, np.int32(step))
+        by_steps = min(step / max(self.config.steps, 1), 1.0)
+        ahead = 0.0 if progress is None else progress - by_steps
+        return self._update(self.dataset, state, np.int32(step), np.float32(ahead))
 
     def render(self, state: NerfState, rays: Rays) -> RenderOutput:
         """Renders any number of rays with the fine model, `render_rays` at a time; colours are clamped to [0, 1]."""
@@ -102,17 +106,20 @@ class NerfMethod:
         return NerfState(params, self._optimizer.init(params))
 
     def _update_traced(
-        self, dataset: RayDataset, state: NerfState, step: jax.Array
+        self, dataset: RayDataset, state: NerfState, step: jax.Array, ahead: jax.Array
     ) -> tuple[NerfState, dict[str, jax.Array]]:
+        """One update. ahead: how much further down the rate is than it would be by steps alone."""
         key = jax.random.fold_in(jax.random.PRNGKey(self.config.seed), step)
         key_batch, key_render = jax.random.split(key)
         rays, target = dataset.batch(key_batch, self.config.batch_size)
         perturbation = draw_perturbation(key_render, self.config.batch_size, self.config.nerf)
         gradient, metrics = self._gradient(state.params, *split((rays, target, perturbation), self.mesh))
         updates, optimizer = self._optimizer.update(gradient, state.optimizer, state.params)
+        further = (self.config.nerf.last_rate / self.config.nerf.first_rate) ** ahead  # the decay is log-linear
+        updates = jax.tree.map(lambda change: further * change, updates)
         mse = metrics.pop("mse")
         metrics |= {"psnr": psnr_of(mse), "gradient_norm": optax.tree.norm(gradient)}
-        metrics["learning_rate"] = rate_at(self.config.nerf, self.config.steps, step)
+        metrics["learning_rate"] = further * rate_at(self.config.nerf, self.config.steps, step)
         params: Any = optax.apply_updates(state.params, updates)  # type: ignore[arg-type]
         return NerfState(params, optimizer), metrics
 

@@ -1,6 +1,6 @@
 """Posed photographs: readers, cameras, undistortion, downscaling. NumPy and Pillow only; no JAX here."""
 
-from training.scenes.pictures import load_pixels
+from training.scenes.pixels import load_pixels
 from training.scenes.read import load_scene
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions
 

@@ -7,9 +7,8 @@ invisible RGB of transparent pixels does not bleed into edges.
 
 from __future__ import annotations
 
-import os
+import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,11 +17,11 @@ from PIL import Image, UnidentifiedImageError
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.scenes.scene import Photograph
 
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
 # Pillow goes by a file's content, and knows formats that start other programs (Ghostscript for PostScript).
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
 _EXPECTED = "PNG, JPEG, WebP, TIFF or BMP"
 
 
@@ -40,15 +39,30 @@ def picture_size(path: Path) -> tuple[int, int]:
         raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=_short(error)) from error
 
 
+def may_be_transparent(path: Path) -> bool:
+    """Whether a picture has alpha at all, from its header. UserError where it is missing or no picture."""
+    picture_size(path)
+    with _opened(path) as image:
+        return image.has_transparency_data
+
+
 def read_picture(path: Path) -> np.ndarray:
     """Decodes 8 or 16 bit grey, RGB(A) or palette pictures to float32 [H, W, 4]. UserError where that fails."""
+    picture = as_floats(decoded(path))
+    if picture.shape[-1] == 4:
+        return picture
+    return np.concatenate([picture, np.ones_like(picture[..., :1])], axis=-1)
+
+
+def decoded(path: Path) -> np.ndarray:
+    """What read_picture decodes, as it is stored: uint8 [H, W, 3 or 4], float32 [H, W, 3] where that has 16 bits."""
     picture_size(path)
     try:
         with _opened(path) as image:
             if image.mode.startswith("I"):  # 16 bit grey
-                grey = np.asarray(image, np.float32)[..., None] / 65535.0
-                return np.concatenate([np.repeat(grey, 3, axis=-1), np.ones_like(grey)], axis=-1)
-            return np.asarray(image.convert("RGBA"), np.float32) / np.float32(255.0)
+                return np.repeat(np.asarray(image, np.float32)[..., None] / 65535.0, 3, axis=-1)
+            mode = "RGBA" if image.has_transparency_data else "RGB"
+            return np.asarray(image if image.mode == mode else image.convert(mode))
     except (OSError, SyntaxError, ValueError) as error:
         raise UserError(
             "the picture cannot be decoded",
@@ -56,6 +70,16 @@ def read_picture(path: Path) -> np.ndarray:
             found=_short(error),
             remedy="it may be truncated: copy it again",
         ) from error
+
+
+def as_floats(picture: np.ndarray) -> np.ndarray:
+    """uint8 as float32 in [0, 1]; what is float32 stays."""
+    return picture.astype(np.float32) / np.float32(255.0) if picture.dtype == np.uint8 else picture
+
+
+def as_bytes(picture: np.ndarray) -> np.ndarray:
+    """float32 in [0, 1] as uint8, rounded; what is uint8 stays."""
+    return picture if picture.dtype == np.uint8 else np.rint(picture * 255.0).astype(np.uint8)
 
 
 def _opened(path: Path) -> Image.Image:
@@ -80,16 +104,32 @@ def shrunk_size(width: int, height: int, downscale: int) -> tuple[int, int]:
 
 
 def shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Area average of a picture [H, W, 4] to [height, width, 4], premultiplied by alpha while averaging."""
+    """Area average of a picture [H, W, 3 or 4] to [height, width, ...], premultiplied by alpha while averaging."""
     if picture.shape[:2] == (height, width):
         return picture
-    if np.all(picture[..., 3] == 1.0):
+    if picture.shape[-1] == 3 or np.all(picture[..., 3] == 1.0):
         return area_average(area_average(picture, height, 0), width, 1)
     weighted = np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], axis=-1)
     mean = area_average(area_average(weighted, height, 0), width, 1)
     alpha = mean[..., 3:]
     straight = np.where(alpha > 0, mean[..., :3] / np.maximum(alpha, 1e-8), 0.0)
     return np.concatenate([np.clip(straight, 0, 1), alpha], axis=-1).astype(np.float32)
+
+
+def shrunk_bytes(picture: np.ndarray, width: int, height: int) -> np.ndarray:
+    """`shrink` of a picture uint8 or float32 [H, W, 3 or 4], rounded to uint8: some rows at a time, so that floats of the whole
+    picture are never held."""
+    if picture.shape[:2] == (height, width):
+        return as_bytes(picture)
+    parts = math.gcd(picture.shape[0], height)  # bands of so many rows begin where a row of the result does
+    rows, rows_out = picture.shape[0] // parts, height // parts
+    together = max(BAND_PIXELS // (rows * picture.shape[1]), 1)
+    bands = []
+    for first in range(0, parts, together):
+        last = min(first + together, parts)
+        band = as_floats(picture[first * rows : last * rows])
+        bands.append(as_bytes(shrink(band, width, (last - first) * rows_out)))
+    return np.concatenate(bands)
 
 
 def area_average(values: np.ndarray, size: int, axis: int) -> np.ndarray:
@@ -129,6 +169,25 @@ class PictureLoader:
             picture = np.concatenate([picture[..., :3], picture[..., 3:] * shown[..., :1]], axis=-1)
         return shrink(picture, *self.size)
 
+    def pixels(self) -> np.ndarray:
+        """The same as uint8 [H, W, 3 or 4], without ever holding floats of a whole photograph."""
+        picture = decoded(self.path)
+        self._check(self.path, picture.shape[1::-1], "the picture")
+        if self.mask is not None:
+            shown = decoded(self.mask)
+            self._check(self.mask, shown.shape[1::-1], "the mask")
+            alpha = as_floats(shown[..., :1])
+            if picture.shape[-1] == 4:
+                alpha = as_floats(picture[..., 3:]) * alpha
+            if picture.dtype == np.uint8:
+                alpha = as_bytes(alpha)
+            picture = np.concatenate([picture[..., :3], alpha], axis=-1)
+        return shrunk_bytes(picture, *self.size)
+
+    def may_be_transparent(self) -> bool:
+        """Whether there may be alpha below 1, from the picture's header."""
+        return self.mask is not None or may_be_transparent(self.path)
+
     def thumbnail(self, side: int) -> Image.Image:
         """The picture in RGBA, at most `side` pixels a side; a JPEG is decoded at no more than it takes. Errors as above."""
         picture_size(self.path)
@@ -145,8 +204,8 @@ class PictureLoader:
             raise UserError(
                 f"{what} is of another size",
                 where=path,
-                expected=_times(self.source_size),
-                found=_times(found),
+                expected=times(self.source_size),
+                found=times(found),
                 remedy="the file changed after the scene was read",
             )
 
@@ -162,39 +221,6 @@ def _small(path: Path, side: int, mode: str) -> Image.Image:
     return picture
 
 
-def load_pixels(photographs: Sequence[Photograph], first: int = 0, last: int | None = None) -> np.ndarray:
-    """Pixels uint8 [last - first, 4] of photographs laid end to end, row by row; their sizes may differ.
-
-    Only those photographs are decoded (in threads) that have a pixel in [first, last); beyond the last pixel all is 0.
-    UserError where a picture fails to decode, or is not of its camera's size.
-    """
-    if not photographs:
-        raise UserError("no pictures to load", expected="at least one")
-    sizes = np.array([p.camera.width * p.camera.height for p in photographs])
-    starts = np.cumsum(sizes) - sizes
-    last = int(sizes.sum()) if last is None else last
-    pixels = np.zeros((last - first, 4), np.uint8)
-
-    def decode(index: int) -> None:
-        photograph, start = photographs[index], int(starts[index])
-        picture = photograph.load()
-        if picture.shape[:2] != (photograph.camera.height, photograph.camera.width):
-            raise UserError(
-                "the picture is of another size",
-                where=photograph.name,
-                expected=_times((photograph.camera.width, photograph.camera.height)),
-                found=_times(picture.shape[1::-1]),
-            )
-        rows = np.rint(picture.reshape(-1, 4) * 255.0).astype(np.uint8)
-        low, high = max(first, start), min(last, start + len(rows))
-        pixels[low - first : high - first] = rows[low - start : high - start]
-
-    needed = np.nonzero((starts < last) & (starts + sizes > first))[0]
-    with ThreadPoolExecutor(min(16, (os.cpu_count() or 1) + 2)) as pool:
-        list(pool.map(decode, needed))
-    return pixels
-
-
 def over_background(picture: np.ndarray, background: Sequence[float]) -> np.ndarray:
     """A picture [..., 3 or 4] in [0, 1] composited over a colour: float32 [..., 3]."""
     if picture.shape[-1] == 3:
@@ -203,7 +229,8 @@ def over_background(picture: np.ndarray, background: Sequence[float]) -> np.ndar
     return (picture[..., :3] * alpha + np.asarray(background, np.float32) * (1 - alpha)).astype(np.float32)
 
 
-def _times(size: Sequence[int]) -> str:
+def times(size: Sequence[int]) -> str:
+    """A size for messages."""
     return f"{size[0]}x{size[1]}"
 
 

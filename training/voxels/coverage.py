@@ -43,7 +43,7 @@ def _seen_by(dataset: RayDataset, layout: GridLayout, view: jax.Array, size: jax
 def views_that_see(dataset: RayDataset, layout: GridLayout) -> np.ndarray:
     """int [Dz, Dy, Dx]: how many training views see each voxel of the layout's box, by its cell of the coverage grid."""
     width, first = np.asarray(dataset.width), np.asarray(dataset.first)
-    height = np.diff(np.append(first, dataset.count)) // width
+    height = np.diff(np.append(first, dataset.count)) // width * dataset.facts.row_step
     steps = int(SIDE * 3**0.5 * STEPS_PER_CELL)
     counts = np.zeros(SIDE**3, np.int32)
     for view in range(dataset.views):

@@ -47,8 +47,9 @@ class Engine(Protocol):
         """bool [N]: which of the training rays int [N] may have samples with support in a layout; False only without any."""
         ...
 
-    def visible_weights(self, state: Any, ids: np.ndarray) -> np.ndarray:
-        """float32 [V + 1], by row of the layout: the largest weight of a sample in each voxel, over training rays int [N]."""
+    def visible_weights(self, state: Any, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """float32 [V + 1] twice, by row of the layout: the largest weight of a sample in each voxel, over training rays int [N],
+        and the sum of all."""
         ...
 
     def raw_at(self, state: Any, points: np.ndarray) -> np.ndarray:

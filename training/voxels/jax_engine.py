@@ -38,10 +38,13 @@ class JaxEngine:
     def begin(self, state: VoxelState) -> VoxelState:
         if state.sizes is None:
             layout = remember_depths(state.trainable.rows, state.layout, self.settings)
-            sizes, rays = fitting_sizes(self.geometry, layout, state.hits, self.plan, self.settings)
+            rays_to_draw = state.hits, int(state.hit_count)
+            sizes, rays = fitting_sizes(self.geometry, layout, rays_to_draw, self.plan, self.settings)
             state = state._replace(layout=layout, sizes=sizes, rays=rays)
-        missing = self.dataset.count - state.hits.shape[0]
-        return put_whole(state._replace(hits=jnp.pad(state.hits, (0, missing))), self.dataset.mesh)
+        if state.hits.shape[0]:
+            missing = self.dataset.count - state.hits.shape[0]
+            state = state._replace(hits=jnp.pad(state.hits, (0, missing)))
+        return put_whole(state, self.dataset.mesh)
 
     def end(self, state: VoxelState) -> VoxelState:
         state = here(state)
@@ -61,7 +64,7 @@ class JaxEngine:
     def meeting(self, layout: GridLayout, ids: np.ndarray) -> np.ndarray:
         return rays_with_content(self.geometry, layout, ids, self.settings.step_voxels)
 
-    def visible_weights(self, state: VoxelState, ids: np.ndarray) -> np.ndarray:
+    def visible_weights(self, state: VoxelState, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return visible_weights(self.end(state), self.geometry, ids, self.settings)
 
     def raw_at(self, state: VoxelState, points: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from training.marching.march import MarchSizes, occupied_segments
 from training.marching.rays import GridRays, to_grid
 from training.voxels.settings import Plan, Settings
 from training.voxels.sparse_grid import GridLayout
+from training.voxels.state import ray_ids
 
 PROBE_RAYS = 4096  # rays whose sample counts set the list sizes
 HEADROOM = 1.15  # lists are this much longer than the mean asks for
@@ -28,13 +29,17 @@ def rays_with_content(geometry: RayDataset, layout: GridLayout, ids: np.ndarray,
 
 
 def fitting_sizes(
-    geometry: RayDataset, layout: GridLayout, hits: jax.Array, plan: Plan, settings: Settings
+    geometry: RayDataset, layout: GridLayout, to_draw: tuple[jax.Array, int], plan: Plan, settings: Settings
 ) -> tuple[MarchSizes, int]:
-    """List sizes and rays a step such that the sample list is just filled, from the counts of some probe rays."""
+    """List sizes and rays a step such that the sample list is just filled, from the counts of some probe rays.
+
+    to_draw: hits and hit_count of the stage.
+    """
     step = settings.step_voxels
-    probe = np.random.default_rng(0).integers(0, len(hits), PROBE_RAYS)
+    hits, hit_count = to_draw
+    probe = jnp.asarray(np.random.default_rng(0).integers(0, hit_count, PROBE_RAYS))
     segments = segments_across(np.asarray(layout.dims), step)
-    rays = to_grid(layout, geometry.geometry_at(hits[jnp.asarray(probe)]))
+    rays = to_grid(layout, geometry.geometry_at(ray_ids(hits, probe)))
     coarse, fine = (agree(np.asarray(a)) for a in _count(layout, rays, segments, step, settings.last_depth))
     per_ray = int(fine.max() * HEADROOM) + 8
     count = int(np.clip(plan.samples / max(fine.mean(), 1.0), 256, plan.most_rays))

@@ -46,13 +46,15 @@ class VoxelMethod:
             head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
         return self.engine.begin(dense_start(self.engine, self.plan, self.dataset.local(), head))
 
-    def step(self, state: Any, step: int) -> tuple[Any, dict[str, Any]]:
+    def step(self, state: Any, step: int, progress: float | None = None) -> tuple[Any, dict[str, Any]]:
+        if progress is None:
+            progress = step / max(self.config.steps, 1)
         resolution = self.plan.schedule.get(step)
         if resolution is not None and step > 0:
             state = refine(self.engine, state, resolution, self.plan)
         if step % REMEMBER_EVERY == 0 or resolution is not None:  # at a new stage, too: compiled then, not later
             state = self.engine.remember(state)
-        return self.engine.step(state, step, step / max(self.config.steps, 1))
+        return self.engine.step(state, step, progress)
 
     def render(self, state: Any, rays: Rays) -> RenderOutput:
         return self.engine.render(state, rays)

@@ -25,12 +25,14 @@ from training.voxels.sparse_grid import (
     present_voxels,
     voxel_centres,
 )  # fmt: skip
-from training.voxels.state import Trainable, VoxelState
+from training.voxels.state import Trainable, VoxelState, ray_ids
 
 # How many rays tell which voxels stay. A surface is several voxels thick, so that one ray for two voxels is a few for each that
 # can be seen, however fine the grid; with a fixed number, one in ten visible voxels at 512³ was met by none and lost.
 PRUNE_RAYS, PRUNE_RAYS_PER_VOXEL = 200_000, 0.5
 FEWER = 0.5  # where no more than this share of the voxels is left, fewer rays meet any
+MOST_FAINT = 1.0  # share
+LISTED_TOGETHER = 1 << 25  # rays whose ids are listed together to ask which meet content
 
 
 def dense_start(engine: Engine, plan: Plan, geometry: RayDataset, head: ViewMlpParams | None) -> VoxelState:
@@ -46,22 +48,22 @@ def dense_start(engine: Engine, plan: Plan, geometry: RayDataset, head: ViewMlpP
         present = views_that_see(geometry, layout) >= plan.least_views
         layout = build_layout(present, plan.box[0], voxel)
     rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
-    hits = np.arange(geometry.count, dtype=np.int32)
+    hits = np.zeros(0, np.int32), geometry.count
     if not plan.always_hit:
-        hits = _with_content(engine, layout, hits)
+        hits = _rays_that_meet(engine, layout, *hits)
     blank, blank_too = (Trainable(jnp.zeros_like(rows), jax.tree.map(jnp.zeros_like, head)) for _ in range(2))
-    return _stage_of(layout, [Trainable(rows, head), blank, blank_too], jnp.int32(0), hits)
+    return _stage_of(layout, [Trainable(rows, head), blank, blank_too], jnp.int32(0), *hits)
 
 
 def refine(engine: Engine, state: Any, resolution: int, plan: Plan) -> Any:
     """An engine's state without the voxels that no pixel sees, in a box that fits the rest, resampled at `resolution` where
     that is finer; Adam's moments of voxels begin anew only there."""
     before = engine.end(state)
-    hits, cells = np.asarray(before.hits), np.asarray(before.cells)
-    weights = engine.visible_weights(state, _pruning_rays(hits, len(cells) - 1))
+    hits, cells = (np.asarray(before.hits), int(before.hit_count)), np.asarray(before.cells)
+    best, total = engine.visible_weights(state, _pruning_rays(*hits, len(cells) - 1))
     present = present_voxels(before.layout)
     keep = np.zeros(present.shape, bool)
-    keep[present] = weights[1:] > plan.keep_weight
+    keep[present] = best[1:] > _threshold(best, total, plan.keep_weight)
     if not keep.any():
         return state  # nothing is visible yet: too early to prune
     keep = dilate(keep) & present
@@ -80,30 +82,51 @@ def refine(engine: Engine, state: Any, resolution: int, plan: Plan) -> Any:
         parts = [Trainable(part.rows[kept], part.head) for part in (before.trainable, before.first, before.second)]
     layout = build_layout(keep, origin, voxel)
     if not plan.always_hit and (voxel[0] < before.layout.voxel[0] or len(kept) < FEWER * len(cells)):
-        hits = _with_content(engine, layout, hits)
-    return engine.begin(_stage_of(layout, parts, before.updates, hits))
+        hits = _rays_that_meet(engine, layout, *hits)
+    return engine.begin(_stage_of(layout, parts, before.updates, *hits))
 
 
-def _pruning_rays(hits: np.ndarray, voxels: int) -> np.ndarray:
+def _pruning_rays(hits: np.ndarray, hit_count: int, voxels: int) -> np.ndarray:
     """Ids of the rays that tell which voxels stay; in order, since neighbours read the same memory."""
     count = max(PRUNE_RAYS, int(PRUNE_RAYS_PER_VOXEL * voxels))
-    if count >= len(hits):
-        return hits
-    return hits[np.sort(np.random.default_rng(1).integers(0, len(hits), count))]
+    if count >= hit_count:
+        return ray_ids(hits, np.arange(hit_count, dtype=np.int32))
+    return ray_ids(hits, np.sort(np.random.default_rng(1).integers(0, hit_count, count)))
 
 
-def _with_content(engine: Engine, layout: GridLayout, candidates: np.ndarray) -> np.ndarray:
-    """Those of the training rays int [N] that meet content; one at least, since a step needs something to draw."""
-    hits = candidates[engine.meeting(layout, candidates)]
-    return hits if len(hits) else candidates[:1]
+def _threshold(best: np.ndarray, total: np.ndarray, keep_weight: float) -> float:
+    """Of visible weights: keep_weight, or less where voxels below it still make up much of what the photographs show."""
+    order = np.argsort(best)
+    share = np.cumsum(total[order], dtype=np.float64) / max(total.sum(dtype=np.float64), 1e-9)
+    print(
+        "SHARE below keep",
+        share[max(np.searchsorted(best[order], keep_weight) - 1, 0)],
+        "thr at 1,2,5%",
+        [float(best[order][np.searchsorted(share, q)]) for q in (0.01, 0.02, 0.05)],
+    )
+    return min(keep_weight, float(best[order][np.searchsorted(share, MOST_FAINT)]))
 
 
-def _stage_of(layout: GridLayout, parts: list[Trainable], updates: jax.Array, hits: np.ndarray) -> VoxelState:
+def _rays_that_meet(engine: Engine, layout: GridLayout, hits: np.ndarray, hit_count: int) -> tuple[np.ndarray, int]:
+    """Of the rays that a stage drew from, those that may meet content in a layout, some at a time."""
+    kept = []
+    for low in range(0, hit_count, LISTED_TOGETHER):
+        ids = ray_ids(hits, np.arange(low, min(low + LISTED_TOGETHER, hit_count), dtype=np.int32))
+        kept.append(ids[engine.meeting(layout, ids)])
+    found = np.concatenate(kept)
+    if not len(found):
+        found = ray_ids(hits, np.zeros(1, np.int32))  # a step needs something to draw
+    return (hits, hit_count) if len(found) == hit_count else (found, len(found))
+
+
+def _stage_of(
+    layout: GridLayout, parts: list[Trainable], updates: jax.Array, hits: np.ndarray, hit_count: int
+) -> VoxelState:
     """A state around new voxels. parts: the trainable values and their two moments."""
     (cells,) = np.nonzero(np.asarray(layout.lookup))
     return VoxelState(
         *parts, updates=updates, layout=layout, cells=jnp.asarray(np.concatenate([[0], cells]).astype(np.int32)),
-        hits=jnp.asarray(hits), hit_count=jnp.int32(len(hits)), sizes=None, rays=0,
+        hits=jnp.asarray(hits), hit_count=jnp.int32(hit_count), sizes=None, rays=0,
     )  # fmt: skip
 
 

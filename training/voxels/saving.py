@@ -20,7 +20,8 @@ def save(state: VoxelState) -> dict[str, np.ndarray]:
     arrays = {
         "origin": state.layout.origin, "voxel": state.layout.voxel, "dims": state.layout.dims,
         "depths": np.asarray(state.layout.support)[np.asarray(state.layout.support) > 0],
-        "cells": state.cells, "hits": state.hits[: int(state.hit_count)], "updates": state.updates,
+        "cells": state.cells, "hits": state.hits[: int(state.hit_count)], "hit_count": state.hit_count,
+        "updates": state.updates,
         "sizes": np.array([*(state.sizes or UNKNOWN), state.rays], np.int32),
     }  # fmt: skip
     for name in ("trainable", "first", "second"):
@@ -52,6 +53,6 @@ def restore(arrays: Mapping[str, np.ndarray]) -> VoxelState:
     sizes = MarchSizes(*sizes)
     return VoxelState(
         **parts, updates=jnp.asarray(arrays["updates"]), layout=layout, cells=jnp.asarray(arrays["cells"]),
-        hits=jnp.asarray(arrays["hits"]), hit_count=jnp.int32(len(arrays["hits"])),
+        hits=jnp.asarray(arrays["hits"]), hit_count=jnp.int32(arrays.get("hit_count", len(arrays["hits"]))),
         sizes=None if sizes == UNKNOWN else sizes, rays=rays,
     )  # fmt: skip

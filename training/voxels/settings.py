@@ -77,7 +77,7 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
         shape=np.array([1.0, 1.0, voxels.ndc_depth if dataset.ndc else 1.0]),
         resolutions=resolutions,
         schedule=schedule(by_kind, config.steps, resolutions),
-        least_views=by_kind.least_views,
+        least_views=min(by_kind.least_views, dataset.views),
         keep_weight=by_kind.keep_weight,
         samples=voxels.samples_per_step,
         most_rays=MOST_RAYS * config.batch_size,

@@ -37,10 +37,12 @@ def variation(values: jax.Array, ids: jax.Array) -> tuple[jax.Array, jax.Array]:
     return norms[:, 0].mean(), norms[:, 1:].sum(-1).mean()
 
 
-def distortion(samples: Samples, weights: jax.Array, spread: jax.Array | float, rays: int, per_ray: int) -> jax.Array:
-    """Sum over rays of sum_kl w_k w_l |t_k - t_l| / spread + sum_k w_k^2 / (3 spread); weights [S], t in steps.
+def distortion(
+    samples: Samples, weights: jax.Array, step: float, spread: jax.Array | float, rays: int, per_ray: int
+) -> jax.Array:
+    """Sum over rays of sum_kl w_k w_l |t_k - t_l| / spread + sum_k w_k^2 step / (3 spread); weights [S].
 
-    spread: the length that counts as 1.
+    step: distance between samples; spread: the length that counts as 1; both in voxels, as the samples' t.
     """
     slot = jnp.where(samples.valid, samples.ray * per_ray + samples.rank, rays * per_ray)
 
@@ -50,4 +52,4 @@ def distortion(samples: Samples, weights: jax.Array, spread: jax.Array | float, 
 
     t = samples.t / spread
     pairs = 2.0 * weights * (t * before(weights) - before(weights * t))
-    return jnp.where(samples.valid, pairs + jnp.square(weights) / (3.0 * spread), 0.0).sum()
+    return jnp.where(samples.valid, pairs + jnp.square(weights) * step / (3.0 * spread), 0.0).sum()

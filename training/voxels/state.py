@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 
@@ -31,13 +31,19 @@ class Stage(NamedTuple):
     """What stays the same until voxels are pruned or refined, but for the optical depths that the layout remembers.
 
     cells int32 [V + 1]: padded voxel of each row. hits int [rays]: ids of the training rays that meet content, of which
-    the first hit_count hold; the rest is padding that the JAX engine needs.
+    the first hit_count hold; the rest is padding that the JAX engine needs. Where every ray is meant, hits is empty, since a list
+    of billions would take more memory than all else: see ray_ids.
     """
 
     layout: GridLayout
     cells: jax.Array
     hits: jax.Array
     hit_count: jax.Array
+
+
+def ray_ids(hits: Any, places: Any) -> Any:
+    """Ids of the rays at `places` int [N], below hit_count, of a stage's hits; arrays of NumPy or of JAX."""
+    return hits[places] if hits.shape[0] else places
 
 
 class VoxelState(NamedTuple):

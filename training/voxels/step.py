@@ -4,8 +4,9 @@ Published parts: direct voxel optimisation with total variation (Plenoxels, Frid
 leaves unseen voxels alone (DVGO, Sun et al. 2022), empty space skipped by an occupancy structure (instant-ngp, Müller et al.
 2022). The Cauchy sparsity term is SNeRG's (section 4.3).
 
-The parts of a step are made one after another by `parts`, which `update` runs to its end and training.profile_step up to
-each of them. `draw` and `loss_and_gradient` are what another engine must agree with (training.voxels.engine).
+`update` is the step: `draw` and `loss_and_gradient`, with which another engine must agree (training.voxels.engine), and
+`adam`. The parts of a gradient are made one after another by `gradient_parts`, so that training.profile_step can stop at
+each.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from training.voxels.field import render_samples
 from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import distortion, neighbourhood, variation, windows
 from training.voxels.sparse_grid import CHANNELS
-from training.voxels.state import Optimised, Stage, Trainable
+from training.voxels.state import Optimised, Stage, Trainable, ray_ids
 
 
 class Batch(NamedTuple):
@@ -72,23 +73,12 @@ def update(
     *, sizes: MarchSizes, rays: int, settings: Settings,
 ) -> tuple[Optimised, dict[str, jax.Array]]:  # fmt: skip
     """One step. progress in [0, 1], of the learning rates."""
-    through = parts(optimised.trainable, stage, dataset, key, step, sizes=sizes, rays=rays, settings=settings)
-    *_, (_, (gradient, loss, metrics)) = through
+    batch = draw(stage, dataset, key, step, rays, settings)
+    gradient, loss, metrics = loss_and_gradient(
+        optimised.trainable, stage, batch, dataset.mesh, sizes=sizes, settings=settings
+    )
     metrics |= {"loss": loss, "psnr": psnr_of(metrics["mse"])}
     return adam(optimised, gradient, progress, settings), metrics
-
-
-def parts(
-    trainable: Trainable, stage: Stage, dataset: RayDataset, key: jax.Array, step: jax.Array,
-    *, sizes: MarchSizes, rays: int, settings: Settings,
-) -> Iterator[tuple[str, Any]]:  # fmt: skip
-    """The parts of a step before the optimiser, in order: after each, its name and all that the next ones take.
-
-    The last is ("backward", (gradient, loss, metrics)).
-    """
-    batch = draw(stage, dataset, key, step, rays, settings)
-    yield "draw", batch
-    yield from gradient_parts(trainable, stage, batch, dataset.mesh, sizes=sizes, settings=settings)
 
 
 def loss_and_gradient(
@@ -102,7 +92,10 @@ def loss_and_gradient(
 def gradient_parts(
     trainable: Trainable, stage: Stage, batch: Batch, mesh: Mesh, *, sizes: MarchSizes, settings: Settings
 ) -> Iterator[tuple[str, Any]]:
-    """`parts` behind the draw."""
+    """A batch's gradient part by part, in order: after each, its name and all that the next ones take.
+
+    The last is ("backward", (gradient, loss, metrics)).
+    """
     marched = marched_batch(batch, stage, sizes, settings, mesh)
     yield "march", (batch, marched)
     addresses = addressed(stage, marched.samples, batch.picked)
@@ -125,7 +118,7 @@ def gradient_parts(
 def draw(stage: Stage, dataset: RayDataset, key: jax.Array, step: jax.Array, rays: int, settings: Settings) -> Batch:
     """Random training rays among those that meet content, and whatever else of a step is random."""
     ray_key, phase_key, voxel_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 4)
-    ids = stage.hits[jax.random.randint(ray_key, (rays,), 0, stage.hit_count)]
+    ids = ray_ids(stage.hits, jax.random.randint(ray_key, (rays,), 0, stage.hit_count))
     # Before a background of any colour, gaps in opaque photographs are mistakes, and so is mist around what is cut out: before
     # the scene's own colour, mist of that colour costs nothing, and is marched through from then on.
     background = jax.random.uniform(colour_key, (rays, 3))
@@ -173,8 +166,8 @@ def losses(
     sparsity = settings.sparsity_weight * spacing * penalty / total
     scattered = 0.0
     if settings.distortion_weight > 0:
-        spread = settings.distortion_spread / (voxel.max() * settings.step_voxels)
-        scattered = distortion(samples, weights, spread, count, sizes.per_ray) / total
+        spread = settings.distortion_spread / voxel.max()
+        scattered = distortion(samples, weights, settings.step_voxels, spread, count, sizes.per_ray) / total
     rough_density, rough_colour = variation(nearby, addresses.near)
     smooth = settings.variation[0] * rough_density + settings.variation[1] * rough_colour
     mse = jnp.where(counted, jnp.square(jnp.clip(output.rgb, 0, 1) - batch.target).sum(-1), 0.0).sum() / (3 * total)

@@ -41,23 +41,29 @@ def _raw_at(rows: jax.Array, layout: GridLayout, points: jax.Array) -> jax.Array
 
 
 @partial(jax.jit, static_argnames=("sizes", "settings"))
-def _nearest_weights(
-    trainable: Trainable, layout: GridLayout, best: jax.Array, rays: Rays, sizes: MarchSizes, settings: Settings
-) -> jax.Array:
-    """Raises best [V + 1] to the weights that rays [N] give to the voxels that their samples lie in."""
+def _weigh(
+    trainable: Trainable, layout: GridLayout, best: jax.Array, total: jax.Array, rays: Rays, counted: jax.Array,
+    sizes: MarchSizes, settings: Settings,
+) -> tuple[jax.Array, jax.Array]:  # fmt: skip
+    """Raises best [V + 1] to the weights that rays [N] give to the voxels that their samples lie in, and adds these to total."""
     count = rays.near.shape[0]
     grid_rays = to_grid(layout, rays)
     samples = march(layout, grid_rays, jnp.full(count, 0.5), sizes, settings.step_voxels, settings.last_depth)
     raw = interpolate(trainable.rows, layout, samples.g)
     _, _, weights = render_samples(raw, trainable.head, samples, grid_rays.length, rays.viewdirs, sizes, settings)
-    return best.at[layout.nearest(samples.g)].max(weights)
+    nearest, weights = layout.nearest(samples.g), weights * counted[samples.ray]
+    return best.at[nearest].max(weights), total.at[nearest].add(weights)
 
 
-def visible_weights(state: VoxelState, geometry: RayDataset, ids: np.ndarray, settings: Settings) -> np.ndarray:
-    """float32 [V + 1]: the largest share that each voxel has of what any of the training rays int [N] shows."""
-    best = jnp.zeros(state.trainable.rows.shape[0])
+def visible_weights(
+    state: VoxelState, geometry: RayDataset, ids: np.ndarray, settings: Settings
+) -> tuple[np.ndarray, np.ndarray]:
+    """See training.voxels.engine.Engine.visible_weights."""
+    best, total = jnp.zeros(state.trainable.rows.shape[0]), jnp.zeros(state.trainable.rows.shape[0])
+    assert state.sizes is not None
     for start in range(0, len(ids), state.rays):
-        part = np.resize(ids[start : start + state.rays], state.rays)
-        rays = geometry.geometry_at(jnp.asarray(part))
-        best = _nearest_weights(state.trainable, state.layout, best, rays, state.sizes, settings)
-    return agree(np.asarray(best))  # processes that differ in the last bit would keep different voxels
+        part = ids[start : start + state.rays]
+        rays = geometry.geometry_at(jnp.asarray(np.resize(part, state.rays)))
+        counted = jnp.arange(state.rays) < len(part)
+        best, total = _weigh(state.trainable, state.layout, best, total, rays, counted, state.sizes, settings)
+    return agree((np.asarray(best), np.asarray(total)))  # processes that differ in the last bit would keep other voxels

@@ -18,16 +18,18 @@ from training.metrics import psnr
 from training.scenes import load_pixels, load_scene
 from training.scenes.pictures import over_background
 from training.voxels.config import VoxelConfig
+from training.voxels.field import render_samples
 from training.voxels.method import VoxelMethod
-from training.voxels.sparse_grid import build_layout, present_voxels, voxel_centres
+from training.voxels.sparse_grid import build_layout, interpolate, present_voxels, voxel_centres
 from training.voxels.state import VoxelState
 from training.voxels.step import adam, draw, loss_and_gradient, marched_batch
 
 pytest.importorskip("numba", reason="the fused engine needs Numba: pip install 'snerg[train]'")
 
+from training.voxels.fused import step as fused_step
 from training.voxels.fused.bricks import build_bricks, support_of
 from training.voxels.fused.engine import FusedEngine, FusedState
-from training.voxels.fused.rays import Batch, photographs_of
+from training.voxels.fused.rays import Batch, empty_batch, photographs_of
 
 VOXELS = VoxelConfig(resolutions=(24,), ndc_resolutions=(24,), stage_starts=(0.0,), prunings=(), samples_per_step=8192)
 CONFIG = dataclasses.replace(CPU, steps=40, batch_size=64, voxels=VOXELS, engine="fused")
@@ -93,6 +95,31 @@ def flat_head(head) -> np.ndarray:
 
 
 def test_every_loss_and_every_gradient_is_that_of_the_jax_step(both: Both) -> None:
+    agreed(both)
+
+
+def test_distortion_measures_lengths_whatever_the_distance_between_samples(procedural_path: Path) -> None:
+    half = Both(procedural_path, dataclasses.replace(VOXELS, step_voxels=0.5))
+    terms = agreed(half)
+    batch, _ = half.jax_says()
+    state, settings = half.state, half.method.settings
+    marched = marched_batch(batch, state.stage, state.sizes, settings, half.method.dataset.mesh)
+    rays, samples = marched
+    raw = interpolate(state.trainable.rows, state.layout, samples.g)
+    _, _, weights = render_samples(
+        raw, state.trainable.head, samples, rays.length, batch.rays.viewdirs, state.sizes, settings, batch.background
+    )
+    voxel, total = float(np.asarray(state.layout.voxel).max()), 0.0
+    for ray in range(len(batch.phase)):
+        of_ray = np.asarray(samples.valid & (samples.ray == ray))
+        w, t = np.asarray(weights, np.float64)[of_ray], np.asarray(samples.t, np.float64)[of_ray] * voxel
+        total += (np.outer(w, w) * np.abs(t[:, None] - t)).sum() + (w * w).sum() * 0.5 * voxel / 3
+    total *= settings.distortion_weight / settings.distortion_spread / float(terms["rays"])
+    assert float(terms["distortion"]) == pytest.approx(total, rel=1e-3) and total > 0
+
+
+def agreed(both: Both) -> dict:
+    """The terms of a batch's loss, after asserting that both engines say the same of it."""
     batch, (gradient, loss, terms) = both.jax_says()
     stepper = both.fused.stepper
     assert stepper is not None
@@ -115,6 +142,7 @@ def test_every_loss_and_every_gradient_is_that_of_the_jax_step(both: Both) -> No
         np.testing.assert_allclose(slopes[:, channel], expected[:, channel], rtol=1e-3, atol=2e-4 * scale)
     theirs = flat_head(gradient.head)
     np.testing.assert_allclose(ours.head / ours.rays, theirs, rtol=1e-3, atol=2e-4 * np.abs(theirs).max())
+    return terms
 
 
 def test_adam_moves_values_and_moments_as_the_jax_step_does(both: Both) -> None:
@@ -201,6 +229,37 @@ def test_the_number_of_threads_changes_no_bit(procedural_path: Path, threads: in
     assert all(np.array_equal(alone[0][name], together[0][name]) for name in alone[0])
 
 
+def test_the_room_for_samples_changes_no_bit(procedural_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wide = run(CONFIG, procedural_path, 4, 2)
+    monkeypatch.setattr(fused_step, "ROOM", 1)  # samples a ray: every chunk is full again and again
+    narrow = run(CONFIG, procedural_path, 4, 2)
+    assert wide[1] == narrow[1]
+    assert all(np.array_equal(wide[0][name], narrow[0][name]) for name in wide[0])
+
+
+def test_a_step_asks_for_no_more_memory_than_its_samples_may_take(both: Both) -> None:
+    dims = np.array([1000, 1000, 3])
+    cells, support = np.array([0, 1_500_000]), np.zeros(int(np.prod(dims + 2)), np.uint8)
+    support[1_500_000] = 1
+    grid = fused_step.grid_of(cells, support, dims, np.zeros(3), np.ones(3))
+    stepper = fused_step.Stepper(grid, both.method.settings, both.method.engine.workers)
+    rays = empty_batch(32_768)
+    for array in rays:
+        array[:] = 0.0
+    assert stepper.mean_samples(both.fused.values, rays) == 0.0
+    asked = sum(array.nbytes for part in [stepper._work, *stepper.scratch] for array in part)
+    assert asked < 1e9, "untouched memory is refused, too, where a system does not overcommit"
+
+
+def test_dense_tables_are_given_up_while_steps_are_made(both: Both) -> None:
+    state = FusedState(both.plain)
+    state.unpack(both.method.settings, both.method.engine.workers)
+    assert state.plain is None and state.stage.layout.lookup is None and state.stage.trainable is None
+    again = state.pack()
+    for ours, theirs in zip(jax.tree.leaves(again), jax.tree.leaves(both.plain), strict=True):
+        np.testing.assert_array_equal(np.asarray(ours), np.asarray(theirs))
+
+
 def test_a_restored_state_goes_on_to_the_byte(procedural_path: Path) -> None:
     config = dataclasses.replace(CONFIG, steps=200, voxels=dataclasses.replace(PRUNED, stage_starts=(0.0, 0.45)))
     unbroken, _ = run(config, procedural_path, 104)
@@ -263,10 +322,11 @@ def test_what_happens_between_steps_is_asked_of_either_engine_alike(both: Both) 
     )  # fmt: skip
     state, jax_state = ours.remember(ours.begin(plain)), theirs.remember(theirs.begin(plain))
 
-    weights, expected = ours.visible_weights(state, ids), theirs.visible_weights(jax_state, ids)
+    (weights, total), (expected, sums) = ours.visible_weights(state, ids), theirs.visible_weights(jax_state, ids)
     assert expected.max() > 0.1
     off = np.abs(weights - expected) > 2e-3
     assert off.mean() < 2e-3, "a sample on the border of two voxels may count for either"
+    assert total.sum() == pytest.approx(sums.sum(), rel=1e-3) and np.corrcoef(total, sums)[0, 1] > 0.999
     centres = voxel_centres(present, np.asarray(layout.origin), np.asarray(layout.voxel))
     points = (centres + random.uniform(-1, 1, centres.shape) * np.asarray(layout.voxel)).astype(np.float32)
     found, known = ours.raw_at(state, points), theirs.raw_at(jax_state, points)

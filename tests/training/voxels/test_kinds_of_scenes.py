@@ -18,6 +18,7 @@ from training.voxels.config import BY_KIND, VoxelConfig, settings_for
 from training.voxels.coverage import views_that_see
 from training.voxels.method import VoxelMethod
 from training.voxels.sparse_grid import build_layout, present_voxels, voxel_centres
+from training.voxels.step import draw
 
 
 def pixel_of(camera: Camera, points: np.ndarray) -> np.ndarray:
@@ -69,6 +70,24 @@ def test_what_few_photographs_see_is_left_out_from_the_start(procedural_scene: S
     assert 0 < present.sum() < present.size
     whole = build_layout(np.ones_like(present), state.layout.origin, np.asarray(state.layout.voxel))
     assert np.array_equal(present, views_that_see(dataset, whole) >= 8)
+
+
+def test_a_handful_of_opaque_photographs_begins_with_voxels(tmp_path: Path) -> None:
+    dataset = make_dataset(load_scene(write_transforms(tmp_path / "t", circle(6))))
+    assert dataset.kind == "surroundings" and dataset.views == 5 < BY_KIND["surroundings"].least_views
+    voxels = VoxelConfig(resolutions=(16,), stage_starts=(0.0,), prunings=(), samples_per_step=2048)
+    method = VoxelMethod(dataclasses.replace(PRESETS["cpu"], engine="jax", batch_size=64, voxels=voxels), dataset)
+    state = method.start(jax.random.key(0))
+    assert present_voxels(state.layout).any()
+    # what every ray may be drawn from needs no list of them
+    assert state.hits.shape == (0,) and int(state.hit_count) == dataset.count
+    arrays = method.save(state)
+    again = method.restore(arrays)
+    assert again.hits.shape == (0,) and int(again.hit_count) == dataset.count
+    del arrays["hit_count"]  # runs of before kept the list
+    older = method.restore({**arrays, "hits": np.arange(dataset.count, dtype=np.int32)})
+    drawn = [draw(s.stage, dataset, jax.random.key(0), np.int32(0), 64, method.settings) for s in (again, older)]
+    np.testing.assert_array_equal(np.asarray(drawn[0].target), np.asarray(drawn[1].target))
 
 
 def test_transparent_pixels_take_the_background_that_is_asked_for(procedural_scene: Scene) -> None:

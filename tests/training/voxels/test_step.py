@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -12,7 +13,7 @@ from training.config import CPU
 from training.dataset import make_dataset
 from training.voxels.config import VoxelConfig
 from training.voxels.method import VoxelMethod
-from training.voxels.step import adam, draw, loss_and_gradient, parts
+from training.voxels.step import adam, draw, gradient_parts, loss_and_gradient
 
 VOXELS = VoxelConfig(resolutions=(16,), stage_starts=(0.0,), prunings=(), samples_per_step=2048)
 CONFIG = dataclasses.replace(CPU, batch_size=64, voxels=VOXELS)
@@ -29,11 +30,10 @@ def test_a_step_is_a_drawn_batch_its_gradient_and_adam(method: VoxelMethod) -> N
     batch = jax.jit(draw, static_argnames=("rays", "settings"))(
         state.stage, method.dataset, jax.random.key(CONFIG.seed), np.int32(7), state.rays, settings
     )
-    assert all(isinstance(np.asarray(array), np.ndarray) for array in jax.tree.leaves(batch)), "plain arrays"
     gradient, loss, terms = jax.jit(loss_and_gradient, static_argnames=("mesh", "sizes", "settings"))(
         state.trainable, state.stage, batch, mesh, sizes=state.sizes, settings=settings
     )
-    expected = adam(state.optimised, gradient, np.float32(0.25), settings)
+    expected = adam(state.optimised, gradient, jnp.float32(0.25), settings)
     found, metrics = method.engine.step(again, 7, 0.25)
     assert float(loss) == pytest.approx(float(metrics["loss"]), rel=1e-5) and set(terms) < set(metrics)
     assert np.abs(np.asarray(gradient.rows)).max() > 0 and int(found.updates) == 1
@@ -43,17 +43,17 @@ def test_a_step_is_a_drawn_batch_its_gradient_and_adam(method: VoxelMethod) -> N
 
 
 def test_the_parts_of_a_step_are_those_that_are_profiled(method: VoxelMethod) -> None:
-    from training.profile_step import PARTS
+    from training.profile_report import JAX_PARTS
 
     state = method.start(jax.random.key(0))
-    names = []
 
     def run(trainable, stage):
-        made = parts(
-            trainable, stage, method.dataset, jax.random.key(0), np.int32(0),
-            sizes=state.sizes, rays=state.rays, settings=method.settings,
+        batch = draw(stage, method.dataset, jax.random.key(0), jnp.int32(0), state.rays, method.settings)
+        made = gradient_parts(
+            trainable, stage, batch, method.dataset.mesh, sizes=state.sizes, settings=method.settings
         )  # fmt: skip
         names.extend(name for name, _ in made)
 
+    names = ["draw"]
     jax.eval_shape(run, state.trainable, state.stage)
-    assert names == [name for name in PARTS if name not in ("variation", "adam", "remember")]
+    assert names == [name for name in JAX_PARTS if name not in ("variation", "adam", "remember")]

@@ -7,6 +7,7 @@ which stays the reference; tests/training/voxels/test_fused.py pins the two toge
     bricks   where the rows are          rays    training rays from their ids
     render   a chunk of rays, forward and backward, with the view MLP of head
     rows     total variation, scatter, Adam      vectors  rows of 8 floats as vectors, for LLVM
+    passes   all of this over chunks of rays, up to each part
     step     one step, shared out among workers  engine   behind training.voxels.engine.Engine
 """
 

@@ -30,7 +30,7 @@ class Bricks(NamedTuple):
     where a brick of the block has support; block_shape int32 [3]. base int32 [B]: row of the brick's first present voxel.
     bits uint64 [B]: which voxels are present. support uint8 [B, 64]: as GridLayout.support, by cell. supported uint8 [B]:
     whether any cell of the brick has support. corners int32 [B, 3]: padded (x, y, z) of each brick's first voxel.
-    coordinates int32 [V + 1, 3]: padded (x, y, z) of each row; row 0 is 0.
+    coordinates int16 [V + 1, 3]: padded (x, y, z) of each row; row 0 is 0.
     """
 
     dims: np.ndarray
@@ -51,46 +51,75 @@ def build_bricks(cells: np.ndarray, support: np.ndarray, dims: np.ndarray) -> tu
 
     cells int [V]: padded flat indices of the present voxels, in the layout's row order. support uint8: GridLayout.support.
     """
+    cells, support = np.asarray(cells, np.int32).view(), np.asarray(support).view()
+    for table in (cells, support):  # as JAX's arrays are, so that the loops compile once
+        table.setflags(write=False)
     dims = np.asarray(dims, np.int64)
-    padded = dims + 2
-    shape = -(-padded // SIDE)
-    x, y, z = (np.asarray(axis, np.int64) for axis in _unflatten(np.asarray(cells, np.int64), padded))
-    voxel_brick = _flatten(x // SIDE, y // SIDE, z // SIDE, shape)
-    (held,) = np.nonzero(support)
-    sx, sy, sz = _unflatten(held, padded)
-    cell_brick = _flatten(sx // SIDE, sy // SIDE, sz // SIDE, shape)
-
-    used = np.zeros(int(np.prod(shape)), bool)
-    used[voxel_brick] = used[cell_brick] = True
+    shape = -(-(dims + 2) // SIDE)
+    used = np.zeros(int(np.prod(shape)), np.uint8)
+    _mark_used(cells, support, dims, shape, used)
     (bricks,) = np.nonzero(used)
     bricks = bricks[np.argsort(_morton(*_unflatten(bricks, shape)), kind="stable")]
     slots = np.full(used.size, -1, np.int32)
     slots[bricks] = np.arange(len(bricks), dtype=np.int32)
 
-    voxel_slot = slots[voxel_brick].astype(np.int64)
-    local = _local(x, y, z)
-    order = np.argsort(voxel_slot * VOLUME + local, kind="stable")
-    counts = np.bincount(voxel_slot, minlength=len(bricks))
-    base = (1 + np.cumsum(counts) - counts).astype(np.int32)
-    bits = np.zeros(len(bricks), np.uint64)
-    np.bitwise_or.at(bits, voxel_slot, np.uint64(1) << local.astype(np.uint64))
-
+    base, bits = np.empty(len(bricks), np.int32), np.zeros(len(bricks), np.uint64)
     by_cell = np.zeros((len(bricks), VOLUME), np.uint8)
-    by_cell[slots[cell_brick], _local(sx, sy, sz)] = support[held]
+    rows, coordinates = np.zeros(len(cells) + 1, np.int32), np.zeros((len(cells) + 1, 3), np.int16)
+    _fill(cells, support, dims, shape, slots, base, bits, by_cell, rows, coordinates)
     supported = by_cell.any(1)
     block_shape = -(-shape // BLOCK)
     blocks = np.zeros(int(np.prod(block_shape)), np.uint8)
     bx, by, bz = _unflatten(bricks[supported], shape)
     blocks[_flatten(bx // BLOCK, by // BLOCK, bz // BLOCK, block_shape)] = 1
     corners = np.ascontiguousarray(np.stack(_unflatten(bricks, shape), axis=-1) * SIDE, np.int32)
-    coordinates = np.zeros((len(order) + 1, 3), np.int32)
-    coordinates[1:] = np.stack([x, y, z], axis=-1)[order]
-    rows = np.concatenate([[0], order + 1]).astype(np.int32)
-    table = Bricks(
+    made = Bricks(
         dims.astype(np.int32), shape.astype(np.int32), slots, blocks, block_shape.astype(np.int32), base, bits, by_cell,
         np.asarray(supported, np.uint8), corners, coordinates,
     )  # fmt: skip
-    return table, rows
+    return made, rows
+
+
+@njit(nogil=True, cache=True)
+def _mark_used(cells, support, dims, shape, used):
+    """used [bricks of the box]: 1 where a brick holds a voxel, or a cell with support."""
+    width, height, depth = dims[0] + 2, dims[1] + 2, dims[2] + 2
+    for cell in cells:
+        x, y, z = cell % width, cell // width % height, cell // (width * height)
+        used[((z >> 2) * shape[1] + (y >> 2)) * shape[0] + (x >> 2)] = 1
+    for z in range(depth):
+        for y in range(height):
+            for x in range(width):
+                if support[(z * height + y) * width + x] != 0:
+                    used[((z >> 2) * shape[1] + (y >> 2)) * shape[0] + (x >> 2)] = 1
+
+
+@njit(nogil=True, cache=True)
+def _fill(cells, support, dims, shape, slots, base, bits, by_cell, rows, coordinates):
+    """What a grid's bricks hold. rows [V + 1]: the layout's row of each of ours; the rest as in Bricks."""
+    width, height, depth = dims[0] + 2, dims[1] + 2, dims[2] + 2
+    for cell in cells:
+        x, y, z = cell % width, cell // width % height, cell // (width * height)
+        slot = slots[((z >> 2) * shape[1] + (y >> 2)) * shape[0] + (x >> 2)]
+        bits[slot] |= np.uint64(1) << np.uint64(((z & 3) * 4 + (y & 3)) * 4 + (x & 3))
+    before = 1
+    for slot in range(len(base)):
+        base[slot] = before
+        before += population_count(bits[slot])
+    for i in range(len(cells)):
+        cell = cells[i]
+        x, y, z = cell % width, cell // width % height, cell // (width * height)
+        slot = slots[((z >> 2) * shape[1] + (y >> 2)) * shape[0] + (x >> 2)]
+        row = row_in(bits[slot], base[slot], ((z & 3) * 4 + (y & 3)) * 4 + (x & 3))
+        rows[row] = i + 1
+        coordinates[row, 0], coordinates[row, 1], coordinates[row, 2] = x, y, z
+    for z in range(depth):
+        for y in range(height):
+            for x in range(width):
+                code = support[(z * height + y) * width + x]
+                if code != 0:
+                    slot = slots[((z >> 2) * shape[1] + (y >> 2)) * shape[0] + (x >> 2)]
+                    by_cell[slot, ((z & 3) * 4 + (y & 3)) * 4 + (x & 3)] = code
 
 
 def support_of(bricks: Bricks) -> np.ndarray:
@@ -112,10 +141,6 @@ def _flatten(x: np.ndarray, y: np.ndarray, z: np.ndarray, shape: np.ndarray) -> 
 
 def _unflatten(flat: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return flat % shape[0], flat // shape[0] % shape[1], flat // (shape[0] * shape[1])
-
-
-def _local(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    return (z % SIDE * SIDE + y % SIDE) * SIDE + x % SIDE
 
 
 def _morton(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ number of threads, and goes on from a checkpoint to the byte. It draws other ray
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -18,11 +19,12 @@ from training.voxels.field import finished, shade
 from training.voxels.fused.bricks import support_of
 from training.voxels.fused.rays import Batch, photographs_of
 from training.voxels.fused.step import PROBE_RAYS, Grid, Stepper, Values, grid_of
+from training.voxels.fused.survey import WEIGHT_UNITS
 from training.voxels.fused.workers import Workers
 from training.voxels.settings import Plan, Settings
 from training.voxels.smoothness import WINDOW
 from training.voxels.sparse_grid import GridLayout
-from training.voxels.state import Trainable, VoxelState
+from training.voxels.state import Trainable, VoxelState, ray_ids
 
 SURVEYED_TOGETHER = 16_384  # rays that are looked at together between steps
 SMOOTHED = 0.25  # voxels, at most, whose variation is looked at for each sample of a step
@@ -41,7 +43,7 @@ class FusedState:
         self.stage, self.rays = plain._replace(trainable=None, first=None, second=None), plain.rays  # type: ignore[arg-type]
         self.stepper: Stepper | None = None
         self.updates = int(plain.updates)
-        self.hits = np.asarray(plain.hits)[: int(plain.hit_count)]
+        self.hits, self.hit_count = np.asarray(plain.hits)[: int(plain.hit_count)], int(plain.hit_count)
 
     def unpack(self, settings: Settings, workers: Workers) -> Stepper:
         """Takes the plain arrays over; later calls return the same loops."""
@@ -49,8 +51,11 @@ class FusedState:
             assert self.plain is not None
             layout = self.plain.layout
             grid = grid_of(self.plain.cells, layout.support, layout.dims, layout.origin, layout.voxel)
-            parts = (_values(part, grid.order) for part in (self.plain.trainable, self.plain.first, self.plain.second))
-            self.values, self.first, self.second = parts
+            # the dense tables are made again where somebody asks; each part is given up when it is copied
+            self.stage = self.stage._replace(layout=layout._replace(lookup=None, support=None))  # type: ignore[arg-type]
+            parts = [self.plain.second, self.plain.first, self.plain.trainable]
+            self.plain = None
+            self.values, self.first, self.second = (_values(parts.pop(), grid.order) for _ in range(3))
             self.stepper = Stepper(grid, settings, workers)
         return self.stepper
 
@@ -59,7 +64,10 @@ class FusedState:
         if self.plain is None:
             assert self.stepper is not None
             grid = self.stepper.grid
-            layout = self.stage.layout._replace(support=jnp.asarray(support_of(grid.bricks)))
+            support, cells = support_of(grid.bricks), np.asarray(self.stage.cells)
+            lookup = np.zeros(support.size, np.int32)
+            lookup[cells[1:]] = np.arange(1, len(cells))
+            layout = self.stage.layout._replace(support=jnp.asarray(support), lookup=jnp.asarray(lookup))
             self.plain = self.stage._replace(
                 trainable=_trainable(self.values, grid), first=_trainable(self.first, grid),
                 second=_trainable(self.second, grid), updates=jnp.int32(self.updates), layout=layout, rays=self.rays,
@@ -83,23 +91,31 @@ class FusedEngine:
         return state.pack()
 
     def step(self, state: FusedState, step: int, progress: float) -> tuple[FusedState, dict[str, Any]]:
+        *_, (_, made) = self.parts(state, step, progress)
+        return made
+
+    def parts(self, state: FusedState, step: int, progress: float) -> Iterator[tuple[str, Any]]:
+        """A step part by part, in order: after each, its name and what it leaves. The last is ("adam", (state, metrics))."""
         stepper = state.unpack(self.settings, self.workers)
         random = np.random.default_rng((self.seed, step))
-        batch = self._draw(stepper, state, random, state.rays)
+        batch = self.draw(state, random, state.rays)
+        yield "draw", batch
         picked = windows(random, len(state.values.rows) - 1, self._smoothed(len(state.values.rows)))
-        gradient = stepper.differentiate(state.values, batch, picked)
+        gradient: Any = None
+        for name, gradient in stepper.gradient_parts(state.values, batch, picked):
+            yield name, gradient
         decay = self.settings.final_rate_factor**progress
         stepper.adam(state.values, state.first, state.second, gradient, state.updates, decay)
         state.updates += 1
         state.plain = None
-        return state, gradient.metrics | {"psnr": -10.0 * float(np.log10(max(gradient.metrics["mse"], 1e-12)))}
+        yield "adam", (state, gradient.metrics | {"psnr": -10.0 * float(np.log10(max(gradient.metrics["mse"], 1e-12)))})
 
     def remember(self, state: FusedState) -> FusedState:
         """As the protocol says; and draws as many rays a step from then on as fill it."""
         stepper = state.unpack(self.settings, self.workers)
         stepper.remember_depths(state.values)
         random = np.random.default_rng((self.seed, state.updates, PROBE_RAYS))
-        mean = stepper.mean_samples(self._draw(stepper, state, random, PROBE_RAYS))
+        mean = stepper.mean_samples(state.values, self.draw(state, random, PROBE_RAYS))
         rays = int(np.clip(self.plan.samples / max(mean, 1.0), 256, self.plan.most_rays))
         state.rays = -(-rays // RAYS_TOGETHER) * RAYS_TOGETHER
         state.plain = None
@@ -114,14 +130,15 @@ class FusedEngine:
             meets[low : low + len(some)] = stepper.meets(self._survey(stepper, some))
         return meets
 
-    def visible_weights(self, state: FusedState, ids: np.ndarray) -> np.ndarray:
+    def visible_weights(self, state: FusedState, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         stepper = state.unpack(self.settings, self.workers)
-        best = stepper.blank_weights()
+        best, total = stepper.blank_weights()
         for low in range(0, len(ids), SURVEYED_TOGETHER):
-            stepper.raise_weights(state.values, self._survey(stepper, ids[low : low + SURVEYED_TOGETHER]), best)
-        by_row = np.empty(len(stepper.grid.order), np.float32)
-        by_row[stepper.grid.order] = best.max(0)
-        return by_row
+            batch = self._survey(stepper, ids[low : low + SURVEYED_TOGETHER])
+            stepper.weigh(state.values, batch, best, total)
+        by_row = np.empty((2, len(stepper.grid.order)), np.float32)
+        by_row[:, stepper.grid.order] = best.max(0), total.sum(0) / WEIGHT_UNITS
+        return by_row[0], by_row[1]
 
     def raw_at(self, state: FusedState, points: np.ndarray) -> np.ndarray:
         return state.unpack(self.settings, self.workers).interpolate(state.values, points)
@@ -145,8 +162,10 @@ class FusedEngine:
         """Rays that are looked at, but not trained on; their samples as the viewer takes them."""
         return stepper.batch(self.photographs, ids.astype(np.int64), 0.5, None)
 
-    def _draw(self, stepper: Stepper, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
-        ids = self._runs(random, state.hits, rays)
+    def draw(self, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
+        """So many random rays of a state, in its grid's frame."""
+        stepper = state.unpack(self.settings, self.workers)
+        ids = self._runs(random, state, rays)
         phase = random.random(rays, np.float32)
         return stepper.batch(self.photographs, ids, phase, random.random((rays, 3), np.float32))
 
@@ -154,13 +173,12 @@ class FusedEngine:
         """The share of voxels whose variation is looked at in a step: as set, but never more work than the samples are."""
         return min(self.settings.variation_share, SMOOTHED * self.plan.samples / rows)
 
-    def _runs(self, random: np.random.Generator, hits: np.ndarray, rays: int) -> np.ndarray:
+    def _runs(self, random: np.random.Generator, state: FusedState, rays: int) -> np.ndarray:
         """int64 [rays]: ids in runs of RUN neighbouring pixels around random hits, since neighbours read the same memory."""
-        first = hits[random.integers(0, len(hits), -(-rays // RUN))].astype(np.int64) - random.integers(
-            0, RUN, -(-rays // RUN)
-        )
-        ids = (first[:, None] + np.arange(RUN)).ravel()[:rays]
-        return np.clip(ids, 0, self.count - 1)
+        runs = -(-rays // RUN)
+        some = ray_ids(state.hits, random.integers(0, state.hit_count, runs)).astype(np.int64)
+        ids = (some - random.integers(0, RUN, runs))[:, None] + np.arange(RUN)
+        return np.clip(ids.ravel()[:rays], 0, self.count - 1)
 
 
 def windows(random: np.random.Generator, voxels: int, share: float) -> np.ndarray:

@@ -20,7 +20,8 @@ class Photographs(NamedTuple):
     """The training photographs as arrays of the host; see RayDataset.
 
     pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, 4] float64; first int64 [V]; width
-    int64 [V]; ndc float64 [3] = width, height, focal, zeros where rays are not warped. near, far: bounds of t.
+    int64 [V]; row_step: one row in so many is taken; ndc float64 [3] = width, height, focal, zeros where rays are not warped.
+    near, far: bounds of t.
     """
 
     pixels: np.ndarray
@@ -29,6 +30,7 @@ class Photographs(NamedTuple):
     distortion: np.ndarray
     first: np.ndarray
     width: np.ndarray
+    row_step: int
     ndc: np.ndarray
     near: float
     far: float
@@ -60,7 +62,7 @@ def photographs_of(dataset: RayDataset) -> Photographs:
     )
     first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
     pixels, near, far = np.asarray(dataset.pixels), float(dataset.near), float(dataset.far)
-    return Photographs(pixels, poses, intrinsics, lenses, first, width, ndc, near, far)
+    return Photographs(pixels, poses, intrinsics, lenses, first, width, dataset.facts.row_step, ndc, near, far)
 
 
 def empty_batch(rays: int, coloured: bool = True) -> Batch:
@@ -84,7 +86,7 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
     for n in range(low, high):
         view = np.searchsorted(photographs.first, ids[n], side="right") - 1
         rest = ids[n] - photographs.first[view]
-        x, y = rest % photographs.width[view], rest // photographs.width[view]
+        x, y = rest % photographs.width[view], rest // photographs.width[view] * photographs.row_step
         lens = photographs.intrinsics[view]
         a, b = (x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1]
         a, b = _undistorted(a, b, photographs.distortion[view])

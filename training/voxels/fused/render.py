@@ -29,7 +29,7 @@ LOG_LATER = 1e280  # a running product that is turned into a logarithm before it
 class Numbers(NamedTuple):
     """Constants of a step, float32 but for last_depth: see training.voxels.settings.Settings.
 
-    scatter: distortion's weight over its spread, in steps; sparsity: its weight times the spacing's share.
+    scatter: distortion's weight over its spread, in voxels; sparsity: its weight times the spacing's share.
     """
 
     step: np.float32
@@ -131,7 +131,7 @@ def march_chunk(chunk, bricks: Bricks, batch: Batch, numbers, work, scratch):
                 continue
             if deep >= last_depth:
                 break
-            if count >= room:  # cannot be; memory is worth a test
+            if count >= room:  # the caller sees that the chunk is full
                 break
             n = offset + count
             if (x & 3) < 3 and (y & 3) < 3 and (z & 3) < 3:
@@ -247,7 +247,7 @@ def slope_chunk(low, high, offset, length, values, numbers, scratch, slopes, met
     ts, sigmas, befores, weights, first = scratch.t, scratch.sigma, scratch.before, scratch.weight, scratch.first
     reference, step, scatter = numbers.reference, numbers.step, np.float64(numbers.scatter)
     sparsity, scale = np.float32(2.0) * numbers.sparsity, numbers.sparsity_scale
-    one = np.float32(1.0)
+    one, own = np.float32(1.0), np.float64(step) / 3.0  # own: of distortion, of a sample with itself
     slope = np.empty(8, np.float32)
     scattered = 0.0
     for r in range(high - low):
@@ -274,8 +274,8 @@ def slope_chunk(low, high, offset, length, values, numbers, scratch, slopes, met
                 inside -= weight
                 inside_t -= weight * t
                 before = t * inside - inside_t
-                scattered += 2.0 * weight * before + weight * weight / 3.0
-                g += np.float32(scatter * (2.0 * (before + ahead_t - t * ahead) + 2.0 * weight / 3.0))
+                scattered += 2.0 * weight * before + own * weight * weight
+                g += np.float32(scatter * (2.0 * (before + ahead_t - t * ahead) + 2.0 * own * weight))
                 ahead += weight
                 ahead_t += weight * t
             tau_slope = (befores[n] - weight) * g - behind

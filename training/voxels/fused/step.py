@@ -5,10 +5,10 @@ Notation: V voxels, B bricks; `order` int32 [V + 1] is the layout's row of each 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from scenepack.constants import TRANSMITTANCE_SHADED
@@ -25,16 +25,18 @@ from training.voxels.fused.head import (
     Head,
     make_head_work,
 )
+from training.voxels.fused.passes import UP_TO
 from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch, take_rays
-from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work, march_chunk, render_chunk
+from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work
 from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
-from training.voxels.fused.survey import activate, gather_rays, interpolate, raise_weights, rays_meet
+from training.voxels.fused.survey import activate, gather_rays, interpolate, rays_meet, weigh
 from training.voxels.fused.workers import Workers
 from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import WINDOW
 
 NEVER = 2**62  # an optical depth that no ray reaches
 CHUNKS_AT_ONCE = 4  # that a worker claims
+ROOM = 64  # samples a ray that a chunk has room for, before one of them needs more
 PROBE_RAYS = 4096  # whose sample counts tell how many rays fill a step
 
 
@@ -62,12 +64,6 @@ class Gradient(NamedTuple):
     metrics: dict[str, float]
 
 
-@njit(nogil=True, cache=True)
-def _render_chunks(low, high, bricks, rows, batch, head, numbers, work, scratch, shading):
-    for chunk in range(low, high):
-        render_chunk(chunk, bricks, rows, batch, head, numbers, work, scratch, shading)
-
-
 def split_head(flat: np.ndarray) -> Head:
     """The view MLP whose parameters lie one after the other in `flat` (no copy): w0, b0, w1, b1, w2, b2."""
     used = flat.size > 0
@@ -88,14 +84,12 @@ class Stepper:
         rows = len(grid.order)
         self.slopes = np.zeros((rows, 8), np.float32)
         self.marks = np.zeros(-(-rows // 64), np.uint64)
-        self._work = None
-        # A chunk has room for the longest rays there can be, so that none is ever left out; what is not touched is no memory.
-        self._room = CHUNK * COARSE * segments_across(grid.bricks.dims, settings.step_voxels)
-        self._shading = [make_head_work(CHUNK) for _ in range(workers.count)]
-        self._scratch = [make_scratch(self._room) for _ in range(workers.count)]
+        self._most = CHUNK * COARSE * segments_across(grid.bricks.dims, settings.step_voxels)  # samples of a chunk
+        self.shading = [make_head_work(CHUNK) for _ in range(workers.count)]
+        self._give_room(min(CHUNK * ROOM, self._most))
         f = np.float32
         voxel = float(grid.voxel.max())
-        spread = settings.distortion_spread / (voxel * settings.step_voxels)
+        spread = settings.distortion_spread / voxel
         self.numbers = Numbers(
             f(settings.step_voxels), f(settings.shift), f(settings.reference), np.int64(settings.last_depth),
             f(settings.sparsity_weight * settings.step_voxels * voxel / settings.sparsity_spacing),
@@ -122,27 +116,38 @@ class Stepper:
 
     def differentiate(self, values: Values, batch: Batch, picked: np.ndarray) -> Gradient:
         """Forward and backward: fills `slopes` (sums over rays, the variation's times their number) and `marks`."""
-        chunks = -(-len(batch.start) // CHUNK)
-        work, room = self._work_for(chunks), self._room
-        head, numbers, bricks = split_head(values.head), self.numbers, self.grid.bricks
+        *_, (_, gradient) = self.gradient_parts(values, batch, picked)
+        return gradient
 
-        def render(worker: int, part: int) -> None:
-            low, high = part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks)
-            _render_chunks(low, high, bricks, values.rows, batch, head, numbers, work, self._scratch[worker],
-                           self._shading[worker])  # fmt: skip
-
-        self.workers.share(-(-chunks // CHUNKS_AT_ONCE), render)
-        sums = work.metrics.sum(0)
-        rays = max(sums[RAYS], 1.0)
+    def gradient_parts(self, values: Values, batch: Batch, picked: np.ndarray) -> Iterator[tuple[str, Any]]:
+        """`differentiate` part by part: after each, its name and what it leaves. The last is ("scatter", gradient)."""
+        work = self.render(values, batch)
+        yield "render", work
         rough = self._variation(values, picked)
-        scale = np.float32(rays)
-        bounds = self._ranges(work, room)
+        yield "variation", rough
+        yield "scatter", self._scattered(work, rough)
+
+    def render(self, values: Values, batch: Batch, up_to: str = "backward") -> Work:
+        """A batch's samples and their slopes; up_to: the name of an earlier part to end with (see passes)."""
+        head, bricks, chunks_of = split_head(values.head), self.grid.bricks, UP_TO[up_to]
+
+        def look(worker: int, low: int, high: int, work: Work) -> None:
+            chunks_of(low, high, bricks, values.rows, batch, head, self.numbers, work, self.scratch[worker],
+                      self.shading[worker])  # fmt: skip
+
+        return self.over_chunks(batch, look)
+
+    def _scattered(self, work: Work, rough: Variation) -> Gradient:
+        """Adds the slopes of samples and of the variation to those of their rows."""
+        room, sums, numbers = self._room, work.metrics.sum(0), self.numbers
+        rays = max(sums[RAYS], 1.0)
+        scale, bounds = np.float32(rays), self._ranges(work, room)
 
         def gather(_: int, part: int) -> None:
             gather_slopes(work, room, rough, scale, self.slopes, self.marks, bounds[part], bounds[part + 1])
 
         self.workers.share(len(bounds) - 1, gather)
-        weights, norms = self.settings.variation, rough.sums.sum(0) / max(len(picked), 1)
+        weights, norms = self.settings.variation, rough.sums.sum(0) / max(len(rough.near), 1)
         metrics = {
             "mse": sums[SQUARED] / (3 * rays),
             "sparsity": float(numbers.sparsity) * sums[PENALTY] / rays,
@@ -189,16 +194,9 @@ class Stepper:
 
         self.workers.share(-(-slots // size), look)
 
-    def mean_samples(self, batch: Batch) -> float:
+    def mean_samples(self, values: Values, batch: Batch) -> float:
         """Samples a ray of a batch has."""
-        chunks = -(-len(batch.start) // CHUNK)
-        work = self._work_for(chunks)
-
-        def count(worker: int, chunk: int) -> None:
-            march_chunk(chunk, self.grid.bricks, batch, self.numbers, work, self._scratch[worker])
-
-        self.workers.share(chunks, count)
-        return float(work.counts.sum() / max(len(batch.start), 1))
+        return float(self.render(values, batch, "march").counts.sum() / max(len(batch.start), 1))
 
     def meets(self, batch: Batch) -> np.ndarray:
         """bool [N]: which rays of a batch have support at any of their samples, wherever these begin."""
@@ -211,22 +209,20 @@ class Stepper:
         self.workers.share(-(-len(meets) // size), look)
         return meets
 
-    def blank_weights(self) -> np.ndarray:
-        """For `raise_weights`: zeros [T, V + 1]."""
-        return np.zeros((self.workers.count, len(self.grid.order)), np.float32)
+    def blank_weights(self) -> tuple[np.ndarray, np.ndarray]:
+        """For `weigh`: zeros [T, V + 1], float32 and int64, one row for each worker."""
+        shape = self.workers.count, len(self.grid.order)
+        return np.zeros(shape, np.float32), np.zeros(shape, np.int64)
 
-    def raise_weights(self, values: Values, batch: Batch, best: np.ndarray) -> None:
-        """Raises best [T, V + 1], one row for each worker, to the weights of a batch's samples by the voxel they lie in."""
-        chunks = -(-len(batch.start) // CHUNK)
-        work, bricks = self._work_for(chunks), self.grid.bricks
+    def weigh(self, values: Values, batch: Batch, best: np.ndarray, total: np.ndarray) -> None:
+        """Raises `best` to the weights of a batch's samples by the voxel they lie in, and adds these to `total`."""
+        weighed = np.zeros(-(-len(batch.start) // CHUNK), bool)  # chunks that are not to be counted again
 
-        def look(worker: int, part: int) -> None:
-            low, high = part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks)
-            raise_weights(
-                low, high, bricks, values.rows, batch, self.numbers, work, self._scratch[worker], best[worker]
-            )
+        def look(worker: int, low: int, high: int, work: Work) -> None:
+            weigh(low, high, self.grid.bricks, values.rows, batch, self.numbers, work, self.scratch[worker],
+                  (best[worker], total[worker], weighed))  # fmt: skip
 
-        self.workers.share(-(-chunks // CHUNKS_AT_ONCE), look)
+        self.over_chunks(batch, look)
 
     def interpolate(self, values: Values, points: np.ndarray) -> np.ndarray:
         """Raw values float32 [N, 8] at world points float32 [N, 3]."""
@@ -261,23 +257,42 @@ class Stepper:
     def gather(self, values: Values, batch: Batch) -> np.ndarray:
         """float32 [N, 9] of a batch: accumulated colours and features (7), T behind each ray, and the sum of weights times t;
         to the last sample, however little light is left."""
-        chunks = -(-len(batch.start) // CHUNK)
-        work, gathered = self._work_for(chunks), np.empty((len(batch.start), 9), np.float32)
+        gathered = np.empty((len(batch.start), 9), np.float32)
         numbers = self.numbers._replace(last_depth=np.int64(NEVER))
 
-        def look(worker: int, part: int) -> None:
-            low, high = part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks)
-            gather_rays(low, high, self.grid.bricks, values.rows, batch, numbers, work, self._scratch[worker],
-                        self._shading[worker], gathered)  # fmt: skip
+        def look(worker: int, low: int, high: int, work: Work) -> None:
+            gather_rays(low, high, self.grid.bricks, values.rows, batch, numbers, work, self.scratch[worker],
+                        self.shading[worker], gathered)  # fmt: skip
 
-        self.workers.share(-(-chunks // CHUNKS_AT_ONCE), look)
+        self.over_chunks(batch, look)
         return gathered
 
-    def _work_for(self, chunks: int) -> Work:
-        if self._work is None or len(self._work.counts) < chunks:
-            self._work = make_work(chunks, self._room)
-        work = self._work
-        return work._replace(counts=work.counts[:chunks], metrics=work.metrics[:chunks], head=work.head[:chunks])
+    def over_chunks(self, batch: Batch, look: Callable[[int, int, int, Work], None]) -> Work:
+        """What look(worker, low, high, work) leaves of each chunk low … high - 1 of a batch's rays.
+
+        Where a chunk was full, all is done again with more room: `look` must bear that. What it leaves does not depend on the
+        room. The longest rays that there can be would ask for some hundred times of what is needed, gigabytes that a system
+        may refuse even though nobody touches them.
+        """
+        chunks = -(-len(batch.start) // CHUNK)
+        while True:
+            if self._work is None or len(self._work.counts) < chunks:
+                self._work = make_work(chunks, self._room)
+            work = self._work
+            work = work._replace(counts=work.counts[:chunks], metrics=work.metrics[:chunks], head=work.head[:chunks])
+
+            def share(worker: int, part: int, work: Work = work) -> None:
+                look(worker, part * CHUNKS_AT_ONCE, min((part + 1) * CHUNKS_AT_ONCE, chunks), work)
+
+            self.workers.share(-(-chunks // CHUNKS_AT_ONCE), share)
+            if self._room == self._most or work.counts.max(initial=0) < self._room:
+                return work
+            self._give_room(min(2 * self._room, self._most))
+
+    def _give_room(self, samples: int) -> None:
+        """Room for so many samples a chunk from now on."""
+        self._room, self._work = samples, None
+        self.scratch = [make_scratch(samples) for _ in range(self.workers.count)]
 
     def _variation(self, values: Values, picked: np.ndarray) -> Variation:
         count, size = len(picked), 64 * WINDOW

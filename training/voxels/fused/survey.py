@@ -22,6 +22,8 @@ from training.voxels.fused.render import (
     sigmoid_in_place,
 )
 
+WEIGHT_UNITS = 2.0**20
+
 
 @njit(nogil=True, cache=True)
 def rays_meet(bricks: Bricks, batch, step, meets, low, high):
@@ -53,11 +55,20 @@ def rays_meet(bricks: Bricks, batch, step, meets, low, high):
 
 
 @njit(nogil=True, cache=True)
-def raise_weights(low, high, bricks, rows, batch, numbers, work, scratch, best):
-    """Raises best [V + 1] to the weights of the samples of ray chunks low … high - 1, by the voxel that each lies in."""
-    one = np.float32(1.0)
+def weigh(low, high, bricks, rows, batch, numbers, work, scratch, into):
+    """Raises best [V + 1] to the weights of the samples of ray chunks low … high - 1, by the voxel that each lies in, and adds
+    them to total int64 [V + 1], in units of 1 / WEIGHT_UNITS: whole numbers, whose sum knows no order.
+
+    into: best, total, and bool [chunks]: which were weighed before, as these that have enough room are now.
+    """
+    one, (best, total, weighed) = np.float32(1.0), into
     for chunk in range(low, high):
+        if weighed[chunk]:
+            continue
         march_chunk(chunk, bricks, batch, numbers, work, scratch)
+        if work.counts[chunk] >= scratch.t.shape[0]:
+            continue
+        weighed[chunk] = True
         offset, first = chunk * scratch.t.shape[0], scratch.first
         for r in range(min(CHUNK, batch.start.shape[0] - chunk * CHUNK)):
             transmitted, thickness = one, numbers.step * batch.length[chunk * CHUNK + r]
@@ -72,6 +83,7 @@ def raise_weights(low, high, bricks, rows, batch, numbers, work, scratch, best):
                 transmitted -= weight
                 row = work.ids[n, nearest]
                 best[row] = max(best[row], weight)
+                total[row] += np.int64(weight * WEIGHT_UNITS)
 
 
 @njit(nogil=True, cache=True)

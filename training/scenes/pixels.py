@@ -1,0 +1,148 @@
+"""The pixels of many photographs as one array of bytes: in memory, or in a file where they would take too much of it.
+
+Notation: photographs lie end to end, row by row; of each, one row in `row_step` is taken, from the first on. C channels: 3, or
+4 with alpha.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from console import UserError
+from training.scenes.pictures import PictureLoader, as_bytes, times
+from training.scenes.scene import Camera, Photograph
+
+FILE_SHARE = 3  # pixels that take more than this part of the free memory, a third, go to a file
+ALIGNED = 64  # bytes: where arrays begin that JAX takes over on a processor without copying them
+DECODING = 24  # bytes for each pixel of a photograph while it is decoded
+ASSUMED_FREE = 4 << 30  # bytes, where the system does not tell
+TOGETHER = 1 << 24  # pixels that are looked at together
+
+
+def pixel_counts(cameras: Sequence[Camera], row_step: int = 1) -> np.ndarray:
+    """int64 [V]: how many pixels are taken of each photograph."""
+    return np.array([c.width * -(-c.height // row_step) for c in cameras], np.int64)
+
+
+def may_be_transparent(photographs: Sequence[Photograph]) -> bool:
+    """Whether any may have alpha below 1, as far as headers tell. UserError where a picture is missing."""
+    loaders = (photograph.load for photograph in photographs)
+    return any(not isinstance(load, PictureLoader) or load.may_be_transparent() for load in loaders)
+
+
+def load_pixels(
+    photographs: Sequence[Photograph], first: int = 0, last: int | None = None, *,
+    channels: int = 4, row_step: int = 1, folder: Path | None = None,
+) -> np.ndarray:  # fmt: skip
+    """Pixels uint8 [last - first, C] of photographs; their sizes may differ.
+
+    Only those photographs are decoded (in threads) that have a pixel in [first, last); beyond the last pixel all is 0. With 3
+    channels, alpha is left out. folder: where the file is made, if one is needed (else the temporary folder); it has no name
+    and is gone with the array. UserError where a picture fails to decode or is not of its camera's size, or the disk is full.
+    """
+    if not photographs:
+        raise UserError("no pictures to load", expected="at least one")
+    sizes = pixel_counts([p.camera for p in photographs], row_step)
+    starts = np.cumsum(sizes) - sizes
+    last = int(sizes.sum()) if last is None else last
+    pixels = _room((last - first) * channels, folder).reshape(-1, channels)
+
+    def decode(index: int) -> None:
+        photograph, start = photographs[index], int(starts[index])
+        load = photograph.load
+        picture = load.pixels() if isinstance(load, PictureLoader) else as_bytes(load())
+        expected = (photograph.camera.width, photograph.camera.height)
+        if picture.shape[1::-1] != expected:
+            raise UserError("the picture is of another size", where=photograph.name, expected=times(expected),
+                            found=times(picture.shape[1::-1]))  # fmt: skip
+        rows = picture[::row_step].reshape(-1, picture.shape[-1])
+        low, high = max(first, start), min(last, start + len(rows))
+        there, rows = pixels[low - first : high - first], rows[low - start : high - start]
+        shared = min(channels, rows.shape[-1])
+        there[:, :shared] = rows[:, :shared]
+        there[:, shared:] = 255
+
+    needed = np.nonzero((starts < last) & (starts + sizes > first))[0]
+    with ThreadPoolExecutor(_at_once(photographs)) as pool:
+        list(pool.map(decode, needed))
+    return pixels
+
+
+def any_transparent(pixels: np.ndarray) -> bool:
+    """Whether any of the pixels uint8 [N, 4] is not opaque."""
+    return any((pixels[low : low + TOGETHER, 3] != 255).any() for low in range(0, len(pixels), TOGETHER))
+
+
+def without_alpha(pixels: np.ndarray) -> np.ndarray:
+    """Pixels uint8 [N, 3] of [N, 4], in the same memory."""
+    flat = pixels.reshape(-1)
+    for low in range(0, len(pixels), TOGETHER):
+        some = pixels[low : low + TOGETHER, :3].copy()
+        flat[3 * low : 3 * low + some.size] = some.reshape(-1)
+    return flat[: 3 * len(pixels)].reshape(-1, 3)
+
+
+def free_memory() -> int:
+    """Bytes that this process may take, as far as the system tells."""
+    told = []
+    try:
+        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
+        told.append(1024 * int(lines["MemAvailable"].split()[0]))
+    except (OSError, KeyError, ValueError):
+        told.append(ASSUMED_FREE)
+    try:  # a container's limit
+        most, used = (Path("/sys/fs/cgroup", name).read_text() for name in ("memory.max", "memory.current"))
+        told.append(int(most) - int(used))
+    except (OSError, ValueError):
+        pass
+    return max(min(told), 0)
+
+
+def _at_once(photographs: Sequence[Photograph]) -> int:
+    """How many photographs are decoded at once: as many as processors can, and a quarter of the free memory holds."""
+    largest = max(c.width * c.height for c in (p.camera for p in photographs))
+    for photograph in photographs:
+        if isinstance(photograph.load, PictureLoader):
+            largest = max(largest, int(np.prod(photograph.load.source_size)))
+    return max(1, min(16, (os.cpu_count() or 1) + 2, free_memory() // 4 // (DECODING * largest)))
+
+
+def _room(size: int, folder: Path | None) -> np.ndarray:
+    """uint8 [size] zeros, in memory or in a file without a name."""
+    if size <= free_memory() // FILE_SHARE:
+        room = np.zeros(size + ALIGNED, np.uint8)
+        start = -room.ctypes.data % ALIGNED
+        return room[start : start + size]
+    failure = OSError()
+    places = [*([folder] if folder else []), Path(tempfile.gettempdir())]
+    for place in places:
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=place) as file:
+                _reserve(file.fileno(), size)
+                return np.asarray(np.memmap(file, np.uint8, "r+", shape=(size,)))
+        except OSError as error:
+            failure = error
+    raise UserError(
+        "the photographs fit neither in memory nor on this disk",
+        where=" and ".join(map(str, places)),
+        expected=f"{size / 1e9:.1f} GB of free space",
+        found=failure.strerror or str(failure),
+        remedy="free some space there, name another folder by TMPDIR, or use --downscale 2",
+    ) from failure
+
+
+def _reserve(descriptor: int, size: int) -> None:
+    """Takes the space for a file now: a full disk would kill the process where it writes to mapped memory later."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(descriptor, 0, size)
+        return
+    zeros = bytes(1 << 24)
+    for start in range(0, size, len(zeros)):
+        os.write(descriptor, zeros[: size - start])
