@@ -44,7 +44,7 @@ class VoxelMethod:
         if self.config.voxels.view_dependence:
             head = init_view_mlp(key)
             head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
-        return self.engine.begin(dense_start(self.engine, self.plan, self.dataset.local(), head))
+        return self.engine.begin(dense_start(self.plan, self.dataset.local(), head))
 
     def step(self, state: Any, step: int, progress: float | None = None) -> tuple[Any, dict[str, Any]]:
         if progress is None:

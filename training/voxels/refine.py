@@ -31,11 +31,11 @@ from training.voxels.state import Trainable, VoxelState, ray_ids
 # can be seen, however fine the grid; with a fixed number, one in ten visible voxels at 512³ was met by none and lost.
 PRUNE_RAYS, PRUNE_RAYS_PER_VOXEL = 200_000, 0.5
 FEWER = 0.5  # where no more than this share of the voxels is left, fewer rays meet any
-MOST_FAINT = 1.0  # share
+MOST_FAINT = 0.01  # the largest share of what photographs show that pruning may take
 LISTED_TOGETHER = 1 << 25  # rays whose ids are listed together to ask which meet content
 
 
-def dense_start(engine: Engine, plan: Plan, geometry: RayDataset, head: ViewMlpParams | None) -> VoxelState:
+def dense_start(plan: Plan, geometry: RayDataset, head: ViewMlpParams | None) -> VoxelState:
     """Every voxel of the first stage present, but for what too few photographs see; raw values zero.
 
     geometry: the dataset on one device of this process (RayDataset.local).
@@ -48,9 +48,7 @@ def dense_start(engine: Engine, plan: Plan, geometry: RayDataset, head: ViewMlpP
         present = views_that_see(geometry, layout) >= plan.least_views
         layout = build_layout(present, plan.box[0], voxel)
     rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
-    hits = np.zeros(0, np.int32), geometry.count
-    if not plan.always_hit:
-        hits = _rays_that_meet(engine, layout, *hits)
+    hits = np.zeros(0, np.int32), geometry.count  # every ray
     blank, blank_too = (Trainable(jnp.zeros_like(rows), jax.tree.map(jnp.zeros_like, head)) for _ in range(2))
     return _stage_of(layout, [Trainable(rows, head), blank, blank_too], jnp.int32(0), *hits)
 
@@ -95,7 +93,8 @@ def _pruning_rays(hits: np.ndarray, hit_count: int, voxels: int) -> np.ndarray:
 
 
 def _threshold(best: np.ndarray, total: np.ndarray, keep_weight: float) -> float:
-    """Of visible weights: keep_weight, or less where voxels below it still make up much of what the photographs show."""
+    """Of visible weights: keep_weight, or less where voxels below it still make up more than MOST_FAINT of what is seen, as
+    they do early, when everything is mist."""
     order = np.argsort(best)
     share = np.cumsum(total[order], dtype=np.float64) / max(total.sum(dtype=np.float64), 1e-9)
     print(
