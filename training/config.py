@@ -176,8 +176,10 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
     if cls is VoxelConfig and "horizon" in values:  # runs of 0.1.0, before it was called by the field's word
         values = {**values, "early_termination": values["horizon"]}
         values.pop("horizon")
-    if cls is TrainConfig:  # runs of before there was a choice
+    if cls is TrainConfig:  # runs of before there was a choice, here and below
         values = {"engine": "jax", **values}
+    if cls is VoxelConfig:
+        values = {"random_background": False, **values}
     unknown = sorted(set(values) - set(names))
     if unknown:
         raise UserError(

@@ -60,6 +60,9 @@ class VoxelConfig:
     """Factor on the sparsity weight."""
     early_termination: float = 1e-3
     """A ray ends where its transmittance falls below this."""
+    random_background: bool = True
+    """Train what is cut out before random colours instead of the scene's own. Mist of the background's colour costs nothing
+    before it, and is marched through from then on. Opaque photographs always have random colours behind them."""
     view_dependence: bool = True
     """If false, train a diffuse model without a view MLP."""
 

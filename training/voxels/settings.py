@@ -31,6 +31,7 @@ class Settings(NamedTuple):
     shift: float
     reference: float
     background: tuple[float, float, float]
+    random_background: bool
     sparsity_weight: float
     sparsity_scale: float
     sparsity_spacing: float
@@ -105,6 +106,7 @@ def settings_of(config: TrainConfig, dataset: RayDataset, plan: Plan) -> Setting
         shift=float(np.log(np.expm1(optical_depth))),
         reference=float(fine),
         background=dataset.background,
+        random_background=voxels.random_background or dataset.kind != "object" or dataset.facts.cut_out,
         sparsity_weight=config.sparsity_weight * by_kind.sparsity_factor,
         sparsity_scale=config.sparsity_scale,
         sparsity_spacing=float(_ray_length(dataset) / SPARSITY_SAMPLES),

@@ -167,7 +167,10 @@ class FusedEngine:
         stepper = state.unpack(self.settings, self.workers)
         ids = self._runs(random, state, rays)
         phase = random.random(rays, np.float32)
-        return stepper.batch(self.photographs, ids, phase, random.random((rays, 3), np.float32))
+        background = random.random((rays, 3), np.float32)
+        if not self.settings.random_background:
+            background[:] = self.settings.background
+        return stepper.batch(self.photographs, ids, phase, background)
 
     def _smoothed(self, rows: int) -> float:
         """The share of voxels whose variation is looked at in a step: as set, but never more work than the samples are."""
