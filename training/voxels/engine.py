@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+import jax
 import numpy as np
 
-from training.method import Rays, RenderOutput
+from training.method import FieldOutput, Rays, RenderOutput
 from training.voxels.sparse_grid import GridLayout
 from training.voxels.state import VoxelState
 
@@ -52,6 +53,10 @@ class Engine(Protocol):
 
     def raw_at(self, state: Any, points: np.ndarray) -> np.ndarray:
         """Raw values float32 [N, 8] of a state at world points float32 [N, 3]."""
+        ...
+
+    def query(self, state: Any, points: jax.Array) -> FieldOutput:
+        """The field at world points float32 [N, 3]; see training.method.Method.query."""
         ...
 
     def render(self, state: Any, rays: Rays) -> RenderOutput:

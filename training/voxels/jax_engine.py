@@ -13,8 +13,8 @@ from jax.sharding import Mesh, NamedSharding
 
 from training.dataset import RayDataset
 from training.devices import WHOLE, here, put_whole
-from training.method import Rays, RenderOutput
-from training.voxels.field import remember_depths
+from training.method import FieldOutput, Rays, RenderOutput
+from training.voxels.field import query, remember_depths
 from training.voxels.lists import fitting_sizes, rays_with_content
 from training.voxels.render import render_all
 from training.voxels.settings import Plan, Settings
@@ -69,6 +69,9 @@ class JaxEngine:
 
     def raw_at(self, state: VoxelState, points: np.ndarray) -> np.ndarray:
         return raw_at(self.end(state), points)
+
+    def query(self, state: VoxelState, points: jax.Array) -> FieldOutput:
+        return query(state.trainable.rows, state.layout, points, self.settings)
 
     def render(self, state: VoxelState, rays: Rays) -> RenderOutput:
         return render_all(self.end(state), rays, self.settings)

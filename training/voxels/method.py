@@ -21,7 +21,6 @@ from training.dataset import RayDataset
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.view_mlp import init_view_mlp
 from training.voxels.engines import make_engine
-from training.voxels.field import query
 from training.voxels.refine import dense_start, refine
 from training.voxels.saving import restore, save
 from training.voxels.settings import plan_of, settings_of
@@ -61,8 +60,7 @@ class VoxelMethod:
         return self.engine.render(state, rays)
 
     def query(self, state: Any, points: jax.Array) -> FieldOutput:
-        plain = self.engine.end(state)
-        return query(plain.trainable.rows, plain.layout, points, self.settings)
+        return self.engine.query(state, points)
 
     def may_hold(self, state: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Whether the boxes meet any present voxel's support; see training.method.Method."""

@@ -27,9 +27,10 @@ from training.voxels.sparse_grid import (
 )  # fmt: skip
 from training.voxels.state import Trainable, VoxelState, ray_ids
 
-# How many rays tell which voxels stay. A surface is a few voxels thick, so that two rays a voxel are about ten for each that
+# How many rays tell which voxels stay. A surface is several voxels thick, so that one ray for two voxels is a few for each that
 # can be seen, however fine the grid; with a fixed number, one in ten visible voxels at 512³ was met by none and lost.
-PRUNE_RAYS, PRUNE_RAYS_PER_VOXEL = 200_000, 2.0
+PRUNE_RAYS, PRUNE_RAYS_PER_VOXEL = 200_000, 0.5
+FEWER = 0.5  # where no more than this share of the voxels is left, fewer rays meet any
 LISTED_TOGETHER = 1 << 25  # rays whose ids are listed together to ask which meet content
 
 
@@ -46,36 +47,42 @@ def dense_start(engine: Engine, plan: Plan, geometry: RayDataset, head: ViewMlpP
         present = views_that_see(geometry, layout) >= plan.least_views
         layout = build_layout(present, plan.box[0], voxel)
     rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
-    every_ray = np.zeros(0, np.int32), geometry.count
-    blank, blank_too = (jax.tree.map(jnp.zeros_like, head) for _ in range(2))  # each is given away on its own
-    return _stage_of(engine, plan, layout, Trainable(rows, head), (blank, blank_too), jnp.int32(0), every_ray)
+    hits = np.zeros(0, np.int32), geometry.count  # every ray
+    if not plan.always_hit:
+        hits = _with_content(engine, layout, *hits)
+    blank, blank_too = (Trainable(jnp.zeros_like(rows), jax.tree.map(jnp.zeros_like, head)) for _ in range(2))
+    return _stage_of(layout, [Trainable(rows, head), blank, blank_too], jnp.int32(0), hits)
 
 
 def refine(engine: Engine, state: Any, resolution: int, plan: Plan) -> Any:
     """An engine's state without the voxels that no pixel sees, in a box that fits the rest, resampled at `resolution` where
-    that is finer."""
+    that is finer; Adam's moments of voxels begin anew only there."""
     before = engine.end(state)
-    hits = np.asarray(before.hits), int(before.hit_count)
-    weights = engine.visible_weights(state, _pruning_rays(*hits, len(before.cells) - 1))
+    hits, cells = (np.asarray(before.hits), int(before.hit_count)), np.asarray(before.cells)
+    weights = engine.visible_weights(state, _pruning_rays(*hits, len(cells) - 1))
     present = present_voxels(before.layout)
     keep = np.zeros(present.shape, bool)
     keep[present] = weights[1:] > plan.keep_weight
     if not keep.any():
         return state  # nothing is visible yet: too early to prune
     keep = dilate(keep) & present
+    kept = np.concatenate([[0], 1 + np.flatnonzero(keep[present])])
     origin, voxel = np.asarray(before.layout.origin, np.float64), np.asarray(before.layout.voxel, np.float64)
     low, high = _bounds(keep)
     origin, keep = origin + low * voxel, keep[tuple(slice(a, b) for a, b in zip(low[::-1], high[::-1], strict=True))]
     finest_asked = min(plan.extent, ((high - low) * voxel).max()) / resolution
     if finest_asked < 0.75 * voxel[0]:
         keep, voxel = _resample(keep, voxel, finest_asked * plan.shape)
+        absent = np.zeros((1, CHANNELS), np.float32)
+        rows = jnp.asarray(np.concatenate([absent, engine.raw_at(state, voxel_centres(keep, origin, voxel))]))
+        parts = [Trainable(rows, before.trainable.head)]
+        parts += [Trainable(jnp.zeros_like(rows), part.head) for part in (before.first, before.second)]
+    else:
+        parts = [Trainable(part.rows[kept], part.head) for part in (before.trainable, before.first, before.second)]
     layout = build_layout(keep, origin, voxel)
-    absent = np.zeros((1, CHANNELS), np.float32)
-    rows = jnp.asarray(np.concatenate([absent, engine.raw_at(state, voxel_centres(keep, origin, voxel))]))
-    moments = (before.first.head, before.second.head)
-    return engine.begin(
-        _stage_of(engine, plan, layout, Trainable(rows, before.trainable.head), moments, before.updates, hits)
-    )
+    if not plan.always_hit and (voxel[0] < before.layout.voxel[0] or len(kept) < FEWER * len(cells)):
+        hits = _with_content(engine, layout, *hits)
+    return engine.begin(_stage_of(layout, parts, before.updates, hits))
 
 
 def _pruning_rays(hits: np.ndarray, hit_count: int, voxels: int) -> np.ndarray:
@@ -86,7 +93,7 @@ def _pruning_rays(hits: np.ndarray, hit_count: int, voxels: int) -> np.ndarray:
     return ray_ids(hits, np.sort(np.random.default_rng(1).integers(0, hit_count, count)))
 
 
-def _rays_that_meet(engine: Engine, layout: GridLayout, hits: np.ndarray, hit_count: int) -> tuple[np.ndarray, int]:
+def _with_content(engine: Engine, layout: GridLayout, hits: np.ndarray, hit_count: int) -> tuple[np.ndarray, int]:
     """Of the rays that a stage drew from, those that may meet content in a layout, some at a time."""
     kept = []
     for low in range(0, hit_count, LISTED_TOGETHER):
@@ -99,18 +106,13 @@ def _rays_that_meet(engine: Engine, layout: GridLayout, hits: np.ndarray, hit_co
 
 
 def _stage_of(
-    engine: Engine, plan: Plan, layout: GridLayout, trainable: Trainable,
-    head_moments: tuple[ViewMlpParams | None, ViewMlpParams | None], updates: jax.Array, candidates: tuple[np.ndarray, int],
-) -> VoxelState:  # fmt: skip
-    """A state around new voxels: rays that meet them, fresh moments for voxels. candidates: hits and hit_count of
-    before; other rays meet none."""
-    hits, hit_count = candidates if plan.always_hit else _rays_that_meet(engine, layout, *candidates)
+    layout: GridLayout, parts: list[Trainable], updates: jax.Array, hits: tuple[np.ndarray, int]
+) -> VoxelState:
+    """A state around new voxels. parts: the trainable values and their two moments. hits: and hit_count."""
     (cells,) = np.nonzero(np.asarray(layout.lookup))
-    first, second = (Trainable(jnp.zeros_like(trainable.rows), head) for head in head_moments)
     return VoxelState(
-        trainable=trainable, first=first, second=second, updates=updates, layout=layout,
-        cells=jnp.asarray(np.concatenate([[0], cells]).astype(np.int32)), hits=jnp.asarray(hits),
-        hit_count=jnp.int32(hit_count), sizes=None, rays=0,
+        *parts, updates=updates, layout=layout, cells=jnp.asarray(np.concatenate([[0], cells]).astype(np.int32)),
+        hits=jnp.asarray(hits[0]), hit_count=jnp.int32(hits[1]), sizes=None, rays=0,
     )  # fmt: skip
 
 

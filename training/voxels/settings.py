@@ -31,7 +31,6 @@ class Settings(NamedTuple):
     shift: float
     reference: float
     background: tuple[float, float, float]
-    any_background: bool
     sparsity_weight: float
     sparsity_scale: float
     sparsity_spacing: float
@@ -106,7 +105,6 @@ def settings_of(config: TrainConfig, dataset: RayDataset, plan: Plan) -> Setting
         shift=float(np.log(np.expm1(optical_depth))),
         reference=float(fine),
         background=dataset.background,
-        any_background=dataset.kind != "object" or dataset.facts.cut_out,
         sparsity_weight=config.sparsity_weight * by_kind.sparsity_factor,
         sparsity_scale=config.sparsity_scale,
         sparsity_spacing=float(_ray_length(dataset) / SPARSITY_SAMPLES),

@@ -119,11 +119,9 @@ def draw(stage: Stage, dataset: RayDataset, key: jax.Array, step: jax.Array, ray
     """Random training rays among those that meet content, and whatever else of a step is random."""
     ray_key, phase_key, voxel_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 4)
     ids = ray_ids(stage.hits, jax.random.randint(ray_key, (rays,), 0, stage.hit_count))
-    # Before a background of any colour, gaps in opaque photographs are mistakes, and so is white mist around what masks
-    # cut out. Rendered pictures are seen before their own colour, and keep it.
+    # Before a background of any colour, gaps in opaque photographs are mistakes, and so is mist around what is cut out: before
+    # the scene's own colour, mist of that colour costs nothing, and is marched through from then on.
     background = jax.random.uniform(colour_key, (rays, 3))
-    if not settings.any_background:
-        background = jnp.broadcast_to(jnp.asarray(settings.background), (rays, 3))
     seen, colours = split((dataset.geometry_at(ids), dataset.colours_over(ids, background)), dataset.mesh)
     picked = windows(voxel_key, stage.cells.shape[0] - 1, settings.variation_share)
     return Batch(seen, colours, background, jax.random.uniform(phase_key, (rays,)), picked)

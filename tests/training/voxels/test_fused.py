@@ -330,6 +330,11 @@ def test_what_happens_between_steps_is_asked_of_either_engine_alike(both: Both) 
     points = (centres + random.uniform(-1, 1, centres.shape) * np.asarray(layout.voxel)).astype(np.float32)
     found, known = ours.raw_at(state, points), theirs.raw_at(jax_state, points)
     np.testing.assert_allclose(found, known, rtol=1e-3, atol=1e-3 * np.abs(known).max())
+    beyond = points * 1.2  # some without support, some outside the box
+    for name, values in theirs.query(jax_state, jnp.asarray(beyond))._asdict().items():
+        np.testing.assert_allclose(
+            getattr(ours.query(state, beyond), name), values, rtol=2e-3, atol=1e-3 * np.abs(values).max(), err_msg=name
+        )
     meets, may = ours.meeting(layout, ids), theirs.meeting(layout, ids)
     assert not (meets & ~may).any() and meets.sum() > 0.6 * may.sum(), "the reference asks coarser cells"
     assert not meets.all()

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from training.arrays import aligned
 from training.dataset import RayDataset
-from training.method import Rays, RenderOutput, ViewMlpParams
+from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.voxels.field import finished, shade
 from training.voxels.fused.bricks import support_of
 from training.voxels.fused.rays import Batch, photographs_of
@@ -26,6 +27,8 @@ from training.voxels.sparse_grid import GridLayout
 from training.voxels.state import Trainable, VoxelState, ray_ids
 
 SURVEYED_TOGETHER = 16_384  # rays that are looked at together between steps
+SMOOTHED = 0.25  # voxels, at most, whose variation is looked at for each sample of a step
+RUN = 4  # neighbouring pixels that are drawn together
 RAYS_TOGETHER = 64  # the number of rays of a step is a multiple of this
 
 
@@ -79,7 +82,7 @@ class FusedEngine:
         self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None
     ) -> None:
         self.photographs, self.plan, self.settings, self.seed = photographs_of(dataset), plan, settings, seed
-        self.workers = Workers(threads)
+        self.workers, self.count = Workers(threads), dataset.count
 
     def begin(self, state: VoxelState) -> FusedState:
         return FusedState(state)
@@ -97,7 +100,7 @@ class FusedEngine:
         random = np.random.default_rng((self.seed, step))
         batch = self.draw(state, random, state.rays)
         yield "draw", batch
-        picked = windows(random, len(state.values.rows) - 1, self.settings.variation_share)
+        picked = windows(random, len(state.values.rows) - 1, self._smoothed(len(state.values.rows)))
         gradient: Any = None
         for name, gradient in stepper.gradient_parts(state.values, batch, picked):
             yield name, gradient
@@ -139,6 +142,10 @@ class FusedEngine:
     def raw_at(self, state: FusedState, points: np.ndarray) -> np.ndarray:
         return state.unpack(self.settings, self.workers).interpolate(state.values, points)
 
+    def query(self, state: FusedState, points: jax.Array | np.ndarray) -> FieldOutput:
+        values = state.unpack(self.settings, self.workers).query(state.values, np.asarray(points))
+        return FieldOutput(values[:, 0], values[:, 1:4], values[:, 4:])  # type: ignore[arg-type]
+
     def render(self, state: FusedState, rays: Rays) -> RenderOutput:
         stepper = state.unpack(self.settings, self.workers)
         origins, directions, near, far = (np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far))
@@ -152,19 +159,26 @@ class FusedEngine:
 
     def _survey(self, stepper: Stepper, ids: np.ndarray) -> Batch:
         """Rays that are looked at, but not trained on; their samples as the viewer takes them."""
-        half = np.full(len(ids), 0.5, np.float32)
-        return stepper.batch(self.photographs, ids.astype(np.int64), half, np.zeros((len(ids), 3), np.float32))
+        return stepper.batch(self.photographs, ids.astype(np.int64), 0.5, None)
 
     def draw(self, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
         """So many random rays of a state, in its grid's frame."""
         stepper = state.unpack(self.settings, self.workers)
-        ids = ray_ids(state.hits, random.integers(0, state.hit_count, rays)).astype(np.int64)
+        ids = self._runs(random, state, rays)
         phase = random.random(rays, np.float32)
-        if self.settings.any_background:
-            background = random.random((rays, 3), np.float32)
-        else:
-            background = np.broadcast_to(np.asarray(self.settings.background, np.float32), (rays, 3))
-        return stepper.batch(self.photographs, ids, phase, background)
+        return stepper.batch(self.photographs, ids, phase, random.random((rays, 3), np.float32))
+
+    def _smoothed(self, rows: int) -> float:
+        """The share of voxels whose variation is looked at in a step: as set, but never more work than the samples are."""
+        return min(self.settings.variation_share, SMOOTHED * self.plan.samples / rows)
+
+    def _runs(self, random: np.random.Generator, state: FusedState, rays: int) -> np.ndarray:
+        """int64 [rays]: ids in runs of RUN neighbouring pixels around random hits, since neighbours read the same memory."""
+        count = -(-rays // RUN)
+        around = ray_ids(state.hits, random.integers(0, state.hit_count, count)).astype(np.int64)
+        first = around - random.integers(0, RUN, count)
+        ids = (first[:, None] + np.arange(RUN)).ravel()[:rays]
+        return np.clip(ids, 0, self.count - 1)
 
 
 def windows(random: np.random.Generator, voxels: int, share: float) -> np.ndarray:

@@ -65,18 +65,23 @@ def photographs_of(dataset: RayDataset) -> Photographs:
     return Photographs(pixels, poses, intrinsics, lenses, first, width, dataset.facts.row_step, ndc, near, far)
 
 
-def empty_batch(rays: int) -> Batch:
-    """Room for so many rays."""
+def empty_batch(rays: int, coloured: bool = True) -> Batch:
+    """Room for so many rays; without room for viewing directions, target and background where it is not coloured."""
 
     def room(*shape: int) -> np.ndarray:
         return np.empty((rays, *shape), np.float32)
 
-    return Batch(room(3), room(3), room(), room(), room(), room(3), room(3), room(3), room())
+    colours = [np.empty((rays if coloured else 0, 3), np.float32) for _ in range(3)]
+    return Batch(room(3), room(3), room(), room(), room(), *colours, room())
 
 
 @njit(nogil=True, cache=True)
 def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
-    """Fills rays low … high - 1 of `batch` from their ids, but for phase and background, which are there already."""
+    """Fills rays low … high - 1 of `batch` from their ids, but for phase and background, which are there already.
+
+    Where the batch has no room for them (empty_batch), viewing directions and colours are left out.
+    """
+    coloured = batch.target.shape[0] > 0
     direction, position = np.empty(3), np.empty(3)
     for n in range(low, high):
         view = np.searchsorted(photographs.first, ids[n], side="right") - 1
@@ -92,11 +97,13 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
         norm = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
         for axis in range(3):
             direction[axis] /= norm
-            batch.viewdirs[n, axis] = direction[axis]
+            if coloured:
+                batch.viewdirs[n, axis] = direction[axis]
         if photographs.ndc[2] > 0:
             _warp_to_ndc(position, direction, photographs.ndc)
         _into_grid(batch, n, position, direction, photographs.near, photographs.far, origin, voxel, dims)
-        _colour(photographs.pixels, ids[n], batch, n)
+        if coloured:
+            _colour(photographs.pixels, ids[n], batch, n)
 
 
 @njit(nogil=True, cache=True)

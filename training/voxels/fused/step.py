@@ -29,7 +29,7 @@ from training.voxels.fused.passes import UP_TO
 from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch, take_rays
 from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work
 from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
-from training.voxels.fused.survey import gather_rays, interpolate, raise_weights, rays_meet
+from training.voxels.fused.survey import activate, gather_rays, interpolate, raise_weights, rays_meet
 from training.voxels.fused.workers import Workers
 from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import WINDOW
@@ -96,10 +96,15 @@ class Stepper:
             f(settings.sparsity_scale), f(settings.distortion_weight / spread), f(TRANSMITTANCE_SHADED),
         )  # fmt: skip
 
-    def batch(self, photographs: Photographs, ids: np.ndarray, phase: np.ndarray, background: np.ndarray) -> Batch:
-        """The rays of ids [N] in the grid's frame, over `background` [N, 3], with samples at `phase` [N]."""
-        grid, batch = self.grid, empty_batch(len(ids))
-        batch.phase[:], batch.background[:] = phase, background
+    def batch(
+        self, photographs: Photographs, ids: np.ndarray, phase: np.ndarray | float, background: np.ndarray | None
+    ) -> Batch:
+        """The rays of ids [N] in the grid's frame, over `background` [N, 3] (None: without colours), with samples at
+        `phase` [N]."""
+        grid, batch = self.grid, empty_batch(len(ids), background is not None)
+        batch.phase[:] = phase
+        if background is not None:
+            batch.background[:] = background
         size = 16 * CHUNK
 
         def fill(_: int, part: int) -> None:
@@ -229,9 +234,21 @@ class Stepper:
         self.workers.share(-(-len(points) // size), look)
         return raw
 
+    def query(self, values: Values, points: np.ndarray) -> np.ndarray:
+        """float32 [N, 8] at world points float32 [N, 3]: density (0 without support), colours and features in [0, 1]."""
+        field, size, grid, numbers = np.empty((len(points), 8), np.float32), 4096, self.grid, self.numbers
+
+        def look(_: int, part: int) -> None:
+            low, high = part * size, min((part + 1) * size, len(points))
+            interpolate(grid.bricks, values.rows, grid.origin, grid.voxel, points, field, low, high)
+            activate(grid.bricks, grid.origin, grid.voxel, points, numbers.shift, numbers.reference, field, low, high)
+
+        self.workers.share(-(-len(points) // size), look)
+        return field
+
     def take(self, origins: np.ndarray, directions: np.ndarray, near: np.ndarray, far: np.ndarray) -> Batch:
         """Rays of the training frame, [N, 3] and [N], in the grid's frame; samples as the viewer takes them."""
-        grid, batch = self.grid, empty_batch(len(near))
+        grid, batch = self.grid, empty_batch(len(near), coloured=False)
         batch.phase[:] = 0.5
         take_rays(origins, directions, near, far, grid.origin, grid.voxel, grid.bricks.dims, batch, 0, len(near))
         return batch

@@ -12,7 +12,15 @@ import numpy as np
 from numba import njit
 
 from training.voxels.fused.bricks import Bricks, row_of
-from training.voxels.fused.render import CHUNK, CLOSE, composite_chunk, fetch_chunk, leaving, march_chunk
+from training.voxels.fused.render import (
+    CHUNK,
+    CLOSE,
+    composite_chunk,
+    fetch_chunk,
+    leaving,
+    march_chunk,
+    sigmoid_in_place,
+)
 
 
 @njit(nogil=True, cache=True)
@@ -110,3 +118,27 @@ def gather_rays(low, high, bricks, rows, batch, numbers, work, scratch, shading,
             for n in range(scratch.first[r], scratch.first[r + 1]):
                 total += scratch.weight[n] * scratch.t[n]
             gathered[first_ray + r, 8] = total
+
+
+@njit(nogil=True, cache=True)
+def activate(bricks: Bricks, origin, voxel, points, shift, reference, values, low, high):
+    """Raw values low … high - 1 of [N, 8] at points [N, 3] become density, 0 without support, colours and features."""
+    slots, support = bricks.slots, bricks.support
+    width, height = np.int64(bricks.shape[0]), np.int64(bricks.shape[1])
+    cell = np.zeros(3, np.int64)
+    for n in range(low, high):
+        values[n, 0] += shift
+    for n in range(low, high):
+        inside = True
+        for axis in range(3):
+            g = (np.float64(points[n, axis]) - origin[axis]) / voxel[axis]
+            inside = inside and g >= 0 and g <= bricks.dims[axis]
+            cell[axis] = min(max(np.int64(np.floor(g - 0.5)) + 1, 0), np.int64(bricks.dims[axis]))
+        x, y, z = cell[0], cell[1], cell[2]
+        slot = slots[((z >> 2) * height + (y >> 2)) * width + (x >> 2)]
+        density = np.float32(0.0)
+        if inside and slot >= 0 and support[slot, ((z & 3) * 4 + (y & 3)) * 4 + (x & 3)] != 0:
+            raw = np.float64(values[n, 0])
+            density = np.float32((max(raw, 0.0) + np.log1p(np.exp(-abs(raw)))) / reference)
+        sigmoid_in_place(values[n, 1:], 7)
+        values[n, 0] = density
