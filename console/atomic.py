@@ -21,9 +21,10 @@ import secrets
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 try:
     import fcntl
@@ -36,10 +37,12 @@ _LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process 
 _SWAP_PATIENCE_S = 2.0
 
 
-def write_file(path: Path, data: bytes | str) -> None:
-    """Puts `data` (text as UTF-8) at `path`, whose folder exists, in one step. Raises OSError."""
-    with replacing(path) as new:
-        new.write_bytes(data.encode() if isinstance(data, str) else data)
+def write_file(path: Path, data: bytes | str | Iterable[Any]) -> None:
+    """Puts `data` (text as UTF-8; or parts, one after the other) at `path`, whose folder exists, in one step. Raises OSError."""
+    parts = [data.encode()] if isinstance(data, str) else [data] if isinstance(data, bytes) else data
+    with replacing(path) as new, new.open("wb") as file:
+        for part in parts:
+            file.write(part)
 
 
 @contextmanager

@@ -7,20 +7,26 @@ A reader that finds the newest damaged goes back to the one before it, and says 
 from __future__ import annotations
 
 import errno
+import json
 import re
+import struct
 import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
 
 from console import Notice, UserError
 from console.atomic import write_file
 
 KEPT = 2
+DTYPES = {
+    "float64": "F64", "float32": "F32", "float16": "F16", "bfloat16": "BF16", "int64": "I64", "int32": "I32", "int16": "I16",
+    "int8": "I8", "uint64": "U64", "uint32": "U32", "uint16": "U16", "uint8": "U8", "bool": "BOOL",
+}  # fmt: skip
 FORMAT = "1"
 NAME = re.compile(r"step_(\d{8,})\.safetensors")
 
@@ -51,7 +57,7 @@ def write_checkpoint(folder: Path, step: int, arrays: Mapping[str, np.ndarray]) 
     path = checkpoint_path(folder, step)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_file(path, save(arrays, metadata))
+        write_file(path, _serialised(arrays, metadata))
     except OSError as error:
         raise cannot_write(path, error) from error
     for _, old in list_checkpoints(folder)[:-KEPT]:
@@ -110,5 +116,27 @@ def _checksum(arrays: Mapping[str, np.ndarray]) -> str:
     crc = 0
     for name in sorted(arrays):
         crc = zlib.crc32(name.encode(), crc)
-        crc = zlib.crc32(np.ascontiguousarray(arrays[name]).tobytes(), crc)
+        crc = zlib.crc32(_bytes_of(arrays[name]), crc)
     return f"{crc:08x}"
+
+
+def _bytes_of(array: np.ndarray) -> np.ndarray:
+    """uint8 [.], in place where the array is contiguous."""
+    return np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+
+
+def _serialised(arrays: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> Iterator[bytes | np.ndarray]:
+    """A safetensors file part by part: the package's own writer would hold all arrays twice more, gigabytes of a fine grid."""
+    names = sorted(arrays, key=lambda name: (-arrays[name].dtype.itemsize, name))  # so that each is aligned
+    header: dict[str, Any] = {"__metadata__": dict(metadata)}
+    offset = 0
+    for name in names:
+        array = arrays[name]
+        span = [offset, offset + array.nbytes]
+        header[name] = {"dtype": DTYPES[array.dtype.name], "shape": list(array.shape), "data_offsets": span}
+        offset += array.nbytes
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    yield struct.pack("<Q", len(text)) + text
+    for name in names:
+        yield _bytes_of(arrays[name])

@@ -43,13 +43,14 @@ def train(
     they were then; its description, where that was read before. Ctrl-C saves a checkpoint and raises KeyboardInterrupt that
     says how to go on. UserError for bad scenes, divergence, a full disk, and for an `out` that exists already.
     """
-    keep_freed_memory()
     scene_path, out = Path(scene_path), Path(out)
     if resume:
         stored = read_description(out) if resume is True else resume
         run = resume_run(out, stored, scene_path, config)
     else:
         run = start_run(out, scene_path, config, options)
+    if run.config.engine != "fused":  # whose loops keep their memory themselves, and leave the rest to the system
+        keep_freed_memory()
     if is_writer() and (line := box_line(run.scene, given=run.options.aabb is not None)):
         print(line, file=sys.stderr, flush=True)
     with together():

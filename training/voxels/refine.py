@@ -31,9 +31,8 @@ from training.voxels.state import Trainable, VoxelState, ray_ids
 # can be seen, however fine the grid; with a fixed number, one in ten visible voxels at 512³ was met by none and lost.
 PRUNE_RAYS, PRUNE_RAYS_PER_VOXEL = 200_000, 0.5
 FEWER = 0.5  # where no more than this share of the voxels is left, fewer rays meet any
-MOST_FAINT = (
-    0.25  # no pruning takes a larger share of what photographs show: 0.01 to 0.2 is usual, 0.99 while all is mist
-)
+# No pruning takes a larger share of what photographs show: 0.01 to 0.2 is usual, 0.99 where all is mist still.
+MOST_FAINT = 0.25
 LISTED_TOGETHER = 1 << 25  # rays whose ids are listed together to ask which meet content
 
 
@@ -99,12 +98,6 @@ def _threshold(best: np.ndarray, total: np.ndarray, keep_weight: float) -> float
     they do early, when everything is mist."""
     order = np.argsort(best)
     share = np.cumsum(total[order], dtype=np.float64) / max(total.sum(dtype=np.float64), 1e-9)
-    print(
-        "SHARE below keep",
-        share[max(np.searchsorted(best[order], keep_weight) - 1, 0)],
-        "thr at 1,2,5%",
-        [float(best[order][np.searchsorted(share, q)]) for q in (0.01, 0.02, 0.05)],
-    )
     return min(keep_weight, float(best[order][np.searchsorted(share, MOST_FAINT)]))
 
 

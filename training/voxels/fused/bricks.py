@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from training.arrays import aligned
 from training.voxels.fused.vectors import population_count
 
 SIDE = 4  # voxels of a brick along each axis
@@ -126,7 +127,7 @@ def support_of(bricks: Bricks) -> np.ndarray:
     """uint8, flat over padded cells: the support of a layout, from that of its bricks."""
     padded = bricks.dims.astype(np.int64) + 2
     corners = bricks.corners.astype(np.int64)
-    flat = np.zeros(int(np.prod(padded)), np.uint8)
+    flat = aligned((int(np.prod(padded)),), np.uint8)
     for local in range(VOLUME):
         x, y, z = (corners + np.array([local % SIDE, local // SIDE % SIDE, local // SIDE**2])).T
         values = bricks.support[:, local]

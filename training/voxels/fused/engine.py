@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from training.arrays import aligned
 from training.dataset import RayDataset
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.voxels.field import finished, shade
@@ -65,7 +66,7 @@ class FusedState:
             assert self.stepper is not None
             grid = self.stepper.grid
             support, cells = support_of(grid.bricks), np.asarray(self.stage.cells)
-            lookup = np.zeros(support.size, np.int32)
+            lookup = aligned((support.size,), np.int32)
             lookup[cells[1:]] = np.arange(1, len(cells))
             layout = self.stage.layout._replace(support=jnp.asarray(support), lookup=jnp.asarray(lookup))
             self.plain = self.stage._replace(
@@ -200,7 +201,7 @@ def _values(part: Trainable, order: np.ndarray) -> Values:
 
 
 def _trainable(values: Values, grid: Grid) -> Trainable:
-    rows = np.empty_like(values.rows)
+    rows = aligned(values.rows.shape)
     rows[grid.order] = values.rows
     return Trainable(jnp.asarray(rows), _view_mlp(values.head))
 
