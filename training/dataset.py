@@ -177,7 +177,8 @@ class RayDataset:
         if self.facts.distorted:
             a, b = undistort(a, b, self.distortion[view])
         pose = self.world_T_camera[view]
-        directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1))
+        in_camera = jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1)
+        directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], in_camera, precision=jax.lax.Precision.HIGHEST)
         directions /= jnp.linalg.norm(directions, axis=-1, keepdims=True)
         return finish_rays(pose[:, :, 3], directions, self.facts)
 

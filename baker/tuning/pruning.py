@@ -163,7 +163,7 @@ def _raise_transmittance(
     rays = to_grid(layout, source.geometry_at(ids, away))
     samples = march(layout, rays, jnp.full(count, 0.5), sizes, 1.0, depth_where(EARLY_TERMINATION))
     corners, shares = layout.corners(samples.g)
-    alpha = jnp.einsum("nk,nk->n", shares, stored[corners].astype(jnp.float32)) * (1 / 255)
+    alpha = (shares * stored[corners].astype(jnp.float32)).sum(-1) * (1 / 255)
     alpha = jnp.where(samples.valid & (alpha > ALPHA_CONTRIBUTES), alpha, 0.0)
     before, _ = transmittance(samples, -jnp.log1p(-jnp.minimum(alpha, MAX_ALPHA)), count, sizes.per_ray)
     enough = (before > TRANSMITTANCE_STOP) & (before * alpha >= tau_weight)
