@@ -1,9 +1,10 @@
 """Lines of sight: the rays by which pruning learns what photographs show of a pack (baker.tuning.pruning).
 
 Of each photograph they are a lattice, begun at a random place. Its step follows the grid, not the pixels: SPACING voxels
-where the photographs see surfaces. A sample lights the voxels within one of it, so with a step of `spacing` voxels nothing
-that a photograph shows is further from what is lit than spacing / 2 - 1, rounded up: `reach`. Rays that meet no content are
-not marched. Their number grows with the surface in view alone, and beyond MOST_RAYS the step grows instead.
+where the photographs see surfaces. A surface that is seen at 45 degrees is met by some ray within about `spacing` voxels of
+any of its points, in the worst corner of the lattice, and a sample lights the voxels within one of it. Most are seen from
+straighter ahead, or by several photographs, so light is taken to reach spacing - 2 voxels further: `reach`. Rays that meet
+no content are not marched. Their number grows with the surface in view alone, and beyond MOST_RAYS the step grows instead.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def lines_of_sight(scene: Sighted, dataset: RayDataset, sizes: MarchSizes, seed:
         chosen = rays_that_meet(scene.layout, scene.rays, places, sizes.segments, away=moved)
         ids.append(places[chosen])
         away.append(moved[chosen])
-    reach = max(ceil(SPACING * wider / 2 - 1), 0)
+    reach = ceil(SPACING * wider - 2)
     return Sight(np.concatenate(ids), np.concatenate(away), reach)
 
 

@@ -94,6 +94,7 @@ def test_early_termination_changes_nothing_but_the_work(dataset, monkeypatch) ->
         return samples
 
     monkeypatch.setattr(sighting, "march", counting)
+    monkeypatch.setattr(sighting, "PILOTS", 64)  # whose marches end late, for they measure
     found = []
     for depth_where in (pruning.depth_where, lambda transmittance: None):
         monkeypatch.setattr(pruning, "depth_where", depth_where)
@@ -120,7 +121,7 @@ def fine_ball(side: int) -> tuple[Pack, np.ndarray]:
     return pack, np.argwhere((distance < RADIUS) & (distance > RADIUS - 0.9 * voxel))
 
 
-def shown(pack: Pack, places: np.ndarray, scene: Scene, slope: float = 0.3) -> np.ndarray:
+def shown(pack: Pack, places: np.ndarray, scene: Scene, slope: float = 0.7) -> np.ndarray:
     """bool [N]: which voxels of a ball about the origin some training camera sees, no more aslant than `slope`."""
     at = ((places[:, ::-1] + 0.5) * pack.voxel_size + pack.min_xyz) @ pack.worldspace_T_opengl[:3, :3].T
     eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
@@ -164,4 +165,4 @@ def test_rays_are_as_many_as_the_surface_in_view_asks_for_and_beyond_the_most_ea
     assert coarse.reach == fine.reach == 1
     monkeypatch.setattr(sighting, "MOST_RAYS", len(fine.ids) // 9)
     fewer = sight_of(fine_ball(112)[0], dataset)
-    assert len(fewer.ids) < 1.2 * sighting.MOST_RAYS and fewer.reach == 4, "three times as far apart: 9 voxels"
+    assert len(fewer.ids) < 1.2 * sighting.MOST_RAYS and 6 <= fewer.reach <= 8, "three times as far apart: 9 voxels"
