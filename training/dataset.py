@@ -12,6 +12,7 @@ hold, and a batch's colours are fetched from whichever device has them.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
@@ -21,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 
-from console import UserError
+from console import Notice, UserError
 from scenepack.constants import NDC_NEAR
 from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
@@ -31,6 +32,9 @@ from training.scenes.scene import Kind
 
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
 MOST_RAYS = 2**31 - 1  # ids are int32
+OPAQUE = (
+    "the pictures have no alpha; what is behind the object counts as part of the scene and is trained and baked with it"
+)
 
 
 class SceneFacts(NamedTuple):
@@ -250,6 +254,8 @@ def make_dataset(scene: Scene, split: str = "train", mesh: Mesh | None = None) -
         own = load_pixels(photographs, low, high)
     if not anywhere(bool(np.any(own[:, 3] != 255))):
         own = np.ascontiguousarray(own[:, :3])
+        if scene.kind == "blender":
+            warnings.warn(Notice(f"{scene.path}: {OPAQUE}"), stacklevel=2)
     whole = put_whole(
         {
             "world_T_camera": np.stack([c.world_T_camera[:3] for c in cameras]).astype(np.float32),

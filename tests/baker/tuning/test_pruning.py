@@ -95,6 +95,7 @@ def test_early_termination_changes_nothing_but_the_work(dataset, monkeypatch) ->
 
     monkeypatch.setattr(sighting, "march", counting)
     monkeypatch.setattr(sighting, "PILOTS", 64)  # whose marches end late, for they measure
+    monkeypatch.setattr(pruning, "CHUNK_RAYS", 256)  # the last chunk is filled up with one ray
     found = []
     for depth_where in (pruning.depth_where, lambda transmittance: None):
         monkeypatch.setattr(pruning, "depth_where", depth_where)
