@@ -102,7 +102,7 @@ def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, capsys) -> None:
     assert np.all(places.min(0) < box[0] + 0.25) and np.all(places.max(0) > box[1] - 0.25)
     assert "nothing was trained in this box" in one_line(capsys, snerg_bake, [*line, "--aabb", "2,-1,-1,3,1,1"])
     assert "--fine-tune all" in one_line(capsys, snerg_bake, [*line, "--aabb", text, "--fine-tune", "all"])
-    assert "is not a box" in one_line(capsys, snerg_bake, [*line, "--aabb", "1,2,3,4,5,nan"])
+    assert "the box is empty" in one_line(capsys, snerg_bake, [*line, "--aabb", "1,2,3,0,5,6"])
 
 
 def test_a_view_can_be_rendered_and_timed(made: Path, scene: Path, tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def fine_ball(side: int) -> tuple[Pack, np.ndarray]:
     rgba = np.where(distance[..., None] < RADIUS, np.array([200, 100, 50, 255], np.uint8), np.uint8(0))
     atlas = atlas_from_dense(rgba, np.zeros_like(rgba), 14)
     low = np.full(3, -side / 2 * voxel)
-    pack = Pack(voxel, low, (side,) * 3, 14, *atlas, None, BLENDER_FRAME)
+    pack = Pack(voxel, low, (side, side, side), 14, *atlas, None, BLENDER_FRAME)
     return pack, np.argwhere((distance < RADIUS) & (distance > RADIUS - 0.9 * voxel))
 
 
