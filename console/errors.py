@@ -65,6 +65,11 @@ class UserError(Exception):
             line += f"; {remedy}"
         super().__init__(" ".join(line.split()))
 
+    def with_remedy(self, remedy: str) -> UserError:
+        """The same error of the same kind with something else to do about it, after what it says already."""
+        both = remedy if self.remedy is None else f"{self.remedy}, {remedy}"
+        return type(self)(self.what, where=self.where, expected=self.expected, found=self.found, remedy=both)
+
 
 def refusal(error: BaseException) -> str | None:
     """In plain words what the machine refuses: disk, permissions, memory. None where `error` is about something else."""

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from baker.baking.bake import BakeConfig
 from baker.commands.bake import main as snerg_bake
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.make import main as snerg_make
 from scenepack import check_pack, load_pack
+from scenepack.blocks import dense_from_pack
 from scenepack.commands import main as snerg_pack
 from training.commands.train import main as snerg_train
 from training.scenes.procedural import write_procedural_scene
@@ -87,38 +87,22 @@ def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene:
     assert load_pack(out / "pack").metadata["provenance"]["steps"] == 320
 
 
-@pytest.mark.parametrize("command", ["snerg-bake", "snerg-make"])
-def test_above_the_finest_grid_that_is_pruned_no_voxel_is_unless_that_is_asked_for(
-    made: Path, scene: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
-    assert (BakeConfig(512).least_weight, BakeConfig(513).least_weight) == (0.02, 0.0)
-    assert (
-        BakeConfig(1000, tau_weight=0.02).least_weight == 0.02 and BakeConfig(256, tau_weight=0.0).least_weight == 0.0
-    )
-    for room in ("bake", "to_pack"):  # a bake above 512 takes minutes
-        monkeypatch.setattr(f"baker.baking.{room}.FINEST_PRUNED", 40)
-    out = tmp_path / "out"
-    shutil.copytree(made / "run", out / "run")
-    lines = {
-        "snerg-bake": (snerg_bake, [str(out / "run"), "--out", str(out / "pack")]),
-        "snerg-make": (snerg_make, [str(scene), "--out", str(out), "--preset", "tiny", "--no-view"]),
-    }
-    main, line = lines[command]
-
-    def voxels(resolution: int, *options: str) -> tuple[str, dict[str, int] | None]:
-        capsys.readouterr()
-        assert main([*line, "--resolution", str(resolution), "--fine-tune", "none", *options]) == 0
-        return capsys.readouterr().out, load_pack(out / "pack").metadata["provenance"].get("voxels")
-
-    said, pruned = voxels(40)
-    assert "--tau-weight 0.02: " in said and pruned and pruned["after"] < pruned["before"]
-    said, pruned = voxels(41)
-    assert "--tau-weight 0: above 40 voxels a side no faint voxels" in said and pruned is None
-    if command == "snerg-bake":
-        said, pruned = voxels(41, "--tau-weight", "0.02")
-        assert "--tau-weight" not in said and pruned and pruned["after"] < pruned["before"]
-        said, pruned = voxels(40, "--tau-weight", "0")
-        assert "--tau-weight" not in said and pruned is None
+def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, capsys) -> None:
+    line = [str(made / "run"), "--out", str(tmp_path / "pack"), "--resolution", "60", "--tau-weight", "0"]
+    box = np.array([[-0.6, -0.5, -0.3], [0.6, 0.5, 0.4]])
+    text = ",".join(map(str, box.ravel()))
+    assert snerg_bake([*line, "--fine-tune-epochs", "2", "--aabb", text]) == 0
+    pack = load_pack(tmp_path / "pack")
+    assert pack.voxel_size == pytest.approx(1.2 / 60), "as many voxels along the longest side of the box"
+    assert pack.metadata["provenance"]["aabb"] == pytest.approx(box.ravel())
+    z, y, x = np.nonzero(dense_from_pack(pack)[0][..., 3])
+    content = (np.stack([x, y, z], -1) + 0.5) * pack.voxel_size + pack.min_xyz
+    places = content @ pack.worldspace_T_opengl[:3, :3].T
+    assert np.all(places >= box[0] - pack.voxel_size) and np.all(places <= box[1] + pack.voxel_size), "and no more"
+    assert np.all(places.min(0) < box[0] + 0.25) and np.all(places.max(0) > box[1] - 0.25)
+    assert "nothing was trained in this box" in one_line(capsys, snerg_bake, [*line, "--aabb", "2,-1,-1,3,1,1"])
+    assert "--fine-tune all" in one_line(capsys, snerg_bake, [*line, "--aabb", text, "--fine-tune", "all"])
+    assert "the box is empty" in one_line(capsys, snerg_bake, [*line, "--aabb", "1,2,3,0,5,6"])
 
 
 def test_a_view_can_be_rendered_and_timed(made: Path, scene: Path, tmp_path: Path) -> None:

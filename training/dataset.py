@@ -36,6 +36,9 @@ from training.scenes.scene import Kind
 
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
 MOST_RAYS = 2**31 - 1  # ids are int32
+OPAQUE = (
+    "the pictures have no alpha; what is behind the object counts as part of the scene and is trained and baked with it"
+)
 
 
 class SceneFacts(NamedTuple):
@@ -181,7 +184,8 @@ class RayDataset:
         if self.facts.distorted:
             a, b = undistort(a, b, self.distortion[view])
         pose = self.world_T_camera[view]
-        directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1))
+        in_camera = jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1)
+        directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], in_camera, precision=jax.lax.Precision.HIGHEST)
         directions /= jnp.linalg.norm(directions, axis=-1, keepdims=True)
         return finish_rays(pose[:, :, 3], directions, self.facts)
 
@@ -271,7 +275,9 @@ def make_dataset(
         channels = 4 if may_be_transparent(photographs) else 3
         own = load_pixels(photographs, low, high, channels=channels, row_step=row_step, folder=folder)
     if channels == 4 and not anywhere(any_transparent(own[: max(count - low, 0)])):
-        own = without_alpha(own)
+        own, channels = without_alpha(own), 3
+    if channels == 3 and scene.kind == "blender":
+        warnings.warn(Notice(f"{scene.path}: {OPAQUE}"), stacklevel=2)
     whole = put_whole(
         {
             "world_T_camera": np.stack([c.world_T_camera[:3] for c in cameras]).astype(np.float32),

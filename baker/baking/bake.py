@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from baker.baking.culling import TAU_ALPHA, TAU_VIS, Culling, content_box, cull
-from baker.baking.field_query import field_query, occupied_query
+from baker.baking.field_query import FieldQuery, field_query, occupied_query, within
 from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
 from baker.baking.supersample import supersample
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
@@ -31,11 +31,11 @@ from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.allocator import keep_freed_memory
 from training.run import Run, require_bakeable
+from training.scenes.box import OPTION, box_text, with_box
+from training.scenes.scene import Box
 
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
 STAGE = "baking"  # in what programs that started us read of our progress
-# Above so many voxels a side the rays of pruning are too few to meet all that photographs show: at 1000 it cost 1.8 dB.
-FINEST_PRUNED = 512
 FORMAT = 1  # of a work folder: raised whenever the same key would give other pieces
 
 
@@ -49,22 +49,16 @@ class BakeConfig:
     """Macroblocks whose largest opacity is below this are dropped."""
     tau_vis: float = TAU_VIS
     """Macroblocks that no training camera sees with at least this transmittance are dropped."""
-    tau_weight: float | None = None
-    """Voxels that no training photograph shows with at least this weight are emptied; 0 leaves all (the paper). None: see
-    least_weight."""
+    tau_weight: float = TAU_WEIGHT
+    """Voxels that would make up less than this of any pixel of any training photograph are emptied; 0 leaves all (the paper)."""
     fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp"
     """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together."""
     fine_tune_epochs: int = EPOCHS
     """Passes over the training pixels that refine the view MLP; 0 for none."""
     seed: int = 0
     """Seed of the Gaussian samples within voxels and of fine-tuning."""
-
-    @property
-    def least_weight(self) -> float:
-        """tau_weight, where it is None as suits the resolution: none above FINEST_PRUNED."""
-        if self.tau_weight is not None:
-            return self.tau_weight
-        return TAU_WEIGHT if self.resolution <= FINEST_PRUNED else 0.0
+    aabb: Box | None = None
+    """The box that is baked, training frame, in place of the one around the content; not for NDC scenes."""
 
 
 class Stages:
@@ -89,6 +83,7 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
         "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
         "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
         "resolution": config.resolution, "tau_alpha": config.tau_alpha, "tau_vis": config.tau_vis,
+        "aabb": config.aabb,
     }  # fmt: skip
 
 
@@ -98,7 +93,7 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
     work: where a broken-off bake with the same work_key goes on, and where other processes help (its share); the caller
     removes it when the pack is saved.
     """
-    _require_bakeable(run, config)
+    check_bake(run, config)
     stages = stages or Stages()
     grid, culling = _culled(run, config, work, stages)
     with stages("supersampling"):
@@ -115,16 +110,17 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
         for part in atlas[1:]:
             restore_padding(part, atlas[0], BLOCK_SIZE)
     counts, removed = culling.counts(), None
-    if config.least_weight > 0:
+    if config.tau_weight > 0:
         with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
-            pack, removed = prune(pack, run.dataset, config.least_weight, config.seed, bar.update)
+            pack, removed = prune(pack, run.dataset, config.tau_weight, config.seed, bar.update)
         counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
     if config.fine_tune != "none":
         with stages("view MLP"), progress("fine-tuning the view MLP", 1.0, stage=STAGE) as bar:
             pack, before, after = fine_tune(
-                pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update
-            )
+                pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update,
+                by_opacity=config.aabb is not None,
+            )  # fmt: skip
         if np.isfinite(after):
             tuned = {
                 "epochs": config.fine_tune_epochs,
@@ -136,7 +132,8 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
         tuned |= figures
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
-        **vars(run.options), "resolution": config.resolution, "tau_weight": config.least_weight, "macroblocks": counts,
+        **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": config.resolution,
+        "tau_weight": config.tau_weight, "macroblocks": counts,
     }  # fmt: skip
     if removed:
         provenance["voxels"] = {"before": removed.voxels_before, "after": removed.voxels_after}
@@ -150,25 +147,36 @@ def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
 
     What comes after (pruning, fine-tuning) is not shared.
     """
-    _require_bakeable(run, config)
+    check_bake(run, config)
     with suppress(BakeEnded):
         grid, culling = _culled(run, config, work, Stages())
         next(_content(run, config, work, grid, culling), None)  # the first is there once none is missing
 
 
-def _require_bakeable(run: Run, config: BakeConfig) -> None:
+def check_bake(run: Run, config: BakeConfig) -> None:
+    """UserError where this run cannot be baked so; before anything is written."""
     require_bakeable(run)
     if config.resolution < BLOCK_SIZE:
         raise UserError("too coarse", where="--resolution", expected=f"at least {BLOCK_SIZE}", found=config.resolution)
+    if config.aabb is not None and config.fine_tune == "all":
+        raise UserError(
+            "voxels are tuned on whole photographs, and a box cuts off what these show outside of it",
+            where=f"{OPTION}, --fine-tune all", remedy="use --fine-tune view-mlp, or train with this box",
+        )  # fmt: skip
+    if config.aabb is not None:
+        _box_to_bake(run, config.aabb)
     keep_freed_memory()
 
 
 def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stages) -> tuple[BakeGrid, Culling]:
     """The grid, and which of its macroblocks are kept."""
-    query = field_query(run)
+    query = _query(run, config)
     frame = np.asarray(run.scene.worldspace_T_opengl, np.float64)
 
     def find_box() -> Arrays:
+        if config.aabb is not None:
+            low, high = box_in_grid_frame(_box_to_bake(run, config.aabb), frame)
+            return {"low": low, "high": high}
         found = content_box(
             query, *box_in_grid_frame(run.dataset.aabb, frame), config.resolution, frame, config.tau_alpha
         )
@@ -190,6 +198,22 @@ def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stage
     return grid, culling
 
 
+def _query(run: Run, config: BakeConfig) -> FieldQuery:
+    """The field; empty outside of the box that is baked, where there is one: grids are whole macroblocks and reach further."""
+    query = field_query(run)
+    return query if config.aabb is None else within(query, _box_to_bake(run, config.aabb))
+
+
+def _box_to_bake(run: Run, box: Box) -> np.ndarray:
+    """What of a box [2, 3] was trained. UserError where that is nothing, or a scene has no box."""
+    asked, trained = with_box(run.scene, box).aabb, np.asarray(run.dataset.aabb, np.float64)
+    both = np.stack([np.maximum(asked[0], trained[0]), np.minimum(asked[1], trained[1])])
+    if not (both[0] < both[1]).all():
+        raise UserError("nothing was trained in this box", where=OPTION, expected=f"a part of {box_text(trained)}",
+                        found=box_text(asked))  # fmt: skip
+    return both
+
+
 def _content(
     run: Run, config: BakeConfig, work: WorkFolder | None, grid: BakeGrid, culling: Culling
 ) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
@@ -197,7 +221,7 @@ def _content(
     count = int(culling.kept.sum())
     with progress("supersampling", count, stage=STAGE) as bar:
         yield from supersample(
-            field_query(run), grid, culling,
+            _query(run, config), grid, culling,
             tau_alpha=config.tau_alpha, seed=config.seed, on_blocks=_Rate(bar, count), work=work,
         )  # fmt: skip
 

@@ -44,6 +44,17 @@ def field_query(run: Run) -> FieldQuery:
     return ask
 
 
+def within(query: FieldQuery, box: np.ndarray) -> FieldQuery:
+    """The field of `query` inside a training-frame box [2, 3], and no density outside."""
+
+    def ask(points: np.ndarray) -> FieldOutput:
+        field = query(points)
+        inside = np.all((points >= box[0]) & (points <= box[1]), axis=-1)
+        return field._replace(density=np.where(inside, field.density, 0))  # type: ignore[arg-type]
+
+    return ask
+
+
 def _moved(state: Any, device: Any) -> Any:
     return jax.tree.map(lambda v: jax.device_put(v, device) if isinstance(v, jax.Array) else v, state)
 

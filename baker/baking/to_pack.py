@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from baker.baking.bake import FINEST_PRUNED, STAGE, BakeConfig, Stages, bake, help_bake, work_key
+from baker.baking.bake import STAGE, BakeConfig, Stages, bake, check_bake, help_bake, work_key
 from baker.baking.pictures import with_pictures
 from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
 from console import UserError, progress
@@ -41,8 +41,7 @@ def bake_to(
 
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
     """
-    if config.tau_weight is None:
-        print(describe_pruning(config))
+    check_bake(run, config)
     stages = Stages()
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
@@ -58,16 +57,6 @@ def bake_to(
     times = ", ".join(f"{name} {duration(seconds)}" for name, seconds in stages.seconds.items())
     print(f"{times}; {duration(sum(stages.seconds.values()))} in all{peak_memory()}")
     return stages.seconds
-
-
-def describe_pruning(config: BakeConfig) -> str:
-    """One line about what happens to faint voxels where no --tau-weight says it."""
-    if config.least_weight > 0:
-        return f"--tau-weight {config.least_weight:g}: voxels that no photograph shows with that weight are emptied"
-    return (
-        f"--tau-weight 0: above {FINEST_PRUNED} voxels a side no faint voxels are emptied unless --tau-weight says so, "
-        "since visible ones would go, too"
-    )
 
 
 def peak_memory() -> str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from console import UserError, run_command, write_json
 
@@ -20,6 +21,8 @@ def snerg_eval(
     spherify: bool = False,
     masks: bool = False,
     mask_by_alpha: bool = False,
+    mask_of: Path | None = None,
+    allow_half: bool = False,
     json: Path | None = None,
     images: Path | None = None,
 ) -> None:
@@ -33,19 +36,29 @@ def snerg_eval(
         spherify: Read an LLFF or COLMAP scene as a 360 degree scene. Set automatically if the run or pack was trained so.
         masks: Cut the object out with the masks next to the pictures. Set automatically likewise.
         mask_by_alpha: Compare only where the run or pack is opaque, as the paper does for real 360 degree scenes.
+        mask_of: Compare only where this other run or pack is opaque. Give the same one for all methods that you compare.
+        allow_half: Measure a pack that does not fit on the graphics card at half its resolution. Without this option, such a
+            pack is refused.
         json: Also write the scores to this file; "-" prints them instead of the text.
         images: Folder for pictures: the rendering, the photograph, and five times their difference.
     """
     from baker.reports.evaluation import evaluate, reading_of
     from training.scenes import load_scene
+    from viewer.rendering.gpu_scene import OR_HALF, NoRoomError
 
-    if not subject.exists():
-        raise UserError("no such run or pack", where=subject)
+    for path in (subject, mask_of):
+        if path is not None and not path.exists():
+            raise UserError("no such run or pack", where=path)
     made = reading_of(subject)
     photographed = load_scene(
         scene, downscale=downscale, spherify=spherify or made["spherify"], masks=masks or bool(made["masks"])
     )
-    result = evaluate(subject, photographed, split, images, mask_by_alpha)
+    try:
+        result = evaluate(
+            subject, photographed, split, images, by_alpha=mask_by_alpha, mask_of=mask_of, allow_half=allow_half
+        )
+    except NoRoomError as error:
+        raise error if allow_half else error.with_remedy(OR_HALF) from error
     if write_json(json, result):
         return
     lpips = "-" if result["lpips"] is None else f"{result['lpips']:.4f}"
@@ -53,8 +66,14 @@ def snerg_eval(
         print(f"{view['name']}: {view['psnr']:.2f} dB, SSIM {view['ssim']:.4f}")
     print(
         f"mean of {len(result['views'])} views at {result['width']} x {result['height']}: PSNR {result['psnr']:.2f} dB, "
-        f"SSIM {result['ssim']:.4f}, LPIPS {lpips}"
+        f"SSIM {result['ssim']:.4f}, LPIPS {lpips}" + (f"; {_grid(result)}" if result["grid_size"] else "")
     )
+
+
+def _grid(result: Mapping[str, Any]) -> str:
+    """The resolution at which a pack was measured, in words."""
+    voxels = " x ".join(map(str, result["grid_size"])) + " voxels"
+    return f"{voxels}, fewer than the pack has" if result["halved"] else voxels
 
 
 def main(args: Sequence[str] | None = None) -> int:

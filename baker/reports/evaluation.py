@@ -1,13 +1,14 @@
 """How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (docs/commands.md, snerg-eval).
 
 Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
-pictures (section 6, real 360° scenes), since otherwise what lies outside of the box would decide: `by_alpha`.
+pictures (section 6, real 360° scenes), since otherwise what lies outside of the box would decide: `by_alpha`. Several
+methods are compared on the same pixels where all take the mask of one of them: `mask_of`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -28,6 +29,15 @@ Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
 
 
 @dataclass(frozen=True)
+class Drawn:
+    """A subject that is drawn by `show`. Of a pack: grid_size, its voxels (x, y, z) as drawn; halved: fewer than it has."""
+
+    show: Shown
+    grid_size: tuple[int, int, int] | None = None
+    halved: bool = False
+
+
+@dataclass(frozen=True)
 class ViewScore:
     """Scores of one view; lpips is None where its weights are not installed."""
 
@@ -38,24 +48,35 @@ class ViewScore:
 
 
 def evaluate(
-    subject: Path | Run, scene: Scene, split: str, images: Path | None = None, by_alpha: bool = False
+    subject: Path | Run,
+    scene: Scene,
+    split: str,
+    images: Path | None = None,
+    *,
+    by_alpha: bool = False,
+    mask_of: Path | None = None,
+    allow_half: bool = False,
 ) -> dict[str, Any]:
     """The JSON of snerg-eval for a run (its folder, or loaded) or a pack. images: folder for pictures beside their photographs.
 
-    by_alpha: both are shown over the background wherever the subject is transparent.
+    by_alpha: both are shown over the background wherever the subject is transparent; mask_of: wherever this other run or
+    pack is. allow_half: a pack that does not fit on the graphics card is drawn at half its resolution.
 
-    UserError where the subject is neither, or the split has no photographs.
+    UserError where the subject is neither, it does not fit, or the split has no photographs.
     """
     photographs = scene.splits.get(split, ())
     if not photographs:
         raise UserError("no photographs in this split", where="--split", expected=", ".join(scene.splits), found=split)
     scores = []
-    with shown_by(subject) as show, progress("evaluating", len(photographs)) as bar:
+    with ExitStack() as stack:
+        drawn = stack.enter_context(shown_by(subject, allow_half))
+        mask = drawn if mask_of is None else stack.enter_context(shown_by(mask_of, allow_half))
+        bar = stack.enter_context(progress("evaluating", len(photographs)))
         for photograph in photographs:
             truth = over_background(photograph.load(), scene.background)
-            picture = show(photograph.camera, "normal")
-            if by_alpha:
-                opacity = show(photograph.camera, "alpha")[..., None]
+            picture = drawn.show(photograph.camera, "normal")
+            if by_alpha or mask_of is not None:
+                opacity = mask.show(photograph.camera, "alpha")[..., None]
                 picture, truth = (
                     over_background(np.concatenate([shown, opacity], -1), scene.background)
                     for shown in (picture, truth)
@@ -69,6 +90,9 @@ def evaluate(
         "views": [vars(s) for s in scores],
         "width": photographs[0].camera.width,
         "height": photographs[0].camera.height,
+        "grid_size": drawn.grid_size,
+        "halved": drawn.halved,
+        "mask": str(mask_of) if mask_of is not None else "own" if by_alpha else None,
     }
 
 
@@ -91,16 +115,17 @@ def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray) -> Vie
 
 
 @contextmanager
-def shown_by(subject: Path | Run) -> Iterator[Shown]:
+def shown_by(subject: Path | Run, allow_half: bool = False) -> Iterator[Drawn]:
     """What draws the subject: the field itself for a run, the OpenGL renderer for a pack."""
     if isinstance(subject, Run) or is_run(subject):
-        yield _field_pictures(subject if isinstance(subject, Run) else load_run(subject))
+        yield Drawn(_field_pictures(subject if isinstance(subject, Run) else load_run(subject)))
         return
     from viewer.rendering.offscreen import OffscreenRenderer
 
     pack = load_pack(subject)
-    with OffscreenRenderer(pack) as renderer:
-        yield _pack_pictures(pack, renderer)
+    with OffscreenRenderer(pack, allow_half=allow_half) as renderer:
+        drawn = renderer.pack.grid_size
+        yield Drawn(_pack_pictures(pack, renderer), drawn, drawn != pack.grid_size)
 
 
 def _field_pictures(run: Run) -> Shown:

@@ -52,11 +52,11 @@ class Study:
         """
         run, config = run or self.run, dataclasses.replace(self.options, **changes)
         name = f"{config.resolution}-{config.fine_tune}"
-        name += "" if config.least_weight > 0 else "-all-voxels"
+        name += "" if config.tau_weight > 0 else "-all-voxels"
         name = f"against-{name}" if run is self.against else name
         pack, note = self.out / "packs" / name, self.out / "packs" / f"{name}.json"
         key = work_key(run, config) | {
-            "tau_weight": config.least_weight, "fine_tune": config.fine_tune, "fine_tune_epochs": config.fine_tune_epochs,
+            "tau_weight": config.tau_weight, "fine_tune": config.fine_tune, "fine_tune_epochs": config.fine_tune_epochs,
         }  # fmt: skip
         kept = _read(note)
         if kept.get("key") == key and pack.is_dir():

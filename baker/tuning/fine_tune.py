@@ -43,18 +43,24 @@ CHUNK_RAYS, CHUNK_SAMPLES = 4096, 131_072
 
 
 class Pixels(NamedTuple):
-    """Shaded training pixels: diffuse [P, 3] with background, features [P, 4], viewdirs [P, 3], target [P, 3]."""
+    """Shaded training pixels: diffuse [P, 3] with background, features [P, 4], viewdirs [P, 3], target [P, 3]; weight [P, 1]
+    of a pixel's error, before it is squared."""
 
     diffuse: jax.Array
     features: jax.Array
     viewdirs: jax.Array
     target: jax.Array
+    weight: jax.Array
 
 
 def fine_tune(
-    pack: Pack, dataset: RayDataset, *, epochs: int = EPOCHS, seed: int = 0, on_share: Callable[[float, str], None] | None = None
+    pack: Pack, dataset: RayDataset, *, epochs: int = EPOCHS, seed: int = 0, by_opacity: bool = False,
+    on_share: Callable[[float, str], None] | None = None,
 ) -> tuple[Pack, float, float]:  # fmt: skip
     """The pack with its view MLP refined, and the PSNR over shaded training pixels before and after.
+
+    by_opacity: photographs also show what lies outside of the pack's box. Errors are weighted by the pack's own opacity, as
+    the paper masks pictures of such scenes (section 6).
 
     A diffuse pack, and one that no training pixel meets, comes back as it is.
     """
@@ -63,6 +69,8 @@ def fine_tune(
     pixels = shaded_pixels(pack, dataset, seed, on_share)
     if pixels is None:
         return pack, float("nan"), float("nan")
+    if not by_opacity:
+        pixels = pixels._replace(weight=jnp.ones_like(pixels.weight))
     params = to_params(pack.view_mlp)
     before = _psnr(params, pixels)
     optimiser = optax.adam(LEARNING_RATE)
@@ -95,7 +103,7 @@ def shaded_pixels(
     table = np.concatenate(kept)
     if len(table) == 0:
         return None
-    return Pixels(*(jnp.asarray(part) for part in np.split(table, [3, 7, 10], axis=1)))
+    return Pixels(*(jnp.asarray(part) for part in np.split(table, [3, 7, 10, 13], axis=1)))
 
 
 @partial(jax.jit, static_argnames=("sizes", "ndc"))
@@ -103,18 +111,18 @@ def _march_pixels(
     layout: PackLayout, voxels: jax.Array, dataset: RayDataset, source: GridFrameRays, ids: jax.Array,
     sizes: MarchSizes, ndc: bool,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:  # fmt: skip
-    """[N, 13] diffuse, features, viewdirs, target of pixels `ids`; which are shaded; which were marched whole."""
+    """[N, 14] diffuse, features, viewdirs, target, opacity of pixels `ids`; which are shaded; which were marched whole."""
     rays, target = source.geometry_at(ids), dataset.colours_at(ids)
     sums, complete = accumulate(layout, voxels, rays, sizes)
     diffuse, features, behind = over_background(sums, dataset.background, ndc)
-    table = jnp.concatenate([diffuse, features, rays.viewdirs, target], axis=-1)
+    table = jnp.concatenate([diffuse, features, rays.viewdirs, target, 1 - behind[:, None]], axis=-1)
     return table, behind <= TRANSMITTANCE_SHADED, complete
 
 
 def _squared_error(params: ViewMlpParams, pixels: Pixels) -> jax.Array:
     """Mean squared error per channel of what the viewer would show; it clamps the sum."""
     residual = apply_view_mlp(params, pixels.diffuse, pixels.features, pixels.viewdirs)
-    return jnp.mean(jnp.square(jnp.minimum(pixels.diffuse + residual, 1.0) - pixels.target))
+    return jnp.mean(jnp.square(pixels.weight * (jnp.minimum(pixels.diffuse + residual, 1.0) - pixels.target)))
 
 
 @partial(jax.jit, static_argnames="optimiser")

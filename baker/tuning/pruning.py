@@ -1,16 +1,18 @@
 """Emptying the voxels that no training view sees enough of, and closing what is behind surfaces (beyond SNeRG section 5.4).
 
-The paper culls whole macroblocks. What is left in them is in good part haze: voxels that never make up two hundredths of
-any pixel, yet each costs every ray that meets it a sample, and bytes. So rays are marched through the baked pack as the
-viewer marches it, and a voxel stays where some sample that it is part of has a weight of tau_weight; the criterion is
-that of PlenOctrees (Yu et al. 2021, section 4.1) at the viewer's own samples. The same march tells how much light arrives
-at a voxel at best. Where that is little, nobody can tell how deep the scene goes on, so these are made denser: rays end.
+The paper culls whole macroblocks. What is left in them is in good part haze: voxels that never make up a hundredth of any
+pixel, yet each costs every ray that meets it a sample, and bytes. So rays are marched through the baked pack as the viewer
+marches it, and tell how much light arrives at each voxel at best. A voxel stays where this, times its own opacity, is
+tau_weight: so much a sample at its centre would make up of a pixel. (PlenOctrees, Yu et al. 2021, section 4.1, take the
+weights of the samples that happen to fall on a voxel; those of a voxel that no ray went through the middle of are too low.)
+Where little light arrives, nobody can tell how deep the scene goes on, so such voxels are made denser: rays end.
 
-Notation: B = block_size + 2; slots number the occupied macroblocks; T the transmittance before a sample, T alpha its weight,
-which is its share in its pixel; a voxel's transmittance is the largest T of the samples with enough weight that it is part
-of, in units of 1/255 and rounded up; 0 where there is none.
-Rays go through random places of the training photographs, not through pixel centres alone: where photographs are
-coarser than voxels, voxels between two pixels' rays must not be mistaken for unseen ones.
+Which rays (baker.tuning.sighting): of every photograph a lattice, as many voxels apart as the light that reaches a voxel is
+taken to reach its neighbours, too. So no voxel lies between the rays however fine the grid is: where rays would be too
+many, they lie further apart and their light reaches further, which keeps more voxels, never fewer.
+
+Notation: B = block_size + 2; slots number the occupied macroblocks; T the transmittance before a sample, a voxel's
+transmittance the largest T of the samples that it is part of, in units of 1/255 and rounded up; 0 where there is none.
 """
 
 from __future__ import annotations
@@ -23,19 +25,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.pack_layout import MAX_ALPHA, PackLayout, pack_layout, pack_rays, pack_sizes
+from baker.tuning.pack_layout import pack_layout, pack_rays, pack_sizes
+from baker.tuning.sighting import Sight, Sighted, lines_of_sight, see
 from scenepack.blocks import block_copy, fill_atlas
-from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
+from scenepack.constants import TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.dataset import RayDataset
-from training.marching.batches import rays_that_meet, until_complete
+from training.marching.batches import until_complete
 from training.marching.layout import depth_where
-from training.marching.march import MarchSizes, march, transmittance
-from training.marching.rays import GridFrameRays, to_grid
+from training.marching.march import MarchSizes
 
-TAU_WEIGHT = 0.02
-RAYS_A_VOXEL, MOST_RAYS = 0.75, 4_000_000  # with a third as many, a lego at 512³ loses 0.8 dB
+TAU_WEIGHT = 0.0085  # on a lego at 512³ this empties one voxel in seven and costs 0.04 dB
 HIDDEN, DEEP, DENSER = 0.3, 0.02, 20.0  # from transmittance HIDDEN down to DEEP, density grows to DENSER times itself
 EARLY_TERMINATION = 1e-4  # T at which marches end; depths are estimates, so far behind the last T that counts
 CHUNK_RAYS, CHUNK_SAMPLES = 16_384, 524_288
@@ -57,29 +58,28 @@ def prune(
     seed: int = 0,
     on_share: Callable[[float], None] | None = None,
 ) -> tuple[Pack, Pruned]:
-    """The pack without the voxels that no sample of a training view with weight tau_weight touches, closed within.
+    """The pack without the voxels that would make up less than tau_weight of any pixel of a training view, closed within.
 
     The arrays of `pack` are changed. A pack that no view sees at all comes back as it is.
     """
     assert pack.atlas_features is not None, "baking always stores features"
     blocks = [tuple(block) for block in np.argwhere(pack.occupied)]
-    best = _transmittance(pack, dataset, tau_weight, seed, on_share)
-    if not best.any():
+    lit = light_of(pack, dataset, seed, on_share)
+    if lit is None:
         count = sum(int(np.count_nonzero(_data(pack, pack.atlas_rgba, block)[..., 3])) for block in blocks)
         return pack, Pruned(count, count, 0)
     before = after = 0
-    size = pack.block_size
     kept = np.zeros(pack.occupied.shape, bool)
     for block in blocks:
-        rgba = _data(pack, pack.atlas_rgba, block)
-        had, lit = rgba[..., 3] > 0, best[tuple(slice(b * size, (b + 1) * size) for b in block)]
-        stays = had & (lit > 0)
-        gain = stays * closing_gain(rgba[..., 3], lit)
+        rgba, arriving = _data(pack, pack.atlas_rgba, block), lit.at(block)
+        had = rgba[..., 3] > 0
+        stays = had & (arriving.astype(np.float32) * rgba[..., 3] >= tau_weight * 255**2)
+        gain = stays * closing_gain(rgba[..., 3], arriving)
         for values in (rgba, _data(pack, pack.atlas_features, block)):
             values[...] = np.round(values * gain[..., None])
         before, after = before + int(had.sum()), after + int(stays.sum())
         kept[block] = stays.any()
-    del best
+    del lit
     indices, rgba, features = fill_atlas(
         ((block, _voxels(pack, block)) for block in blocks if kept[block]), kept, pack.block_size
     )
@@ -109,64 +109,72 @@ def _voxels(pack: Pack, block: tuple[int, ...]) -> np.ndarray:
     return np.concatenate([_data(pack, atlas, block) for atlas in (pack.atlas_rgba, pack.atlas_features)], axis=-1)
 
 
-def _transmittance(
-    pack: Pack, dataset: RayDataset, tau_weight: float, seed: int, on_share: Callable[[float], None] | None
-) -> np.ndarray:
-    """uint8 [grid voxels z, y, x, filled up to whole macroblocks]: each voxel's transmittance."""
+@dataclass(frozen=True)
+class Light:
+    """transmittance uint8 [voxels z, y, x with a margin around], where rays went; how far it reaches beyond, in voxels."""
+
+    transmittance: np.ndarray
+    block_size: int
+    reach: int
+
+    def at(self, block: tuple[int, ...]) -> np.ndarray:
+        """uint8 [bs, bs, bs]: the most light that arrives within `reach` of each voxel of a macroblock."""
+        size, around = self.block_size, 2 * self.reach + 1
+        arriving = self.transmittance[tuple(slice(b * size, (b + 1) * size + around - 1) for b in block)]
+        for axis in range(3):
+            views = np.lib.stride_tricks.sliding_window_view(arriving, around, axis=axis)
+            arriving = views.max(axis=-1)
+        return arriving
+
+
+def light_of(pack: Pack, dataset: RayDataset, seed: int, on_share: Callable[[float], None] | None) -> Light | None:
+    """The light that arrives at the voxels of a pack in the training photographs; None where they do not see it."""
     blocks = [tuple(block) for block in np.argwhere(pack.occupied)]
     size, side = pack.block_size, pack.padded_block_size
+    layout, rays, sizes = pack_layout(pack), pack_rays(pack, dataset), pack_sizes(pack, CHUNK_SAMPLES)
     alpha = np.zeros((max(len(blocks), 1), side, side, side), np.uint8)
     for slot, block in enumerate(blocks):
         alpha[slot] = block_copy(pack, pack.atlas_rgba, block)[..., 3]
-    copies = np.asarray(_transmittance_of_copies(pack, alpha, dataset, tau_weight, seed, on_share)).reshape(alpha.shape)
-    # A voxel is in the copies of up to eight macroblocks; a sample touches one of them. One more around the grid.
-    best = np.zeros([n * size + 2 for n in pack.occupied.shape], np.uint8)
+    scene = Sighted(layout, rays, jnp.asarray(alpha.reshape(-1)))
+    sight = lines_of_sight(scene, dataset, sizes, seed)
+    if sight is None:
+        return None
+    copies = np.asarray(_transmittance_of_copies(scene, sight, sizes, on_share)).reshape(alpha.shape)
+    # A voxel is in the copies of up to eight macroblocks; a sample touches one of them.
+    margin = max(sight.reach, 1)
+    best = np.zeros([n * size + 2 * margin for n in pack.occupied.shape], np.uint8)
     for slot, block in enumerate(blocks):
-        at = best[tuple(slice(b * size, b * size + side) for b in block)]
+        at = best[tuple(slice(b * size + margin - 1, b * size + margin - 1 + side) for b in block)]
         np.maximum(at, copies[slot], out=at)
-    return best[1:-1, 1:-1, 1:-1]
+    cut = margin - sight.reach
+    return Light(best[(slice(cut, -cut or None),) * 3], size, sight.reach) if best.any() else None
 
 
 def _transmittance_of_copies(
-    pack: Pack, alpha: np.ndarray, dataset: RayDataset, tau_weight: float, seed: int,
-    on_share: Callable[[float], None] | None,
-) -> jax.Array:  # fmt: skip
-    """uint8 [slots B³]: the transmittance of voxels of the padded copies, whose alpha is uint8 [slots, B, B, B]."""
-    layout, rays, sizes = pack_layout(pack), pack_rays(pack, dataset), pack_sizes(pack, CHUNK_SAMPLES)
-    stored, best = jnp.asarray(alpha.reshape(-1)), jnp.zeros(alpha.size, jnp.uint8)
-    rng = np.random.default_rng(seed)
-    count = max(int(min(RAYS_A_VOXEL * np.count_nonzero(alpha), MOST_RAYS)), CHUNK_RAYS)
-    ids = rng.integers(0, dataset.count, count, np.int32)
-    away = rng.random((count, 2), np.float32) - np.float32(0.5)
-    meets = rays_that_meet(layout, rays, ids, sizes.segments, away=away)  # most may pass an object by
-    ids, away = ids[meets], away[meets]
+    scene: Sighted, sight: Sight, sizes: MarchSizes, on_share: Callable[[float], None] | None
+) -> jax.Array:
+    """uint8 [slots B³]: the transmittance of voxels of the padded copies."""
+    best = jnp.zeros(scene.alpha.size, jnp.uint8)
 
     def march_some(places: np.ndarray) -> tuple[None, jax.Array]:
         nonlocal best
-        some = jnp.asarray(ids[places]), jnp.asarray(away[places])
-        best, complete = _raise_transmittance(best, stored, layout, rays, *some, tau_weight, sizes)
+        some = jnp.asarray(sight.ids[places]), jnp.asarray(sight.away[places])
+        best, complete = _raise_transmittance(best, scene, *some, sizes)
         return None, complete
 
-    for _, done, _ in until_complete(len(ids), CHUNK_RAYS, march_some):
+    for _, done, _ in until_complete(len(sight.ids), CHUNK_RAYS, march_some):
         if on_share:
-            on_share(done / len(ids))
+            on_share(done / len(sight.ids))
     return best
 
 
 @partial(jax.jit, static_argnames="sizes", donate_argnums=0)
 def _raise_transmittance(
-    best: jax.Array, stored: jax.Array, layout: PackLayout, source: GridFrameRays, ids: jax.Array, away: jax.Array,
-    tau_weight: float, sizes: MarchSizes,
-) -> tuple[jax.Array, jax.Array]:  # fmt: skip
+    best: jax.Array, scene: Sighted, ids: jax.Array, away: jax.Array, sizes: MarchSizes
+) -> tuple[jax.Array, jax.Array]:
     """Raises `best` by what rays `ids`, moved by `away` [N, 2] pixels, see; also which rays were marched whole."""
-    count = ids.shape[0]
-    rays = to_grid(layout, source.geometry_at(ids, away))
-    samples = march(layout, rays, jnp.full(count, 0.5), sizes, 1.0, depth_where(EARLY_TERMINATION))
-    corners, shares = layout.corners(samples.g)
-    alpha = jnp.einsum("nk,nk->n", shares, stored[corners].astype(jnp.float32)) * (1 / 255)
-    alpha = jnp.where(samples.valid & (alpha > ALPHA_CONTRIBUTES), alpha, 0.0)
-    before, _ = transmittance(samples, -jnp.log1p(-jnp.minimum(alpha, MAX_ALPHA)), count, sizes.per_ray)
-    enough = (before > TRANSMITTANCE_STOP) & (before * alpha >= tau_weight)
-    at = jnp.where(enough[:, None] & (shares > 0), corners, best.size)
-    value = jnp.ceil(255 * before).astype(jnp.uint8)
-    return best.at[at].max(jnp.broadcast_to(value[:, None], at.shape), mode="drop"), samples.complete
+    seen = see(scene, ids, away, sizes, depth_where(EARLY_TERMINATION))
+    arrives = (seen.before > TRANSMITTANCE_STOP) & (seen.alpha > 0)
+    at = jnp.where(arrives[:, None] & (seen.shares > 0), seen.corners, best.size)
+    value = jnp.ceil(255 * seen.before).astype(jnp.uint8)
+    return best.at[at].max(jnp.broadcast_to(value[:, None], at.shape), mode="drop"), seen.samples.complete

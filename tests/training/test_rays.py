@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from console import Notice
 from tests.training.ndc import ndc_points
 from training.dataset import make_dataset, ndc_warp, undistort
 from training.scenes import Camera, Photograph, Scene
@@ -102,3 +104,18 @@ def test_a_resized_camera_sees_the_same_directions():
     _, directions = numpy_rays.camera_rays(looking_down(), np.array(11.0), np.array(7.0))
     _, resized = numpy_rays.camera_rays(small, np.array(5.5), np.array(3.5))
     np.testing.assert_allclose(resized, directions)
+
+
+@pytest.mark.parametrize("opaque", [True, False])
+def test_a_blender_scene_without_alpha_is_told_to_be_trained_with_its_background(opaque: bool) -> None:
+    camera = looking_down()
+    pixels = np.ones((camera.height, camera.width, 4), np.float32)
+    pixels[0, 0, 3] = 1.0 if opaque else 0.0
+    scene = scene_of(camera, kind="blender", splits={"train": (Photograph("only", camera, lambda: pixels),)})
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        make_dataset(scene)
+    assert [str(warning.message) for warning in caught if issubclass(warning.category, Notice)] == (
+        ["here: the pictures have no alpha; what is behind the object counts as part of the scene and is trained and "
+         "baked with it"] if opaque else []
+    )  # fmt: skip

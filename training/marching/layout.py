@@ -77,4 +77,4 @@ def trilinear_weights(fraction: jax.Array) -> jax.Array:
 
 def blend(values: jax.Array, weights: jax.Array) -> jax.Array:
     """Sum over the 8 corners of values [N, 8, C] times weights [N, 8]."""
-    return jnp.einsum("nk,nkc->nc", weights, values)
+    return jnp.einsum("nk,nkc->nc", weights, values, precision=jax.lax.Precision.HIGHEST)

@@ -2,6 +2,8 @@
 
 Frames: a grid's own (a pack's grid frame, say) and the training frame, in which a dataset makes its rays; they differ by
 the rigid grid_T_training [4, 4]. Of the trainer's own voxels the two are one.
+Products of geometry, here and wherever rays are made, ask for the highest precision: by default an NVIDIA card may multiply
+float32 in TF32, whose 10 bits of fraction move a ray by 0.2 pixels of a photograph of 800 × 800.
 """
 
 from __future__ import annotations
@@ -53,10 +55,11 @@ def unbounded(rays: Rays) -> Rays:
 
 def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
     """Rays moved from the training frame to a grid's frame; viewdirs stay, the view MLP wants them as they are."""
-    rotation = grid_T_training[:3, :3]
-    return rays._replace(
-        origins=rays.origins @ rotation.T + grid_T_training[:3, 3], directions=rays.directions @ rotation.T
-    )
+
+    def turned(vectors: jax.Array) -> jax.Array:
+        return jnp.matmul(vectors, grid_T_training[:3, :3].T, precision=jax.lax.Precision.HIGHEST)
+
+    return rays._replace(origins=turned(rays.origins) + grid_T_training[:3, 3], directions=turned(rays.directions))
 
 
 def to_grid(layout: Layout, rays: Rays) -> GridRays:

@@ -24,6 +24,7 @@ class Measurement:
     """contenders: with their times, in the order given. clock: what measured them. watts: None where unknown.
 
     psnr: by name, of a contender against the first one, dB over the frames compared; infinite where they are equal.
+    grid_size: voxels (x, y, z) of the pack as it was drawn.
     """
 
     renderer: str
@@ -32,22 +33,30 @@ class Measurement:
     gpu_bytes: dict[str, int]
     watts: float | None
     psnr: dict[str, float]
+    grid_size: tuple[int, int, int]
 
 
 def measure(
-    pack: Pack, cameras: list[ViewCamera], contenders: list[Contender], other_packs: Mapping[str, Pack] | None = None
+    pack: Pack,
+    cameras: list[ViewCamera],
+    contenders: list[Contender],
+    other_packs: Mapping[str, Pack] | None = None,
+    *,
+    allow_half: bool = False,
 ) -> Measurement:
     """Draws every camera with every contender in turn. UserError where there is no OpenGL or the pack does not fit.
 
-    other_packs: by name, packs to be measured beside it, each drawn like the first contender.
+    other_packs: by name, packs to be measured beside it, each drawn like the first contender. allow_half: a pack that does
+    not fit is measured at half its resolution.
     """
-    with taking_turns(pack, contenders, other_packs) as turns:
+    with taking_turns(pack, contenders, other_packs, allow_half=allow_half) as turns:
         turns.warm_up(cameras[0])
         with PowerMeter(turns.device) as meter:
             turns.time(cameras)
         compared, first = cameras[:: max(1, len(cameras) // PSNR_FRAMES)], contenders[0].settings
         psnr = {c.name: _psnr(turns.offscreen, compared, c.settings, first) for c in contenders[1:]}
-        return Measurement(turns.device, turns.clock, turns.contenders, turns.gpu_bytes, meter.watts, psnr)
+        drawn = turns.offscreen.pack.grid_size
+        return Measurement(turns.device, turns.clock, turns.contenders, turns.gpu_bytes, meter.watts, psnr, drawn)
 
 
 def _psnr(

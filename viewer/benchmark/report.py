@@ -36,7 +36,9 @@ def title(result: Mapping[str, Any]) -> str:
 
 def notes(result: Mapping[str, Any], measurement: Measurement) -> list[str]:
     """The lines below the table: device and clock, power, comparison."""
-    lines = [f"{measurement.renderer}; {measurement.clock}"]
+    grid = " x ".join(map(str, measurement.grid_size)) + " voxels"
+    halved = ", at reduced resolution" if result["halved"] else ""
+    lines = [f"{measurement.renderer}; {measurement.clock}; {grid}{halved}"]
     if measurement.watts is not None:
         lines.append(f"{measurement.watts:.1f} W, {result['fps'] / measurement.watts:.3f} FPS/W")
     if "compare" in result:

@@ -18,6 +18,7 @@ from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
 from viewer.benchmark.frames import Measurement, measure
 from viewer.rendering.frame_times import PROTOCOLS, Contender
+from viewer.rendering.gpu_scene import OR_HALF, NoRoomError
 from viewer.rendering.settings import RenderSettings
 
 NO_SPARSITY = "exact, no sparsity loss"
@@ -34,6 +35,7 @@ def bench(
     compare: Literal["paper"] | None = None,
     ablations: bool = False,
     dense_pack: Path | None = None,
+    allow_half: bool = False,
     json: Path | None = None,
     markdown: Path | None = None,
     plot: Path | None = None,
@@ -51,6 +53,8 @@ def bench(
         ablations: Also measure the rows of the paper's performance table (without view MLP, view MLP at every sample), and
             rendering that takes every sample.
         dense_pack: Pack of the same scene trained without the sparsity loss, for the last row of that table.
+        allow_half: Measure a pack that does not fit on the graphics card at half its resolution. Without this option, such a
+            pack is refused.
         json: Also write the figures to this file.
         markdown: Also write the table to this file, as Markdown.
         plot: Plot the frame times into this PNG, with the median and the 95th percentile.
@@ -72,7 +76,11 @@ def bench(
     width, height = pixels or chosen.size
     cameras = chosen.path(loaded, frames, fov or chosen.fov, (width, height))
     contenders = _contenders(loaded, compare is not None, ablations)
-    measurement = measure(loaded, cameras, contenders, {NO_SPARSITY: load_pack(dense_pack)} if dense_pack else {})
+    others = {NO_SPARSITY: load_pack(dense_pack)} if dense_pack else {}
+    try:
+        measurement = measure(loaded, cameras, contenders, others, allow_half=allow_half)
+    except NoRoomError as error:
+        raise error if allow_half else error.with_remedy(OR_HALF) from error
     result = {
         "renderer": measurement.renderer,
         "width": width,
@@ -80,6 +88,8 @@ def bench(
         "frames": frames,
         "protocol": protocol,
         "fov": fov or chosen.fov,
+        "grid_size": measurement.grid_size,
+        "halved": measurement.grid_size != tuple(loaded.grid_size),
         "clock": measurement.clock,
         **figures(measurement),
     }

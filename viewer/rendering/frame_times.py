@@ -102,16 +102,21 @@ class Turns:
 
 @contextmanager
 def taking_turns(
-    pack: Pack, contenders: Sequence[Contender], other_packs: Mapping[str, Pack] | None = None
+    pack: Pack,
+    contenders: Sequence[Contender],
+    other_packs: Mapping[str, Pack] | None = None,
+    *,
+    allow_half: bool = False,
 ) -> Iterator[Turns]:
     """Opens `pack` for `contenders`, and other packs, by name, each drawn like the first of them.
 
-    UserError where there is no OpenGL or a pack does not fit.
+    UserError where there is no OpenGL or a pack does not fit, unless half its resolution does and is allowed.
     """
     first = contenders[0].settings
-    with OffscreenRenderer(pack, first.marcher) as offscreen, ExitStack() as stack:
+    with OffscreenRenderer(pack, first.marcher, allow_half=allow_half) as offscreen, ExitStack() as stack:
         renderers = {contender.name: offscreen.renderer for contender in contenders}
         for label, other in (other_packs or {}).items():
-            renderers[label] = stack.enter_context(OffscreenRenderer(other, first.marcher, offscreen.ctx)).renderer
+            beside = OffscreenRenderer(other, first.marcher, offscreen.ctx, allow_half=allow_half)
+            renderers[label] = stack.enter_context(beside).renderer
         others = [Contender(label, first) for label in other_packs or {}]
         yield Turns(offscreen, [*contenders, *others], renderers)

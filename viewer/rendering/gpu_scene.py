@@ -33,6 +33,9 @@ TOLERATED_WASTE = 1.01  # empty slots that are worth a layout with better locali
 Triple = tuple[int, int, int]
 
 
+OR_HALF = "or measure it at half resolution: --allow-half"  # the remedy of commands that have this option
+
+
 class NoRoomError(UserError):
     """A pack does not fit on the graphics card."""
 

@@ -66,8 +66,8 @@ def _unbind_framebuffers(ctx: moderngl.Context) -> None:
 class OffscreenRenderer:
     """Renders a pack into arrays. Use as a context manager, or call release().
 
-    ctx: a context to use instead of one of our own. limits: of the card; see viewer.rendering.renderer.Renderer. Raises UserError
-    where there is no OpenGL or the pack does not fit.
+    ctx: a context to use instead of one of our own. limits: of the card; allow_half: at half resolution if need be; see
+    viewer.rendering.renderer.Renderer. Raises UserError where there is no OpenGL or the pack does not fit.
     """
 
     def __init__(
@@ -76,11 +76,18 @@ class OffscreenRenderer:
         marcher: str = "exact",
         ctx: moderngl.Context | None = None,
         limits: Limits | None = None,
+        *,
+        allow_half: bool = True,
     ) -> None:
         self._owns_context = ctx is None
         self.ctx = ctx or create_context()
         self.make_current()  # a context handed in need not be: uploads would land in another's textures
-        self.renderer = Renderer(self.ctx, pack, marcher, limits)
+        try:
+            self.renderer = Renderer(self.ctx, pack, marcher, limits, allow_half=allow_half)
+        except UserError:
+            if self._owns_context:
+                self.ctx.release()
+            raise
         self._framebuffers: dict[tuple[int, int, str], moderngl.Framebuffer] = {}
 
     @property

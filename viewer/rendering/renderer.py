@@ -50,7 +50,8 @@ class Renderer:
     ctx: an OpenGL 3.3 context, current. marcher: uploaded first. limits: of the card, by default what the driver says.
     at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. A pack that does
     not fit is shown at half resolution, or half of that, with a Notice; `pack` is what is shown. NoRoomError where not
-    even a pack of less than LEAST_HALVED voxels a side would fit.
+    even a pack of less than LEAST_HALVED voxels a side would fit, and at once without allow_half: figures of a pack must
+    not be those of another.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class Renderer:
         limits: Limits | None = None,
         *,
         at_once: bool = True,
+        allow_half: bool = True,
     ) -> None:
         self.ctx, self._limits = ctx, limits
         self._scenes: dict[str, GpuScene] = {}
@@ -72,7 +74,7 @@ class Renderer:
                 self._scenes[_layout(marcher)] = upload(ctx, self.pack, _layout(marcher), limits, at_once=at_once)
             except NoRoomError as error:
                 refused = refused or error
-                if max(self.pack.grid_size) < LEAST_HALVED:
+                if not allow_half or max(self.pack.grid_size) < LEAST_HALVED:
                     raise refused from error
                 self.pack = half_resolution(self.pack)
         if refused is not None:

@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from baker.commands import evaluate as evaluate_command
 from baker.reports import evaluation
 from baker.reports.evaluation import evaluate, reading_of
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
+from tests.viewer.rendering.shapes import shapes_pack
 from training.scenes import Scene
+from viewer.rendering.gpu_scene import Limits
 
 
 def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(
@@ -22,7 +25,7 @@ def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(
     held_out = {id(p.camera): p.load() for p in scene.splits["test"]}
 
     @contextmanager
-    def shown_by(subject: Path):
+    def shown_by(subject: Path, allow_half: bool):
         def show(camera, mode):
             rgba = held_out[id(camera)]
             opaque = np.zeros(rgba.shape[:2], np.float32)
@@ -32,7 +35,7 @@ def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(
             shown = evaluation.over_background(rgba, scene.background)
             return np.where(opaque[..., None] > 0, shown, 1.0).astype(np.float32)
 
-        yield show
+        yield evaluation.Drawn(show)
 
     monkeypatch.setattr(evaluation, "shown_by", shown_by)
     assert evaluate(Path("pack"), scene, "test", by_alpha=True)["psnr"] > 100
@@ -51,3 +54,50 @@ def test_a_scene_is_read_as_the_run_or_the_pack_read_it(tmp_path: Path) -> None:
     assert reading_of(tmp_path / "published") == {"spherify": None, "masks": False}
     save_pack(pack.with_metadata(provenance=options), tmp_path / "ours")
     assert reading_of(tmp_path / "ours") == {"spherify": True, "masks": True}
+
+
+def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held_out = {id(p.camera): p.load() for p in scene.splits["test"]}
+
+    @contextmanager
+    def shown_by(subject: Path, allow_half: bool):
+        def show(camera, mode):
+            rgba = held_out[id(camera)]
+            opaque = np.zeros(rgba.shape[:2], np.float32)
+            opaque[12:36, 12 : 24 if subject.name == "narrow" else 36] = 1
+            if mode == "alpha":
+                return opaque
+            right = evaluation.over_background(rgba, scene.background)
+            wrong = np.where((np.arange(48) >= 24)[None, :, None], 0.0, right)  # in the right half of the picture
+            return np.where(opaque[..., None] > 0, wrong, 1.0).astype(np.float32)
+
+        yield evaluation.Drawn(show)
+
+    monkeypatch.setattr(evaluation, "shown_by", shown_by)
+    narrow, wide = Path("narrow"), Path("wide")
+    assert evaluate(wide, scene, "test", by_alpha=True)["psnr"] < 40
+    by_other = evaluate(wide, scene, "test", mask_of=narrow)
+    assert by_other["psnr"] > 100 and by_other["mask"] == "narrow", "its errors lie outside of the other's mask"
+    assert evaluate(narrow, scene, "test", mask_of=wide)["psnr"] < 40, "what it lacks of the mask counts"
+
+
+def test_a_pack_that_does_not_fit_is_scored_at_half_resolution_only_when_allowed(
+    scene_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_pack(shapes_pack(70), tmp_path / "pack")
+    out = tmp_path / "scores.json"
+    words = [str(tmp_path / "pack"), "--scene", str(scene_path), "--json", str(out)]
+    assert evaluate_command.main(words) == 0
+    scores = json.loads(out.read_text())
+    assert scores["grid_size"] == [70, 70, 70] and scores["halved"] is False
+    out.unlink()
+    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, _: Limits(2048, 400_000)))
+    capsys.readouterr()
+    assert evaluate_command.main(words) == 2 and not out.exists()
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert "too large" in lines[-1] and "--allow-half" in lines[-1]
+    assert evaluate_command.main([*words, "--allow-half"]) == 0
+    scores = json.loads(out.read_text())
+    assert scores["grid_size"] == [35, 35, 35] and scores["halved"] is True

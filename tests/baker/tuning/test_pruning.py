@@ -5,17 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
-from baker.tuning import pruning
-from baker.tuning.pruning import closing_gain, prune
+from baker.tuning import pruning, sighting
+from baker.tuning.pack_layout import pack_layout, pack_rays, pack_sizes, pack_voxels
+from baker.tuning.pruning import closing_gain, light_of, prune
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
 from tests.baker.analytic import RADIUS, ball
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.scenepack.random_packs import BLENDER_FRAME
+from training.scenes import Scene
 
 HAZE = 2  # of 255
 
@@ -44,7 +47,7 @@ def test_haze_and_the_hidden_middle_go_and_what_cameras_see_stays(dataset) -> No
     assert not features[~stays].any() and not after[~stays].any()
     voxel = pack.voxel_size
     assert not stays[distance > RADIUS + 3 * voxel].any(), "haze goes"
-    assert not stays[distance < RADIUS - 4 * voxel].any(), "nobody sees the middle"
+    assert not stays[distance < RADIUS - 5.5 * voxel].any(), "nobody sees the middle"
     lit = stays & (distance > RADIUS + 0.2 * voxel) & (np.arange(len(stays)) > 0.7 * len(stays))[:, None, None]  # above
     assert lit.any() and np.array_equal(after[lit], before[lit]), "what is in full light is as it was"
     shell = (np.abs(distance - RADIUS) < 0.5 * voxel) & (before[..., 3] > 100)
@@ -83,21 +86,84 @@ def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None
 def test_early_termination_changes_nothing_but_the_work(dataset, monkeypatch) -> None:
     pack, _ = hazy_ball(dataset)
     taken = []
-    march = pruning.march
+    march = sighting.march
 
     def counting(*arguments):
         samples = march(*arguments)
         jax.debug.callback(lambda valid: taken.append(int(valid.sum())), samples.valid)
         return samples
 
-    monkeypatch.setattr(pruning, "march", counting)
+    monkeypatch.setattr(sighting, "march", counting)
+    monkeypatch.setattr(sighting, "PILOTS", 64)  # whose marches end late, for they measure
+    monkeypatch.setattr(pruning, "CHUNK_RAYS", 256)  # the last chunk is filled up with one ray
     found = []
     for depth_where in (pruning.depth_where, lambda transmittance: None):
         monkeypatch.setattr(pruning, "depth_where", depth_where)
         jax.clear_caches()
         taken.clear()
-        found.append((pruning._transmittance(pack, dataset, 0.02, 0, None), sum(taken)))
+        light = light_of(pack, dataset, 0, None)
+        assert light is not None
+        found.append((light.transmittance, sum(taken)))
     jax.clear_caches()
     (ended, fewer), (whole, all_of_them) = found
     assert np.array_equal(ended, whole)
     assert 0 < fewer < 0.9 * all_of_them
+
+
+def fine_ball(side: int) -> tuple[Pack, np.ndarray]:
+    """An opaque ball of RADIUS in a grid of side³ voxels about it, and its outermost voxels' places [N, 3] as z, y, x."""
+    voxel = 2.2 * RADIUS / side
+    axis = (np.arange(side) + 0.5 - side / 2) * voxel
+    distance = np.sqrt(axis[:, None, None] ** 2 + axis[:, None] ** 2 + axis**2)
+    rgba = np.where(distance[..., None] < RADIUS, np.array([200, 100, 50, 255], np.uint8), np.uint8(0))
+    atlas = atlas_from_dense(rgba, np.zeros_like(rgba), 14)
+    low = np.full(3, -side / 2 * voxel)
+    pack = Pack(voxel, low, (side, side, side), 14, *atlas, None, BLENDER_FRAME)
+    return pack, np.argwhere((distance < RADIUS) & (distance > RADIUS - 0.9 * voxel))
+
+
+def shown(pack: Pack, places: np.ndarray, scene: Scene, slope: float = 0.7) -> np.ndarray:
+    """bool [N]: which voxels of a ball about the origin some training camera sees, no more aslant than `slope`."""
+    at = ((places[:, ::-1] + 0.5) * pack.voxel_size + pack.min_xyz) @ pack.worldspace_T_opengl[:3, :3].T
+    eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
+    to = eyes[:, None] - at
+    facing = (to * at).sum(-1) / np.linalg.norm(to, axis=-1) / np.linalg.norm(at, axis=-1)
+    return (facing > slope).any(0)
+
+
+def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_finer_than_pixels_it_is(
+    dataset, scene, monkeypatch
+) -> None:
+    pack, surface = fine_ball(140)
+    monkeypatch.setattr(
+        sighting, "MOST_RAYS", 4000
+    )  # fewer than a voxel of the surface has: as 1000³ of many photographs
+    seen = surface[shown(pack, surface, scene)]
+    assert len(seen) > 4 * sighting.MOST_RAYS, "this many voxels cannot all have a ray of their own"
+    before = np.count_nonzero(dense_from_pack(pack)[0][..., 3])
+    thinner, figures = prune(pack, dataset)
+    stays = dense_from_pack(thinner)[0][..., 3] > 0
+    assert stays[tuple(seen.T)].all()
+    assert figures.voxels_before == before and figures.voxels_after < 0.8 * before, "what lies inside goes"
+
+
+def sight_of(pack: Pack, dataset) -> sighting.Sight:
+    scene = sighting.Sighted(pack_layout(pack), pack_rays(pack, dataset), jnp.asarray(alpha_of(pack)))
+    sight = sighting.lines_of_sight(scene, dataset, pack_sizes(pack, 65_536), seed=0)
+    assert sight is not None
+    return sight
+
+
+def alpha_of(pack: Pack) -> np.ndarray:
+    return np.asarray(pack_voxels(pack))[:, 3]
+
+
+def test_rays_are_as_many_as_the_surface_in_view_asks_for_and_beyond_the_most_each_reaches_further(
+    dataset, monkeypatch
+) -> None:
+    coarse, fine = (sight_of(fine_ball(side)[0], dataset) for side in (56, 112))
+    assert 3 < len(fine.ids) / len(coarse.ids) < 5, "four times as many voxels of surface"
+    assert coarse.reach == fine.reach == 1
+    monkeypatch.setattr(sighting, "MOST_RAYS", len(fine.ids) // 9)
+    fewer = sight_of(fine_ball(112)[0], dataset)
+    assert len(fewer.ids) < 1.2 * sighting.MOST_RAYS and 6 <= fewer.reach <= 8, "three times as far apart: 9 voxels"

@@ -14,6 +14,7 @@ from PIL import Image
 from scenepack import Pack, save_pack
 from viewer.commands import bench, render, scaling
 from viewer.rendering import offscreen
+from viewer.rendering.gpu_scene import Limits
 
 ROOT = Path(__file__).parents[3]
 SMALL = ["--size", "48x36"]
@@ -122,6 +123,26 @@ def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path)
     assert compare["ratio"] == pytest.approx(compare["paper"]["ms_p50"] / result["ms_p50"])
     assert 15 < compare["psnr"] < 60 and result["gpu_bytes"] > 0
     assert len(result["ablations"]) == 3
+
+
+def test_the_benchmark_refuses_a_pack_that_does_not_fit_unless_half_its_resolution_is_allowed(
+    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "bench.json"
+    words = [folder, "--frames", "1", "--json", str(out), *SMALL]
+    assert bench.main(words) == 0
+    whole = json.loads(out.read_text())
+    assert whole["halved"] is False and max(whole["grid_size"]) == 70
+    out.unlink()
+    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, _: Limits(2048, 400_000)))
+    capsys.readouterr()
+    assert bench.main(words) == 2 and not out.exists()
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "too large" in line and "--allow-half" in line
+    assert bench.main([*words, "--allow-half"]) == 0
+    half = json.loads(out.read_text())
+    assert half["halved"] is True and max(half["grid_size"]) == 35
+    assert "reduced resolution" in capsys.readouterr().out
 
 
 def test_the_benchmarks_table_is_written_as_markdown_and_its_times_as_a_plot(folder: str, tmp_path: Path) -> None:

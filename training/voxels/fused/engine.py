@@ -29,7 +29,7 @@ from training.voxels.state import Trainable, VoxelState, ray_ids
 
 SURVEYED_TOGETHER = 16_384  # rays that are looked at together between steps
 SMOOTHED = 0.25  # voxels, at most, whose variation is looked at for each sample of a step
-RUN = 4  # neighbouring pixels that are drawn together
+RUN = 1  # neighbouring pixels that are drawn together
 RAYS_TOGETHER = 64  # the number of rays of a step is a multiple of this
 
 

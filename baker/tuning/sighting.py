@@ -1,0 +1,141 @@
+"""Lines of sight: the rays by which pruning learns what photographs show of a pack (baker.tuning.pruning).
+
+Of each photograph they are a lattice, begun at a random place. Its step follows the grid, not the pixels: SPACING voxels
+where the photographs see surfaces. A surface that is seen at 45 degrees is met by some ray within about `spacing` voxels of
+any of its points, in the worst corner of the lattice, and a sample lights the voxels within one of it. Most are seen from
+straighter ahead, or by several photographs, so light is taken to reach spacing - 2 voxels further: `reach`. Rays that meet
+no content are not marched. Their number grows with the surface in view alone, and beyond MOST_RAYS the step grows instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from math import ceil, sqrt
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from baker.tuning.pack_layout import MAX_ALPHA, PackLayout
+from scenepack.constants import ALPHA_CONTRIBUTES
+from training.dataset import RayDataset
+from training.marching.batches import rays_that_meet
+from training.marching.march import MarchSizes, Samples, march, transmittance
+from training.marching.rays import GridFrameRays, to_grid
+
+SPACING = 3.0  # voxels between neighbouring rays
+MOST_RAYS = 8_000_000  # that meet content
+PILOTS = 16_384  # rays that tell how many voxels wide pixels are
+FEW_WIDER = 0.9  # share of the pilots whose pixels are no wider than what is taken for the width
+LOOKED_AT = 1_048_576  # places at once that are tested for content
+
+
+class Sighted(NamedTuple):
+    """A pack to look at: where its voxels are, the training rays in its frame, alpha uint8 [slots B³] of padded copies."""
+
+    layout: PackLayout
+    rays: GridFrameRays
+    alpha: jax.Array
+
+
+class Sight(NamedTuple):
+    """Rays: ids int32 [N] of pixels and away float32 [N, 2], in pixels from their centres. reach: see above."""
+
+    ids: np.ndarray
+    away: np.ndarray
+    reach: int
+
+
+class Seen(NamedTuple):
+    """Samples of rays: T before each [S], its alpha [S], corners int32 [S, 8] and shares [S, 8] as PackLayout.corners."""
+
+    samples: Samples
+    before: jax.Array
+    alpha: jax.Array
+    corners: jax.Array
+    shares: jax.Array
+
+
+def lines_of_sight(scene: Sighted, dataset: RayDataset, sizes: MarchSizes, seed: int) -> Sight | None:
+    """The rays; None where no photograph sees anything."""
+    rng = np.random.default_rng(seed)
+    pilots = rng.integers(0, dataset.count, max(8 * PILOTS, 1), np.int32)
+    meets = rays_that_meet(scene.layout, scene.rays, pilots, sizes.segments)
+    if not meets.any():
+        return None
+    width = _pixel_width(scene, np.resize(pilots[meets], PILOTS), sizes)
+    if width is None:
+        return None
+    step, expected = SPACING / width, meets.mean() * dataset.count * (width / SPACING) ** 2
+    wider = sqrt(max(expected / MOST_RAYS, 1.0))
+    ids, away = [], []
+    for places, moved in _lattices(dataset, step * wider, rng):
+        chosen = rays_that_meet(scene.layout, scene.rays, places, sizes.segments, away=moved)
+        ids.append(places[chosen])
+        away.append(moved[chosen])
+    reach = ceil(SPACING * wider - 2)
+    return Sight(np.concatenate(ids), np.concatenate(away), reach)
+
+
+def _pixel_width(scene: Sighted, ids: np.ndarray, sizes: MarchSizes) -> float | None:
+    """How many voxels apart the rays of neighbouring pixels are where they meet surfaces, for all but the widest pixels."""
+    chunk = PILOTS // 4
+    widths = np.concatenate(
+        [np.asarray(_widths(scene, jnp.asarray(ids[at : at + chunk]), sizes)) for at in range(0, len(ids), chunk)]
+    )
+    met = widths[np.isfinite(widths) & (widths > 0)]
+    return float(np.quantile(met, FEW_WIDER)) if len(met) else None
+
+
+@partial(jax.jit, static_argnames="sizes")
+def _widths(scene: Sighted, ids: jax.Array, sizes: MarchSizes) -> jax.Array:
+    """float32 [N]: voxels from a ray to those of the next column and row, the wider of both, at its last sample with half
+    of the light or more; 0 where a ray has no sample.
+    """
+    count = ids.shape[0]
+    centre = jnp.zeros((count, 2))
+    seen = see(scene, ids, centre, sizes)
+    half = (seen.alpha > 0) & (seen.before >= 0.5)
+    depth = jnp.zeros(count).at[seen.samples.ray].max(jnp.where(half, seen.samples.t, 0.0))
+
+    def point(away: jax.Array) -> jax.Array:
+        rays = to_grid(scene.layout, scene.rays.geometry_at(ids, away))
+        t = depth / here.scale * rays.scale
+        return rays.origins + t[:, None] * rays.directions
+
+    here = to_grid(scene.layout, scene.rays.geometry_at(ids, centre))
+    at = point(centre)
+    steps = [jnp.linalg.norm(point(centre + jnp.asarray(one)) - at, axis=-1) for one in ((1.0, 0.0), (0.0, 1.0))]
+    return jnp.where(depth > 0, jnp.maximum(*steps), 0.0)
+
+
+def _lattices(dataset: RayDataset, step: float, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """ids int32 [N] and away float32 [N, 2] of a lattice over each photograph, `step` pixels apart, some at a time."""
+    width, first = np.asarray(dataset.width), np.asarray(dataset.first)
+    height = np.diff(np.append(first, dataset.count)) // width
+    ids, away, held = [], [], 0
+    for view in range(dataset.views):
+        w, h = int(width[view]), int(height[view])
+        start = rng.random(2) * (min(step, w), min(step, h))
+        y, x = np.meshgrid(np.arange(start[1], h, step), np.arange(start[0], w, step), indexing="ij")
+        column, row = np.minimum(x.astype(np.int32), w - 1), np.minimum(y.astype(np.int32), h - 1)
+        ids.append((first[view] + row * w + column).ravel().astype(np.int32))
+        away.append(np.stack([x - column - 0.5, y - row - 0.5], -1).reshape(-1, 2).astype(np.float32))
+        held += x.size
+        if held >= LOOKED_AT or view + 1 == dataset.views:
+            yield np.concatenate(ids), np.concatenate(away)
+            ids, away, held = [], [], 0
+
+
+def see(scene: Sighted, ids: jax.Array, away: jax.Array, sizes: MarchSizes, last_depth: int | None = None) -> Seen:
+    """The samples of rays `ids`, moved by `away` [N, 2] pixels, as the viewer takes them; alpha is 0 where none counts."""
+    count = ids.shape[0]
+    rays = to_grid(scene.layout, scene.rays.geometry_at(ids, away))
+    samples = march(scene.layout, rays, jnp.full(count, 0.5), sizes, 1.0, last_depth)
+    corners, shares = scene.layout.corners(samples.g)
+    alpha = (shares * scene.alpha[corners].astype(jnp.float32)).sum(-1) * (1 / 255)
+    alpha = jnp.where(samples.valid & (alpha > ALPHA_CONTRIBUTES), alpha, 0.0)
+    before, _ = transmittance(samples, -jnp.log1p(-jnp.minimum(alpha, MAX_ALPHA)), count, sizes.per_ray)
+    return Seen(samples, before, alpha, corners, shares)
