@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from console import UserError, run_command, write_json
+from console import UserError, check_results, run_command, write_json
 
 DESCRIPTION = "Compares a run, or a pack rendered with OpenGL, with the photographs of a scene."
 
@@ -41,6 +41,7 @@ def snerg_eval(
 
     if not subject.exists():
         raise UserError("no such run or pack", where=subject)
+    check_results(json, folder=images)
     made = reading_of(subject)
     photographed = load_scene(
         scene, downscale=downscale, spherify=spherify or made["spherify"], masks=masks or bool(made["masks"])

@@ -16,6 +16,7 @@ import pytest
 
 from console import Notice, UserError
 from console.driven import PROGRESS, read_report
+from tests.told import told
 from training.arrays import to_arrays
 from training.commands.train import main
 from training.config import PRESETS, TINY, TrainConfig, from_json, to_json
@@ -158,21 +159,21 @@ def test_seconds_of_training_go_on_counting_after_a_resume(tmp_path: Path):
 # -------------------------------------------------------------------------------------------------------
 
 
-def told(capsys) -> str:
-    line = capsys.readouterr().err.strip()
-    assert "\n" not in line and line.startswith("snerg-train: "), line
+def one_line(capsys) -> str:
+    [line] = told(capsys.readouterr().err)
+    assert line.startswith("snerg-train: "), line
     return line
 
 
 def test_an_existing_run_is_not_overwritten(unbroken: Path, procedural_path: Path, capsys):
     assert main([str(procedural_path), "--out", str(unbroken), "--preset", "tiny"]) == 2
-    assert "exists already" in (line := told(capsys)) and "--resume" in line
+    assert "exists already" in (line := one_line(capsys)) and "--resume" in line
 
 
 def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path, tmp_path: Path, capsys):
     (tmp_path / "letter.txt").write_text("dear")
     assert main([str(procedural_path), "--out", str(tmp_path), "--preset", "tiny"]) == 2
-    assert "another --out" in told(capsys)
+    assert "another --out" in one_line(capsys)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +186,7 @@ def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path
 )
 def test_a_resumed_run_keeps_its_settings(unbroken: Path, procedural_path: Path, capsys, options, words):
     assert main([str(procedural_path), "--out", str(unbroken), "--resume", *options]) == 2
-    assert words in told(capsys)
+    assert words in one_line(capsys)
 
 
 def test_a_finished_run_can_be_given_more_steps(unbroken: Path, procedural_path: Path, tmp_path: Path, capsys):
@@ -254,7 +255,7 @@ def test_resuming_what_is_no_run_gets_one_line(unbroken: Path, procedural_path: 
         document["config"] = {"colour": 1} if spoil == "unknown field" else 5
         (out / "config.json").write_text(json.dumps(document))
     assert main([str(procedural_path), "--out", str(out), "--resume"]) == 2
-    assert str(out) in told(capsys)
+    assert str(out) in one_line(capsys)
 
 
 def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path):
@@ -268,10 +269,10 @@ def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path
 
 def test_bad_scenes_and_presets_end_with_status_2(tmp_path: Path, capsys):
     assert main([str(tmp_path / "absent"), "--out", str(tmp_path / "run")]) == 2
-    assert "no such folder" in told(capsys)
+    assert "no such folder" in one_line(capsys)
     assert not (tmp_path / "run").exists()
     assert main([str(tmp_path), "--out", str(tmp_path / "run"), "--preset", "best"]) == 2
-    assert "best" in told(capsys)
+    assert "best" in one_line(capsys)
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from console import UserError, progress, run_command
+from console import UserError, check_results, progress, run_command
 from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
 from console.atomic import replacing
 from console.desktop import tell_if_unseen
@@ -84,6 +84,10 @@ def render(
         mode=mode, marcher=marcher, background=_colour(background), near=near, crop=_box(crop) if crop else None
     )
     pixels = parse_size(size) if size else None
+    if kind:
+        check_results(out)
+    else:
+        check_results(folder=out)
     loaded = load_pack(pack)
     if scene is not None:
         views = _photograph_views(loaded, scene, split, index, downscale, pixels)
