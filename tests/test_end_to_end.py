@@ -24,6 +24,8 @@ from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 from viewer.commands.view import main as snerg_view
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -37,7 +37,10 @@ OF_EXTRAS = (
 )
 TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval")
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="makes links, which Windows grants to administrators alone")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(os.name == "nt", reason="makes links, which Windows grants to administrators alone"),
+]
 
 
 @pytest.fixture(scope="session")

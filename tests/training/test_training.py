@@ -25,6 +25,8 @@ from training.loop import train
 from training.nerf.method import NerfMethod
 from training.run import load_run
 
+pytestmark = pytest.mark.slow
+
 
 def losses(run: Path) -> dict[int, float]:
     return {r["step"]: r["loss"] for r in read_journal(run / "metrics.jsonl") if "loss" in r}

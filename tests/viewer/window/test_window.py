@@ -19,6 +19,8 @@ from viewer.panels.layout import PAGES
 from viewer.panels.ui import Ui
 from viewer.window.window import NoDisplay, Window, display_problem
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parent
 LIVE = sorted(path.name for path in HERE.glob("live_*.py"))
 
