@@ -8,6 +8,8 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -165,6 +167,35 @@ def one_line(capsys) -> str:
     [line] = told(capsys.readouterr().err)
     assert line.startswith("snerg-train: "), line
     return line
+
+
+ROOT = Path(__file__).parents[2]
+HOLDING = (
+    "import sys; from pathlib import Path; from training.lock import only_one_trains\n"
+    "with only_one_trains(Path(sys.argv[1])):\n    print('held', flush=True); sys.stdin.read()"
+)
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, procedural_path: Path, tmp_path, capsys):
+    run = tmp_path / "deep" / "run"
+    if there:
+        shutil.copytree(unbroken, run)
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    words = [str(procedural_path), "--out", str(run), *(["--resume"] if there else ["--preset", "tiny"])]
+    child = subprocess.Popen(
+        [sys.executable, "-c", HOLDING, str(run)], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert child.stdout is not None and child.stdout.readline() == "held\n"
+        assert main(words) == 2
+        assert "another process is training into this run" in one_line(capsys)
+    finally:
+        child.communicate(timeout=60)
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+    assert (tmp_path / "deep").exists() == there, "folders that are left empty are taken away"
+    if there:
+        assert main(words) == 0, "the lock has ended with its process"
 
 
 def test_an_existing_run_is_not_overwritten(unbroken: Path, procedural_path: Path, capsys):
