@@ -21,7 +21,7 @@ from scenepack import load_pack
 from scenepack.pack import Pack
 from training import metrics
 from training.run import Run, is_run, load_run, read_description
-from training.scenes import Camera, Photograph, Scene
+from training.scenes import Camera, Photograph, Scene, picture_stems
 
 # a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
 Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
@@ -51,7 +51,7 @@ def evaluate(
         raise UserError("no photographs in this split", where="--split", expected=", ".join(scene.splits), found=split)
     scores = []
     with shown_by(subject) as show, progress("evaluating", len(photographs)) as bar:
-        for photograph in photographs:
+        for photograph, name in zip(photographs, picture_stems(photographs), strict=True):
             truth = over_background(photograph.load(), scene.background)
             picture = show(photograph.camera, "normal")
             if by_alpha:
@@ -62,7 +62,7 @@ def evaluate(
                 )
             scores.append(score(photograph, picture, truth))
             if images is not None:
-                save_comparison(images / f"{Path(photograph.name).stem}.png", picture, truth)
+                save_comparison(images / f"{name}.png", picture, truth)
             bar.advance(metrics={"psnr": float(np.mean([s.psnr for s in scores]))})
     return {
         **{key: _mean([getattr(s, key) for s in scores]) for key in ("psnr", "ssim", "lpips")},
