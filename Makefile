@@ -18,7 +18,7 @@ install: $(VENV)/.trainer gl
 	@echo "Installed. Make a scene from photographs: $(BIN)/snerg-make SCENE --out out/scene"
 
 test: $(VENV)/.developer gl
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(TESTS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
 
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400

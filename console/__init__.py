@@ -7,17 +7,19 @@ one another, still fail and report in the same voice.
 from console.errors import UserError, not_written, refusal
 from console.notices import Notice, plain_notices
 from console.progress import Progress, progress
-from console.results import write_json
+from console.results import check_results, write_json, write_text
 from console.run import run_command
 
 __all__ = [
     "Notice",
     "Progress",
     "UserError",
+    "check_results",
     "not_written",
     "plain_notices",
     "progress",
     "refusal",
     "run_command",
     "write_json",
+    "write_text",
 ]

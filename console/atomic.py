@@ -37,12 +37,31 @@ _LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process 
 _SWAP_PATIENCE_S = 2.0
 
 
+<<<<<<< HEAD
 def write_file(path: Path, data: bytes | str | Iterable[Any]) -> None:
     """Puts `data` (text as UTF-8; or parts, one after the other) at `path`, whose folder exists, in one step. Raises OSError."""
     parts = [data.encode()] if isinstance(data, str) else [data] if isinstance(data, bytes) else data
     with replacing(path) as new, new.open("wb") as file:
         for part in parts:
             file.write(part)
+=======
+def write_file(path: Path, data: bytes | str) -> None:
+    """Puts `data` (text as UTF-8) at `path`, whose folder exists, in one step. Raises OSError.
+
+    A device or a pipe (/dev/stdout, >(wc)) is written as it is: nothing takes its place.
+    """
+    data = data.encode() if isinstance(data, str) else data
+    if is_stream(path):
+        path.write_bytes(data)
+        return
+    with replacing(path) as new:
+        new.write_bytes(data)
+
+
+def is_stream(path: Path) -> bool:
+    """Whether a device, a pipe or a socket lies at `path`."""
+    return path.exists() and not path.is_file() and not path.is_dir()
+>>>>>>> suite
 
 
 @contextmanager
@@ -62,10 +81,15 @@ def replacing(target: Path, *, folder: bool = False, durable: bool = True) -> It
 class Replacement:
     """What is to take the place of `target`, whose folder exists. path: to be written, an empty folder or an empty file.
 
-    durable: False spares the disk, for what nobody misses after a power cut. Raises OSError.
+    Where `target` is a symbolic link, what it leads to is replaced, not the link.
+    durable: False spares the disk, for what nobody misses after a power cut. Raises OSError, also where `target` is a
+    device or a pipe.
     """
 
     def __init__(self, target: Path, *, folder: bool = False, durable: bool = True) -> None:
+        if is_stream(target):
+            raise OSError(errno.EINVAL, "a device or a pipe is there", str(target))
+        target = target.resolve() if target.is_symlink() else target
         recover_interrupted_write(target)
         remove_leftovers(target)
         self.target, self._durable = target, durable

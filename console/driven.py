@@ -23,6 +23,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from console.atomic import replacing
+from console.json_text import read_json_file
 
 PROGRESS, ENDS_WITH_STDIN = "SNERG_PROGRESS", "SNERG_ENDS_WITH_STDIN"
 WRITTEN_EVERY_S = 0.25
@@ -80,7 +81,7 @@ def in_words(metrics: Mapping[str, float]) -> str:
 def read_report(file: Path) -> Report | None:
     """The report in `file`; None where there is none yet, or none that can be read."""
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
+        values = read_json_file(file)
         title, note = str(values["title"]), str(values["note"])
         done, total, seconds, begun = (float(values[name]) for name in ("done", "total", "seconds", "begun"))
         return Report(

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
+from console.streams import one_line
+
 
 class Notice(UserWarning):
     """A warning meant for the user of a command: something was mended or left out, and work goes on."""
@@ -29,7 +31,7 @@ def plain_notices(prog: str) -> Iterator[None]:
             line: str | None = None,
         ) -> None:
             if issubclass(category, Notice):
-                print(f"{prog}: warning: {' '.join(str(message).split())}", file=file or sys.stderr)
+                print(f"{prog}: warning: {one_line(str(message))}", file=file or sys.stderr)
             else:
                 usual(message, category, filename, lineno, file, line)
 

@@ -1,29 +1,82 @@
-"""The figures of a command as JSON, for scripts."""
+"""Files that a command writes where an option names them: figures as JSON, tables as text.
+
+Commands ask `check_results` before work that takes minutes, so that a place where nothing can be written is told first.
+"""
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from console.atomic import write_file
-from console.errors import UserError
+from console.atomic import Replacement, is_stream, write_file
+from console.errors import UserError, not_written
+
+STDOUT = Path("-")
 
 
-def write_json(path: Path | None, value: dict[str, Any]) -> bool:
+def check_results(*files: Path | None, folder: Path | None = None) -> None:
+    """UserError where one of `files` could not be written, or no file in `folder`. Tries it, and leaves nothing behind.
+
+    None stands for what is not asked for, "-" for stdout. Folders that are missing are not made.
+    """
+    for file in files:
+        if file is not None and file != STDOUT:
+            _attempt(file, _try_file)
+    if folder is not None:
+        _attempt(folder, try_folder)
+
+
+def write_json(path: Path | None, value: Any) -> bool:
     """Writes `value` where `--json` asks for it; True where that is stdout ("-") and nothing else should be printed.
 
     UserError where it cannot be written.
     """
-    if path is None:
-        return False
     text = json.dumps(value, indent=2)
-    if str(path) == "-":
+    if path == STDOUT:
         print(text)
         return True
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_file(path, text + "\n")
-    except OSError as error:
-        raise UserError(f"cannot be written: {error.strerror or error}", where=path) from error
+    write_text(path, text + "\n")
     return False
+
+
+def write_text(path: Path | None, text: str) -> None:
+    """Writes `text` to the file that an option names, if it does, and makes its folder. UserError where it cannot."""
+
+    def write(file: Path) -> None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_file(file, text)
+
+    if path is not None:
+        _attempt(path, write)
+
+
+def try_folder(folder: Path) -> None:
+    """OSError where no file could be made in `folder`, which need not be there yet."""
+    above = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+    with tempfile.TemporaryDirectory(prefix=".snerg-", dir=above):
+        pass
+
+
+def _try_file(path: Path) -> None:
+    if is_stream(path):
+        if not os.access(path, os.W_OK):  # opened only once: the reader of a pipe would take it for the end
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    elif path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    elif path.parent.is_dir():
+        Replacement(path, durable=False).discard()  # by the name that it will have
+    else:
+        try_folder(path.parent)
+
+
+def _attempt(path: Path, action: Callable[[Path], None]) -> None:
+    try:
+        action(path)
+    except OSError as error:
+        words, remedy = not_written(error)
+        raise UserError(f"cannot be written: {words}", where=path, remedy=remedy) from error

@@ -17,6 +17,7 @@ import tyro
 from console.driven import Reporter, ending_with_stdin
 from console.errors import UserError, missing_extra, refusal
 from console.notices import plain_notices
+from console.streams import lasting_output, one_line
 
 DONE, BUG, USER_CAN_MEND, INTERRUPTED = 0, 1, 2, 130
 
@@ -45,22 +46,29 @@ def run_command(
     words = list(sys.argv[1:] if args is None else args)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
-    _print_any_character()
+    with lasting_output():
+        return _run(command, prog, description, words, debug, on_failure)
+
+
+def _run(
+    command: Command | Mapping[str, Command],
+    prog: str,
+    description: str | None,
+    words: Sequence[str],
+    debug: bool,
+    on_failure: Callable[[str, str], None] | None,
+) -> int:
     try:
         with plain_notices(prog), ending_with_stdin():
             call = _parse(command, prog, description, words)
             if not callable(call):
                 return call
             result = call()
-            sys.stdout.flush()  # here, where a reader that went away or a full disk is still caught
+            sys.stdout.flush()  # here, where a full disk is still caught
         return result if isinstance(result, int) and not isinstance(result, bool) else DONE
     except KeyboardInterrupt as interrupt:
         _say(prog, f"interrupted{'; ' + str(interrupt) if str(interrupt) else ''}")
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of our stdout went away, e.g. `| head`
-        with contextlib.suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
     except Exception as error:
         line = _mendable(error)
         Reporter().tell_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
@@ -73,14 +81,7 @@ def run_command(
 
 
 def _say(prog: str, line: str) -> None:
-    print(f"{prog}: {' '.join(line.split())}", file=sys.stderr, flush=True)
-
-
-def _print_any_character() -> None:
-    """On a terminal or pipe that is not UTF-8, what it cannot show becomes "?" instead of an exception."""
-    encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
-    if encoding != "utf8" and isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")
+    print(f"{prog}: {one_line(line)}", file=sys.stderr, flush=True)
 
 
 def _mendable(error: Exception) -> str | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from console import UserError, progress, run_command, write_json
+from console import UserError, check_results, progress, run_command, write_json
 from scenepack.check import check_pack
 from scenepack.codecs import chosen_quality, codec_named
 from scenepack.pack import Pack
@@ -31,6 +31,7 @@ def info(pack: Path, /, json: Path | None = None) -> None:
         pack: The pack, a folder or a .zip.
         json: Also write the figures to this file, sizes in voxels and bytes; "-" prints them instead of the text.
     """
+    check_results(json)
     with open_pack(pack) as reader:
         facts = pack_facts(reader.files, _read(reader))
     if not write_json(json, facts):
@@ -47,6 +48,7 @@ def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None
         json: Also write the findings to this file; "-" prints them instead of the text.
         strict: Treat warnings as errors.
     """
+    check_results(json)
     with open_pack(pack) as reader:
         findings = check_pack(_read(reader))
     if not write_json(json, {"path": str(pack), "findings": [finding.as_json() for finding in findings]}):

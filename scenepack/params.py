@@ -6,7 +6,6 @@ keys and the exact spelling of unchanged numbers survive a load and a save.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
+from console.json_text import parse_json
 from scenepack.constants import PLANES_PER_IMAGE, PUBLISHED_NDC_CAMERA, VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp
 
@@ -52,15 +52,9 @@ def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> Params
     note(line) is called for whatever was mended.
     """
     try:
-        raw = json.loads(data.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:  # UnicodeDecodeError and JSONDecodeError are ValueErrors
-        reason = f"{error.msg} in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else "no text"
-        raise UserError(
-            "is not JSON",
-            where=where,
-            found=reason if data else "an empty file",
-            remedy="copy the pack again",
-        ) from error
+        raw = parse_json(data)
+    except ValueError as error:
+        raise UserError("is not JSON", where=where, found=error, remedy="copy the pack again") from error
     if not isinstance(raw, dict):
         raise UserError("is not a JSON object", where=where, expected="{…}", found=_short(raw))
     return _Checker(raw, where, note).params()

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
+from scenepack.budget import require_memory
 from scenepack.codecs import CodecError, PieceCodec
 from scenepack.codecs.pieces import Piece, cut, follows_grid
 from scenepack.files import PackFiles
@@ -22,7 +23,7 @@ from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 
 SETTINGS = "codec_settings"
-MOST_PLANES = 4096
+LIKED_PLANES = 128  # more than any codec of ours asks for, however shallow the atlas
 OnDone = Callable[[int], None]
 
 
@@ -65,6 +66,8 @@ class PieceFiles:
         layout, planes = self._settings()
         self.pieces = cut(outline, layout, planes)
         self.total = len(self.pieces)
+        largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
+        require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
         always = [self.codec.names(i, piece.shape, False) for i, piece in enumerate(self.pieces)]
         every = [self.codec.names(i, piece.shape, True) for i, piece in enumerate(self.pieces)]
         missing = [name for names in always for name in names if name not in files.sizes]
@@ -139,11 +142,13 @@ class PieceFiles:
                 f"snerg.{SETTINGS}.layout is not known", where=where, expected="atlas or grid", found=repr(layout)[:40]
             )
         step = self.outline.block_size if layout == "grid" else 1
-        if type(planes) is not int or not step <= planes <= MOST_PLANES or planes % step:
+        whole = self.outline.atlas_rgba.shape[0] if layout == "atlas" else self.outline.grid_size[2]
+        most = max(whole, LIKED_PLANES, self.outline.block_size + 2)
+        if type(planes) is not int or not step <= planes <= most or planes % step:
             raise UserError(
                 f"snerg.{SETTINGS}.planes is out of range",
                 where=where,
-                expected=f"multiples of {step} to {MOST_PLANES}",
+                expected=f"multiples of {step} to {most}",
                 found=repr(planes)[:40],
             )
         self._layout = layout

@@ -23,9 +23,12 @@ import numpy as np
 
 from console import UserError
 from console.atomic import recover_interrupted_write
+from console.json_text import MOST_BYTES
 from scenepack.blocks import grid_block_counts
+from scenepack.budget import require_memory
 from scenepack.coarse import coarse_pack, order_of_groups
 from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, probe_png
+from scenepack.codecs.png import PNG_HEADER_BYTES, require_room
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
 from scenepack.notices import warn
@@ -34,7 +37,6 @@ from scenepack.params import Params, parse_params
 from scenepack.piece_files import PieceFiles
 
 RGBA, FEATURE = "rgba", "feature"
-MAX_JSON_BYTES = 256 << 20
 DECODING_THREADS = min(8, os.cpu_count() or 1)
 
 OnProgress = Callable[[int, int], None]
@@ -106,7 +108,7 @@ class PackReader:
         self.files = files
         self._notes: list[str] = []  # told only once it is clear that the pack opens
         try:
-            text = files.read(PARAMS_NAME, MAX_JSON_BYTES)
+            text = files.read(PARAMS_NAME, MOST_BYTES)
             self.params: Params = parse_params(text, self._where(PARAMS_NAME), self._notes.append)
             self.codec = codec_named(self.params.format, self._where(PARAMS_NAME))
             width, height, depth = self.params.atlas_size
@@ -147,6 +149,7 @@ class PackReader:
         depth, height, width = self.outline.atlas_rgba.shape[:3]
         whole = (self._groups * PLANES_PER_IMAGE, height, width, 4)
         parts = [RGBA] if self.outline.atlas_features is None else [RGBA, FEATURE]
+        require_memory(len(parts) * int(np.prod(whole)), self.files.path)
         try:
             atlas = {part: (np.zeros if self._pieces else np.empty)(whole, np.uint8) for part in parts}
         except MemoryError as error:
@@ -248,7 +251,9 @@ class PackReader:
         params, where = self.params, self._where(INDICES_NAME)
         x, y, z = grid_block_counts(params.grid_size, params.block_size)
         try:
-            head = probe_png(self.files.head(INDICES_NAME, 33))
+            first = self.files.head(INDICES_NAME, PNG_HEADER_BYTES)
+            head = probe_png(first)
+            require_room(first, self.files.sizes.get(INDICES_NAME, 0))
             if (head.width, head.height) != (x, z * y):
                 raise UserError(
                     "its size disagrees with the JSON's grid and block_size",
@@ -330,7 +335,9 @@ class PackReader:
     def _check_header(self, codec: PngCodec, name: str) -> str:
         height, width = self._image_shape[:2]
         try:
-            head = codec.probe(self.files.head(name, codec.header_bytes))
+            first = self.files.head(name, codec.header_bytes)
+            head = codec.probe(first)
+            require_room(first, self.files.sizes[name])
         except CodecError as error:
             raise self._undecodable(name, error) from error
         if (head.width, head.height) != (width, height):

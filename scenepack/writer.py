@@ -19,6 +19,7 @@ import numpy as np
 
 from console import UserError
 from console.atomic import recover_interrupted_write, replacing
+from console.results import try_folder
 from scenepack.blocks import grid_block_counts
 from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named, encode_png
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
@@ -82,11 +83,12 @@ def save_pack(
 
 
 def check_target(path: Path) -> None:
-    """UserError where save_pack would refuse `path`: for commands to ask before hours of work, not after."""
+    """UserError where save_pack would refuse or fail to write `path`: for commands to ask before hours of work, not after."""
     path = Path(path).resolve()
     try:
         recover_interrupted_write(path)
         _require_replaceable(path, path.suffix.lower() == ".zip")
+        try_folder(path.parent)
     except OSError as error:
         raise UserError(f"cannot be written: {error.strerror or error}", where=path) from error
 

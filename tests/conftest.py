@@ -1,12 +1,34 @@
-"""Options that all tests share."""
+"""Options and caches that all tests share."""
 
 from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
 
 settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
 settings.load_profile("busy machine")
+
+COMPILED = "JAX_COMPILATION_CACHE_DIR"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What one test compiles, no other compiles again: not in another worker, nor in a program that a test starts."""
+    if not hasattr(config, "workerinput") and COMPILED not in os.environ:
+        folder = tempfile.mkdtemp(prefix="snerg-compiled-")
+        os.environ[COMPILED] = folder
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests go first: one that begins last would keep one worker busy while the others wait."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -17,3 +39,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="fail where golden pictures or real data cannot be compared, instead of skipping; always on where CI is set",
     )
+
+
+@pytest.fixture
+def compiled_quickly() -> Iterator[None]:
+    """For tests that compile much and run it seldom: how fast it runs does not matter."""
+    import jax
+
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)

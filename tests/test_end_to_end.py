@@ -17,11 +17,14 @@ from baker.commands.make import main as snerg_make
 from scenepack import check_pack, load_pack
 from scenepack.blocks import dense_from_pack
 from scenepack.commands import main as snerg_pack
+from tests.told import told
 from training.commands.train import main as snerg_train
 from training.scenes.procedural import write_procedural_scene
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 from viewer.commands.view import main as snerg_view
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +128,7 @@ def one_line(capsys: pytest.CaptureFixture[str], command: Command, arguments: li
     """The single line that a command prints when it refuses its input; asserts status 2."""
     capsys.readouterr()
     assert command(arguments) == 2
-    errors = [line for line in capsys.readouterr().err.splitlines() if line]
+    errors = told(capsys.readouterr().err)
     assert len(errors) == 1, errors
     return errors[0]
 
@@ -235,8 +238,8 @@ def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(
     small = "--steps 2 --batch-size 32 --nerf.depth 1 --nerf.width 8 --nerf.coarse-samples 4 --nerf.fine-samples 4"
     line = [str(scene), "--out", str(tmp_path / "run"), "--preset", preset, "--downscale", "6", *small.split()]
     assert snerg_train([*line, "--nerf.gradient-rays", "0"]) == 0
-    told = one_line(capsys, snerg_bake, [str(tmp_path / "run"), "--out", str(tmp_path / "pack")])
-    assert "cannot be baked" in told and str(tmp_path / "run") in told
+    line = one_line(capsys, snerg_bake, [str(tmp_path / "run"), "--out", str(tmp_path / "pack")])
+    assert "cannot be baked" in line and str(tmp_path / "run") in line
     assert not (tmp_path / "pack").exists()
 
 
@@ -246,7 +249,7 @@ def test_a_run_whose_checkpoints_are_all_damaged_cannot_be_baked(made: Path, tmp
         checkpoint.write_bytes(checkpoint.read_bytes()[:200])
     capsys.readouterr()
     assert snerg_bake([str(run), "--out", str(tmp_path / "pack")]) == 2
-    *warnings, error = capsys.readouterr().err.splitlines()
+    *warnings, error = told(capsys.readouterr().err)
     assert all("warning" in line and "damaged" in line for line in warnings), "one for each that was passed over"
     assert "damaged" in error and "train the run again" in error and str(run) in error
     assert [path.name for path in tmp_path.iterdir()] == ["run"], "nothing is left half-written"

@@ -23,6 +23,7 @@ import pytest
 from PIL import Image
 
 from console.errors import missing_extra
+from tests.told import told
 from tests.viewer.conftest import display
 from training.scenes.procedural import write_procedural_scene
 
@@ -36,7 +37,10 @@ OF_EXTRAS = (
 )
 TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval")
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="makes links, which Windows grants to administrators alone")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(os.name == "nt", reason="makes links, which Windows grants to administrators alone"),
+]
 
 
 @pytest.fixture(scope="session")
@@ -129,7 +133,7 @@ def test_a_command_of_the_trainer_says_in_one_line_what_to_install(
     words = [demo, "--scene", scene] if name == "snerg-eval" else [scene, "--out", tmp_path / "out"]
     done = call(installed, name, *words, cwd=tmp_path)
     assert done.returncode == 2, done.stderr
-    assert len(done.stderr.splitlines()) == 1 and "pip install 'snerg[train]'" in done.stderr
+    assert len(told(done.stderr)) == 1 and "pip install 'snerg[train]'" in done.stderr
     assert "bug" not in done.stderr and not (tmp_path / "out").exists()
 
 
@@ -142,7 +146,7 @@ def test_a_pack_is_told_drawn_and_measured(installed: Path, demo: Path, tmp_path
     done = call(installed, "snerg-bench", demo, "--frames", "2", "--size", "32x32", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     done = call(installed, "snerg-render", demo, "--out", "a.mp4", "--orbit", "2", cwd=tmp_path)
-    assert done.returncode == 2 and "pip install 'snerg[video]'" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert done.returncode == 2 and "pip install 'snerg[video]'" in done.stderr and len(told(done.stderr)) == 1
 
 
 def test_the_window_opens_with_its_fonts(installed: Path, display: str, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from console import UserError
+from training.plausible import require_plausible
 from training.presets import PresetName
 from training.voxels.config import VoxelConfig
 
@@ -168,7 +169,11 @@ def to_json(config: Any) -> dict[str, Any]:
 
 
 def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
-    """The inverse of to_json. Keys that are gone are refused, keys that are new take their defaults."""
+    """The inverse of to_json. Keys that are gone and values that make no sense are refused, keys that are new take their
+    defaults.
+    """
+    if not isinstance(values, Mapping):
+        raise UserError("settings are no object", where=where, expected="{…}", found=type(values).__name__)
     names = {f.name: f for f in dataclasses.fields(cls)}
     if cls is NerfConfig and "view_dependence" in values:  # runs of 0.1.0's first weeks
         values = {**values, "view": "deferred" if values["view_dependence"] else "none"}
@@ -194,4 +199,6 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
             made[name] = from_json(nested[name], value, f"{where} {name}")
         else:
             made[name] = tuple(value) if isinstance(value, list) else value
-    return cls(**made)
+    config = cls(**made)
+    require_plausible(config, where)
+    return config

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 from console.atomic import write_file
+from console.json_text import parse_json
 from training.checkpoints import cannot_write
+
+TIMES = ("seconds", "training_seconds")
 
 
 class Journal:
@@ -48,9 +52,19 @@ def read_journal(path: Path) -> list[dict[str, Any]]:
     records = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ():
         try:
-            record = json.loads(line)
+            record = parse_json(line)
         except ValueError:
             continue
-        if isinstance(record, dict) and isinstance(record.get("step"), int):
+        if (
+            isinstance(record, dict)
+            and type(record.get("step")) is int
+            and all(_is_time(name, record) for name in TIMES)
+        ):
             records.append(record)
     return records
+
+
+def _is_time(name: str, record: dict[str, Any]) -> bool:
+    """Whether a record's time, if it has one, is a number."""
+    seconds = record.get(name, 0.0)
+    return type(seconds) in (int, float) and math.isfinite(seconds)

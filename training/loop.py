@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import shlex
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import jax
@@ -20,6 +21,7 @@ from training.checkpoints import list_checkpoints, write_checkpoint
 from training.config import TrainConfig
 from training.devices import agree, anywhere, is_writer, together
 from training.interrupt import interruptible
+from training.lock import only_one_trains
 from training.recorder import Recorder
 from training.run import Run, RunDescription, read_description, resume_run, start_run
 from training.scenes import SceneOptions
@@ -41,9 +43,24 @@ def train(
 
     options: how the photographs are read. resume: go on from the newest checkpoint in `out`, whose photographs are read as
     they were then; its description, where that was read before. Ctrl-C saves a checkpoint and raises KeyboardInterrupt that
-    says how to go on. UserError for bad scenes, divergence, a full disk, and for an `out` that exists already.
+    says how to go on. UserError for bad scenes, divergence, a full disk, and for an `out` that exists already or that another
+    process trains into.
     """
+<<<<<<< HEAD
     scene_path, out = Path(scene_path), Path(out)
+=======
+    keep_freed_memory()
+    with ExitStack() as held:
+        with together():
+            if is_writer():
+                held.enter_context(only_one_trains(Path(out)))
+        return _train(Path(scene_path), Path(out), config, options, resume)
+
+
+def _train(
+    scene_path: Path, out: Path, config: TrainConfig, options: SceneOptions, resume: bool | RunDescription
+) -> Run:
+>>>>>>> suite
     if resume:
         stored = read_description(out) if resume is True else resume
         run = resume_run(out, stored, scene_path, config)

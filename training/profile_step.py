@@ -23,8 +23,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+<<<<<<< HEAD
 from console import Notice, UserError, progress, run_command, write_json
 from training.profile_report import JAX_PARTS, Profile, Stopwatch, fused_profile, jax_profile
+=======
+from console import Notice, UserError, check_results, progress, run_command, write_json, write_text
+>>>>>>> suite
 
 if TYPE_CHECKING:
     from training.voxels.jax_engine import JaxEngine
@@ -160,6 +164,7 @@ def profile_step(
     for option, value in (("--steps", steps), ("--rounds", rounds)):
         if value < 1:
             raise UserError("must be at least 1", where=option, found=value)
+    check_results(json, markdown)
     from training.run import is_run
 
     method, state, step, name = _of_run(subject) if is_run(subject) else _trained(subject, preset, downscale, steps)
@@ -167,14 +172,7 @@ def profile_step(
         measured = profile(method, state, step, rounds, bar.update)
     measured = dataclasses.replace(measured, facts={"scene": name, **measured.facts})
     if markdown is not None:
-        from console.atomic import write_file
-        from training.checkpoints import cannot_write
-
-        try:
-            markdown.parent.mkdir(parents=True, exist_ok=True)
-            write_file(markdown, measured.to_markdown())
-        except OSError as error:
-            raise cannot_write(markdown, error) from error
+        write_text(markdown, measured.to_markdown())
     if not write_json(json, measured.to_json()):
         print(measured.to_markdown(), end="")
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from console import UserError
 from console.atomic import write_file
+from console.json_text import read_json_file
 from training.checkpoints import cannot_write, list_checkpoints, read_newest_checkpoint
 from training.config import TrainConfig, from_json, to_json
 from training.dataset import RayDataset, make_dataset
@@ -204,7 +205,7 @@ def read_description(path: Path) -> RunDescription:
     if not file.is_file():
         raise UserError("not a run", where=path, expected="a folder with config.json, from snerg-train")
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = read_json_file(file)
         if document["format"] != FORMAT:
             raise UserError("made by another version of snerg", where=file, expected=FORMAT, found=document["format"])
         config = from_json(TrainConfig, document["config"], str(file))

@@ -5,15 +5,13 @@ Writes Markdown to stdout and to --out, and JSON beside it.
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from baker.reports.codec_report import LADDER, as_markdown, measured
-from console import UserError, run_command
-from console.atomic import write_file
+from console import check_results, run_command, write_json, write_text
 from training.scenes import load_scene
 
 DESCRIPTION = "Size, quality and time of every codec on one pack, as a table."
@@ -32,6 +30,8 @@ def codec_report(
         out: Also write the table to this Markdown file, and the figures to a .json next to it.
         quick: Measure only the default quality of each codec.
     """
+    figures = None if out is None else out.with_suffix(".json")
+    check_results(out, figures)
     photographs = load_scene(scene, downscale=downscale)
     rows = []
     ladder = [step for step in LADDER if not (quick and step[1] is not None)]
@@ -41,13 +41,8 @@ def codec_report(
             rows.append(row)
     table = as_markdown(rows)
     print(table)
-    if out is not None:
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            write_file(out, table + "\n")
-            write_file(out.with_suffix(".json"), json.dumps(rows, indent=2) + "\n")
-        except OSError as error:
-            raise UserError(f"cannot be written: {error.strerror or error}", where=out) from error
+    write_text(out, table + "\n")
+    write_json(figures, rows)
 
 
 def main(args: Sequence[str] | None = None) -> int:

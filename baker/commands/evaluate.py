@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from console import UserError, run_command, write_json
+from console import UserError, check_results, run_command, write_json
 
 DESCRIPTION = "Compares a run, or a pack rendered with OpenGL, with the photographs of a scene."
 
@@ -49,6 +49,7 @@ def snerg_eval(
     for path in (subject, mask_of):
         if path is not None and not path.exists():
             raise UserError("no such run or pack", where=path)
+    check_results(json, folder=images)
     made = reading_of(subject)
     photographed = load_scene(
         scene, downscale=downscale, spherify=spherify or made["spherify"], masks=masks or bool(made["masks"])

@@ -59,6 +59,7 @@ def snerg_make(
     from scenepack import check_target
     from training.config import PRESETS as CONFIGS
     from training.loop import train
+    from training.plausible import require_plausible
     from training.run import is_run, read_description
     from training.scenes import SceneOptions
     from training.scenes.box import OPTION, parse_box
@@ -70,6 +71,7 @@ def snerg_make(
     config = dataclasses.replace(CONFIGS[preset], seed=seed)
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
+    require_plausible(config)
     started = time.monotonic()
     stored = read_description(run_path) if is_run(run_path) else None
     if stored is not None:

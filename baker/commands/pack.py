@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from console import UserError, run_command, write_json
+from console import UserError, check_results, run_command, write_json
 from scenepack.commands import COMMANDS
 
 DESCRIPTION = (
@@ -33,7 +33,9 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
 
     if not 1 <= views <= 1000:
         raise UserError("is out of range", where="--views", expected="1 to 1000", found=views)
-    result = compare_packs(a, b, views, parse_size(size))
+    pixels = parse_size(size)
+    check_results(json)
+    result = compare_packs(a, b, views, pixels)
     if write_json(json, result):
         return
     for pack in (result["a"], result["b"]):

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from console import UserError, run_command
+from console import UserError, check_results, run_command
 from console.arguments import parse_size
 
 DESCRIPTION = "Measures the paper's tables on a trained run: quality ladder, resolution, codecs, sparsity loss."
@@ -62,6 +62,7 @@ def report(
         raise UserError("is too small", where="--resolution, --frames or --views")
     if out.exists() and not out.is_dir():
         raise UserError("is a file", where=out, expected="a folder, or nothing yet")
+    check_results(folder=out)
     from baker.baking.bake import BakeConfig  # JAX starts here, not for --help
     from baker.reports.report import Wanted, open_study, write_tables
 

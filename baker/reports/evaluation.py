@@ -22,7 +22,7 @@ from scenepack import load_pack
 from scenepack.pack import Pack
 from training import metrics
 from training.run import Run, is_run, load_run, read_description
-from training.scenes import Camera, Photograph, Scene
+from training.scenes import Camera, Photograph, Scene, picture_stems
 
 # a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
 Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
@@ -72,7 +72,7 @@ def evaluate(
         drawn = stack.enter_context(shown_by(subject, allow_half))
         mask = drawn if mask_of is None else stack.enter_context(shown_by(mask_of, allow_half))
         bar = stack.enter_context(progress("evaluating", len(photographs)))
-        for photograph in photographs:
+        for photograph, name in zip(photographs, picture_stems(photographs), strict=True):
             truth = over_background(photograph.load(), scene.background)
             picture = drawn.show(photograph.camera, "normal")
             if by_alpha or mask_of is not None:
@@ -83,7 +83,7 @@ def evaluate(
                 )
             scores.append(score(photograph, picture, truth))
             if images is not None:
-                save_comparison(images / f"{Path(photograph.name).stem}.png", picture, truth)
+                save_comparison(images / f"{name}.png", picture, truth)
             bar.advance(metrics={"psnr": float(np.mean([s.psnr for s in scores]))})
     return {
         **{key: _mean([getattr(s, key) for s in scores]) for key in ("psnr", "ssim", "lpips")},

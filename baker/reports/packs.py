@@ -17,7 +17,7 @@ from baker.baking.to_pack import bake_to
 from baker.reports.evaluation import evaluate
 from console.atomic import write_file
 from training.run import Run
-from training.scenes import Scene
+from training.scenes import Scene, picture_stems
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Study:
     def picture(self, name: str) -> str:
         """Where the comparison of the middle view lies after `score`, from the report's folder."""
         photographs = self.scene.splits[self.split]
-        return f"pictures/{name}/{Path(photographs[len(photographs) // 2].name).stem}.png"
+        return f"pictures/{name}/{picture_stems(photographs)[len(photographs) // 2]}.png"
 
 
 def _read(note: Path) -> dict[str, Any]:

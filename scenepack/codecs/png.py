@@ -20,6 +20,7 @@ from scenepack.codecs.base import CodecError, ImageInfo
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
+MOST_DEFLATED = 1032  # bytes that DEFLATE can make of one
 _PNG_CHANNELS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey and alpha", 6: "RGBA"}
 
 
@@ -61,6 +62,28 @@ def probe_png(head: bytes) -> ImageInfo:
     return ImageInfo(width, height, _PNG_CHANNELS[colour])
 
 
+def require_room(head: bytes, size: int) -> None:
+    """CodecError where a PNG of `size` bytes cannot hold the pixels that its header, first in `head`, claims."""
+    info = probe_png(head)
+    bits = head[24] * {"RGB": 3, "grey and alpha": 2, "RGBA": 4}.get(info.channels, 1)
+    raw = info.height * -(-info.width * bits // 8)
+    if raw > MOST_DEFLATED * size:
+        raise CodecError(f"its header claims {info.width}×{info.height} pixels, more than {size} bytes can hold")
+
+
+def _require_one_header(data: bytes) -> None:
+    """CodecError where a second IHDR follows: libpng makes room for what it says."""
+    at, headers = len(PNG_SIGNATURE), 0
+    while at + 8 <= len(data) and headers < 2:
+        length, kind = struct.unpack_from(">I4s", data, at)
+        headers += kind == b"IHDR"
+        at += 12 + length
+        if kind == b"IEND":
+            break
+    if headers != 1:
+        raise CodecError("it has more than one header")
+
+
 def encode_png(pixels: np.ndarray, level: int) -> bytes:
     """uint8 [H, W, 4] as a PNG; `level` is zlib's, 0-9. Releases the GIL."""
     return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels), level))
@@ -72,7 +95,12 @@ def decode_png(data: bytes, out: np.ndarray) -> None:
     Layouts that optimisers leave behind are put back as the PNG standard has it: grey and palette become RGB,
     a missing alpha is 255. Releases the GIL while it decodes RGBA. CodecError where it cannot be decoded.
     """
-    channels = probe_png(data[:PNG_HEADER_BYTES]).channels
+    info = probe_png(data[:PNG_HEADER_BYTES])
+    if (info.height, info.width) != out.shape[:2]:
+        raise CodecError(f"it is {info.width}×{info.height} pixels, expected {out.shape[1]}×{out.shape[0]}")
+    require_room(data[:PNG_HEADER_BYTES], len(data))
+    _require_one_header(data)
+    channels = info.channels
     try:
         if channels == "RGBA":
             imagecodecs.png_decode(data, out=out)

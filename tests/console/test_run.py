@@ -168,6 +168,47 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     child.stderr.close()
 
 
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_reader_that_goes_away_does_not_stop_the_work(stream: str, tmp_path: Path) -> None:
+    """As in `snerg-train ... 2>&1 | head -1`: its checkpoints are wanted, whoever reads what it says."""
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom console import UserError, progress, run_command\n"
+        "def c():\n    'Works.'\n"
+        f"    for i in range(20000): print('line', i, file=sys.{stream}, flush=True)\n"
+        "    with progress('working', 2) as bar: bar.advance()\n"
+        "    Path(sys.argv[1]).write_text('done')\n"
+        "    raise UserError('and then it fails')\n"
+        "raise SystemExit(run_command(c, prog='p', args=[]))"
+    )
+    line = [sys.executable, "-c", code, str(tmp_path / "result")]
+    child = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    reader, other = (child.stdout, child.stderr) if stream == "stdout" else (child.stderr, child.stdout)
+    assert reader is not None and other is not None
+    reader.readline()
+    reader.close()
+    assert child.wait(120) == 2 and (tmp_path / "result").read_text() == "done"
+    assert other.read() == (b"p: and then it fails\n" if stream == "stdout" else b"")
+    other.close()
+
+
+@pytest.mark.parametrize("told", ["error", "warning"])
+def test_no_control_character_reaches_the_terminal_and_no_line_is_endless(
+    told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "\x1b[31m\x1b]0;title\x07\x9b2J" + "a" * 1_000_000 + "end"
+
+    def command() -> None:
+        """Tells of a name that somebody else chose."""
+        if told == "error":
+            raise UserError("is not a pack", where=name)
+        warnings.warn(Notice(f"{name}: is not a pack"), stacklevel=1)
+
+    assert run_command(command, prog="p", args=[]) == (2 if told == "error" else 0)
+    err = capsys.readouterr().err
+    assert err.endswith("is not a pack\n") and len(err) < 3000 and "a … a" in err
+    assert not [character for character in err[:-1] if not character.isprintable()]
+
+
 def test_an_empty_box_still_makes_a_sentence() -> None:
     assert unboxed("") == "the arguments do not fit"
 

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import shutil
+import struct
+import tracemalloc
 import warnings
-from collections.abc import Callable
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +17,8 @@ import numpy as np
 import pytest
 
 from console import UserError
-from scenepack import load_pack
+from scenepack import load_pack, save_pack
+from scenepack.codecs.png import PNG_SIGNATURE
 from tests.scenepack.helpers import edit_json, read_image, small_pack, write_image, written, zipped
 
 
@@ -237,3 +243,83 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
 def test_a_file_that_is_no_pack_is_refused(tmp_path: Path) -> None:
     (tmp_path / "photo.jpg").write_bytes(b"not a pack at all")
     refused(tmp_path / "photo.jpg", "photo.jpg")
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def claimed_png(width: int, height: int) -> bytes:
+    """A PNG of RGBA whose header claims what its few bytes cannot hold."""
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0))
+    return PNG_SIGNATURE + header + chunk(b"IDAT", zlib.compress(bytes(1000), 9)) + chunk(b"IEND", b"")
+
+
+@contextmanager
+def little_memory() -> Iterator[None]:
+    """What is allocated inside stays below 64 MiB, NumPy's arrays and bytes included."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < 64 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_second_header_is_refused_before_its_size_is_allocated(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    file = folder / "rgba_000.png"
+    data = file.read_bytes()
+    second = chunk(b"IHDR", struct.pack(">IIBBBBB", 40_000, 50_000, 8, 6, 0, 0, 0))
+    file.write_bytes(data[:33] + second + data[33:])
+    with little_memory():
+        refused(folder, "rgba_000.png", "more than one header")
+
+
+def test_an_atlas_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    for image in [*folder.glob("rgba_*.png"), *folder.glob("feature_*.png")]:
+        image.unlink()
+    edit_json(folder, lambda p: p.update(atlas_width=16384, atlas_height=16384, atlas_depth=8, num_slices=2))
+    for name in ("rgba_000", "rgba_001", "feature_000", "feature_001"):
+        (folder / f"{name}.png").write_bytes(claimed_png(16384, 4 * 16384))
+    with little_memory():
+        refused(folder, "_000.png", "can hold")
+
+
+def test_a_grid_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    edit_json(folder, lambda p: p.update(grid_width=1025, grid_height=1025, grid_depth=1025, block_size=1))
+    (folder / "atlas_indices.png").write_bytes(claimed_png(1025, 1025 * 1025))
+    with little_memory():
+        refused(folder, "atlas_indices.png", "can hold")
+
+
+def test_pieces_are_no_deeper_than_the_grid_asks_for(tmp_path: Path) -> None:
+    folder = tmp_path / "pack"
+    save_pack(small_pack(), folder, codec="avif")
+    step = small_pack().block_size
+    edit_json(folder, lambda p: p["snerg"]["codec_settings"].update(planes=4096 // step * step))
+    with little_memory():
+        refused(folder, "planes is out of range")
+
+
+@pytest.mark.parametrize("codec", ["png", "webp"])
+def test_a_pack_for_which_memory_is_too_small_is_refused_with_both_sizes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, codec: str
+) -> None:
+    folder = tmp_path / "pack"
+    save_pack(small_pack(), folder, codec=codec)
+    monkeypatch.setattr("scenepack.budget.free_memory", lambda: 1000)
+    refused(folder, "does not fit in memory", "GB", "lower resolution")
+
+
+def test_json_of_more_than_16_mib_is_not_parsed(tmp_path: Path) -> None:
+    folder = written(tmp_path / "pack")
+    text = (folder / "scene_params.json").read_text()
+    with zipfile.ZipFile(tmp_path / "pack.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in folder.iterdir():
+            archive.write(file, file.name) if file.suffix != ".json" else None
+        archive.writestr("scene_params.json", text[:-1] + ', "lists": [' + "[]," * (6 << 20) + "[]]}")
+    with little_memory():
+        refused(tmp_path / "pack.zip", "scene_params.json", "too large")

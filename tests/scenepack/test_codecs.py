@@ -27,6 +27,7 @@ from scenepack.commands import main
 from scenepack.padding import restore_padding
 from tests.scenepack.helpers import edit_json, read_json, same_pack, small_pack, written
 from tests.scenepack.random_packs import random_pack
+from tests.told import told
 
 LOSSLESS = {"png", "webp"}
 ROOT = Path(__file__).parents[2]
@@ -357,7 +358,7 @@ def test_converting_in_place_replaces_the_pack(pack: Pack, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (["--codec", "gif"], "image format is not known"),
         (["--codec", "webp", "--quality", "5"], "has no quality"),
@@ -366,12 +367,12 @@ def test_converting_in_place_replaces_the_pack(pack: Pack, tmp_path: Path) -> No
     ],
 )
 def test_convert_tells_in_one_line_what_it_cannot_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], told: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], expected: str
 ) -> None:
     source = written(tmp_path / "a")
     assert main(["convert", str(source), "--out", str(tmp_path / "b"), *words]) == 2
-    error = capsys.readouterr().err
-    assert told in error and error.count("\n") == 1
+    [error] = told(capsys.readouterr().err)
+    assert expected in error
     assert not (tmp_path / "b").exists()
 
 

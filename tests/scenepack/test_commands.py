@@ -15,6 +15,7 @@ from rich.console import Console
 from scenepack import commands, open_pack, report
 from scenepack.check import check_pack
 from tests.scenepack.helpers import edit_json, read_image, small_pack, write_image, written
+from tests.told import told
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -25,7 +26,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
         monkeypatch.setattr(sys, "argv", ["snerg-pack", *map(str, words)])
         status = commands.main()
         out, err = capsys.readouterr()
-        return status, out, err
+        return status, out, "".join(f"{line}\n" for line in told(err))
 
     return call
 

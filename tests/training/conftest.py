@@ -5,18 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import jax
 import pytest
 
 from training.scenes import Scene, load_scene
 from training.scenes.procedural import write_procedural_scene
-
-
-@pytest.fixture(scope="session", autouse=True)
-def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Programs that several tests compile are compiled once a session."""
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
 @pytest.fixture(scope="session")

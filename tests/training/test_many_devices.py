@@ -20,6 +20,8 @@ from training.checkpoints import list_checkpoints, read_checkpoint
 from training.devices import join_processes, own_rows
 from training.journal import read_journal
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 # Of the largest value of an array. Measured on an AMD EPYC, also without FMA and with other kernels of oneDNN: at most 2e-6.
 A_STEPS_ROUNDING = 2e-5
@@ -33,7 +35,8 @@ LARGEST_DRIFT = 0.1
 def start(scene: Path, out: Path, *more: str, devices: int = 1) -> subprocess.Popen[str]:
     environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
-    environment |= {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
+    # Four processes compile all of two methods for these few steps.
+    environment |= {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
     line = [sys.executable, "-m", "tests.training.train_both", str(scene), str(out), str(out.parent / "one"), *more]
     return subprocess.Popen(line, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
 

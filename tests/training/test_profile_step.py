@@ -31,12 +31,7 @@ SMALL = dataclasses.replace(CPU.voxels, resolutions=(24, 32, 48), samples_per_st
 TINY = dataclasses.replace(CPU, steps=20, batch_size=256, voxels=SMALL)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def compiled_quickly():
-    """Nine programs are compiled here; how fast they run does not matter."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("compiled_quickly")]
 
 
 @pytest.fixture

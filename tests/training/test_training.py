@@ -8,6 +8,8 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +18,7 @@ import pytest
 
 from console import Notice, UserError
 from console.driven import PROGRESS, read_report
+from tests.told import told
 from training.arrays import to_arrays
 from training.commands.train import main
 from training.config import PRESETS, TINY, TrainConfig, from_json, to_json
@@ -26,6 +29,8 @@ from training.recorder import Recorder
 from training.run import load_run
 from training.voxels.config import VoxelConfig
 from training.voxels.jax_engine import JaxEngine
+
+pytestmark = pytest.mark.slow
 
 
 def losses(run: Path) -> dict[int, float]:
@@ -193,21 +198,50 @@ def test_seconds_of_training_go_on_counting_after_a_resume(tmp_path: Path):
 # -------------------------------------------------------------------------------------------------------
 
 
-def told(capsys) -> str:
-    line = capsys.readouterr().err.strip()
-    assert "\n" not in line and line.startswith("snerg-train: "), line
+def one_line(capsys) -> str:
+    [line] = told(capsys.readouterr().err)
+    assert line.startswith("snerg-train: "), line
     return line
+
+
+ROOT = Path(__file__).parents[2]
+HOLDING = (
+    "import sys; from pathlib import Path; from training.lock import only_one_trains\n"
+    "with only_one_trains(Path(sys.argv[1])):\n    print('held', flush=True); sys.stdin.read()"
+)
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, procedural_path: Path, tmp_path, capsys):
+    run = tmp_path / "deep" / "run"
+    if there:
+        shutil.copytree(unbroken, run)
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    words = [str(procedural_path), "--out", str(run), *(["--resume"] if there else ["--preset", "tiny"])]
+    child = subprocess.Popen(
+        [sys.executable, "-c", HOLDING, str(run)], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert child.stdout is not None and child.stdout.readline() == "held\n"
+        assert main(words) == 2
+        assert "another process is training into this run" in one_line(capsys)
+    finally:
+        child.communicate(timeout=60)
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+    assert (tmp_path / "deep").exists() == there, "folders that are left empty are taken away"
+    if there:
+        assert main(words) == 0, "the lock has ended with its process"
 
 
 def test_an_existing_run_is_not_overwritten(unbroken: Path, procedural_path: Path, capsys):
     assert main([str(procedural_path), "--out", str(unbroken), "--preset", "tiny"]) == 2
-    assert "exists already" in (line := told(capsys)) and "--resume" in line
+    assert "exists already" in (line := one_line(capsys)) and "--resume" in line
 
 
 def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path, tmp_path: Path, capsys):
     (tmp_path / "letter.txt").write_text("dear")
     assert main([str(procedural_path), "--out", str(tmp_path), "--preset", "tiny"]) == 2
-    assert "another --out" in told(capsys)
+    assert "another --out" in one_line(capsys)
 
 
 @pytest.mark.parametrize(
@@ -220,7 +254,7 @@ def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path
 )
 def test_a_resumed_run_keeps_its_settings(unbroken: Path, procedural_path: Path, capsys, options, words):
     assert main([str(procedural_path), "--out", str(unbroken), "--resume", *options]) == 2
-    assert words in told(capsys)
+    assert words in one_line(capsys)
 
 
 def test_a_finished_run_can_be_given_more_steps(unbroken: Path, procedural_path: Path, tmp_path: Path, capsys):
@@ -289,7 +323,7 @@ def test_resuming_what_is_no_run_gets_one_line(unbroken: Path, procedural_path: 
         document["config"] = {"colour": 1} if spoil == "unknown field" else 5
         (out / "config.json").write_text(json.dumps(document))
     assert main([str(procedural_path), "--out", str(out), "--resume"]) == 2
-    assert str(out) in told(capsys)
+    assert str(out) in one_line(capsys)
 
 
 def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path):
@@ -303,10 +337,10 @@ def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path
 
 def test_bad_scenes_and_presets_end_with_status_2(tmp_path: Path, capsys):
     assert main([str(tmp_path / "absent"), "--out", str(tmp_path / "run")]) == 2
-    assert "no such folder" in told(capsys)
+    assert "no such folder" in one_line(capsys)
     assert not (tmp_path / "run").exists()
     assert main([str(tmp_path), "--out", str(tmp_path / "run"), "--preset", "best"]) == 2
-    assert "best" in told(capsys)
+    assert "best" in one_line(capsys)
 
 
 @pytest.mark.parametrize("name", PRESETS)

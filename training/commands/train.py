@@ -16,6 +16,7 @@ import tyro
 from console import UserError, run_command
 from console.arguments import join_negative_values
 from training.config import PRESETS, TrainConfig
+from training.plausible import require_plausible
 from training.presets import PresetName, names_with_about
 from training.scenes import SceneOptions
 from training.scenes.box import OPTION, parse_box
@@ -89,6 +90,7 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         """
         from training.devices import join_processes  # JAX starts here, not for --help
 
+        require_plausible(config)
         join_processes(coordinator, processes, process_id)
         from training.devices import is_writer
         from training.loop import train

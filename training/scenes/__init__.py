@@ -2,6 +2,6 @@
 
 from training.scenes.pixels import load_pixels
 from training.scenes.read import load_scene
-from training.scenes.scene import Camera, Photograph, Scene, SceneOptions
+from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, picture_stems
 
-__all__ = ["Camera", "Photograph", "Scene", "SceneOptions", "load_pixels", "load_scene"]
+__all__ = ["Camera", "Photograph", "Scene", "SceneOptions", "load_pixels", "load_scene", "picture_stems"]

@@ -27,7 +27,7 @@ _EXPECTED = "PNG, JPEG, WebP, TIFF or BMP"
 
 def picture_size(path: Path) -> tuple[int, int]:
     """(width, height) of a picture from its header. UserError where it is missing or no picture."""
-    if not path.is_file():
+    if not os.path.isfile(path):  # also where the system would not even look for such a name
         raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
     try:
         with _opened(path) as image:

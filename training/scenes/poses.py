@@ -5,24 +5,22 @@ Notation: world_T_camera [4, 4] float64; P [N, 4, 4] a stack of them.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from console import UserError
+from console.json_text import read_json_file
 
 
 def read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file. UserError where there is none, naming line and column."""
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise UserError(
-            "not JSON", where=path, found=f"{error.msg} at line {error.lineno} column {error.colno}"
-        ) from error
-    except (OSError, UnicodeDecodeError) as error:
+        document = read_json_file(path)
+    except ValueError as error:
+        raise UserError("not JSON", where=path, found=error) from error
+    except OSError as error:
         raise UserError("cannot be read", where=path, found=str(error)) from error
     if not isinstance(document, dict):
         raise UserError("not a scene description", where=path, expected="an object", found=type(document).__name__)

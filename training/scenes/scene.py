@@ -52,6 +52,21 @@ class Photograph:
     load: Callable[[], np.ndarray]
 
 
+def picture_stems(photographs: Sequence[Photograph]) -> list[str]:
+    """A file name without suffix for each of `photographs`, no two alike: r_3 of train/r_3.png, left-003 where right/003.png
+    is there as well.
+    """
+    stems = [Path(photograph.name).stem for photograph in photographs]
+    if len({stem.lower() for stem in stems}) < len(stems):  # some file systems take R_3 for r_3
+        stems = ["-".join(part for part in Path(p.name).with_suffix("").parts if part.strip("./")) for p in photographs]
+    taken: set[str] = set()
+    for i, stem in enumerate(stems):
+        while stems[i].lower() in taken:  # a.png and a.jpg
+            stems[i] = f"{stem}-{i}"
+        taken.add(stems[i].lower())
+    return stems
+
+
 Box = tuple[float, float, float, float, float, float]  # x0, y0, z0, x1, y1, z1
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from console import not_written
+from console.results import try_folder
 from scenepack.files import PARAMS_NAME
 
 Kind = Literal["pack", "run", "scene", "pictures", "unknown"]
@@ -82,12 +82,11 @@ def existing_folder(path: Path) -> Path:
 def why_not_writable(folder: Path) -> str | None:
     """Why nothing can be written into `folder`, which need not be there yet, and what to do; None where it can. Tries it."""
     try:
-        above = next(place for place in (folder, *folder.parents) if os.path.lexists(place))
-        with tempfile.TemporaryDirectory(prefix=".snerg-", dir=above):
-            return None
+        try_folder(folder)
     except OSError as error:
         words, remedy = not_written(error)
         return f"{folder} cannot be written: {words}; {remedy}."
+    return None
 
 
 def _is_scene(path: Path) -> bool:

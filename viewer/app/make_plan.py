@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import json
 import shlex
 import sys
 import threading
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Literal
 
 from console import Notice, UserError
+from console.json_text import read_json_file
 from training.presets import PRESETS
 from training.scenes import Scene, load_scene
 from training.scenes.downscale import suggested_downscale
@@ -242,7 +242,7 @@ def _description(run: Path) -> dict:
     """What a run's config.json says of "scene" (a folder, "" where it does not say) and "steps" (in all)."""
     file = run / "config.json"
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
+        values = read_json_file(file)
         return {"scene": str(values.get("scene", "")), "steps": int(values.get("config", {}).get("steps", 0))}
     except (OSError, ValueError, TypeError, AttributeError) as error:
         raise UserError("the run's description cannot be read", where=file, found=str(error)[:100]) from error

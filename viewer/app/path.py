@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from console import UserError
 from console.atomic import write_file
+from console.json_text import parse_json, read_json_file
 
 DEFAULT_SECONDS = 2.0
 
@@ -161,7 +162,7 @@ def save_path(path: CameraPath, file: Path, training_T_grid: np.ndarray, size: t
 def load_path(file: Path, training_T_grid: np.ndarray) -> CameraPath:
     """Reads nerfstudio's camera-path JSON, from its present viewer or its older one. UserError for anything else."""
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = read_json_file(file)
         grid_T_training = np.linalg.inv(training_T_grid)
         default = float(document.get("default_transition_sec", DEFAULT_SECONDS))
         keyframes = [_keyframe(entry, grid_T_training, default) for entry in document["keyframes"]]
@@ -177,7 +178,7 @@ def load_path(file: Path, training_T_grid: np.ndarray) -> CameraPath:
 def _keyframe(entry: dict[str, Any], grid_T_training: np.ndarray, default: float) -> Keyframe:
     numbers = entry["matrix"]
     if isinstance(numbers, str):  # the older viewer wrote three.js's column-major arrays as text
-        matrix = np.array(json.loads(numbers), np.float64).reshape(4, 4).T
+        matrix = np.array(parse_json(numbers), np.float64).reshape(4, 4).T
     else:
         matrix = np.array(numbers, np.float64).reshape(4, 4)
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:

@@ -14,6 +14,7 @@ from math import asin, atan2, degrees, radians, tan
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from console.json_text import parse_json
 from viewer.rendering.camera import ViewCamera
 
 # right, up and front of each choice of the up axis; front = right × up
@@ -127,7 +128,7 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
     `up` may be missing (y). Also taken: six bare numbers, eye and target. ValueError, told plainly, for the rest.
     """
     try:
-        values = json.loads(text)
+        values = parse_json(text)
     except ValueError:
         values = text.replace(";", " ").replace(",", " ").split()
     try:

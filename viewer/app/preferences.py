@@ -20,6 +20,7 @@ import platformdirs
 
 from console import not_written
 from console.atomic import write_file
+from console.json_text import read_json_file
 
 try:
     import fcntl
@@ -112,7 +113,7 @@ def merged_recent(opened: list[str], others: list[str]) -> list[str]:
 def _read(file: Path) -> dict[str, Any]:
     """What the file holds; nothing where there is none, or none that makes sense."""
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
+        values = read_json_file(file)
     except (OSError, ValueError):
         return {}
     return values if isinstance(values, dict) else {}

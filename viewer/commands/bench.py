@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json as json_text
 import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from console import UserError, run_command
+from console import UserError, check_results, run_command, write_json, write_text
 from console.arguments import parse_size
-from console.atomic import write_file
 from console.desktop import tell_if_unseen
 from console.plots import require_plots
 from scenepack import Pack, load_pack
@@ -55,7 +53,7 @@ def bench(
         dense_pack: Pack of the same scene trained without the sparsity loss, for the last row of that table.
         allow_half: Measure a pack that does not fit on the graphics card at half its resolution. Without this option, such a
             pack is refused.
-        json: Also write the figures to this file.
+        json: Also write the figures to this file; "-" prints them instead of the table.
         markdown: Also write the table to this file, as Markdown.
         plot: Plot the frame times into this PNG, with the median and the 95th percentile.
     """
@@ -66,6 +64,7 @@ def bench(
     pixels = parse_size(size) if size else None
     if plot is not None:
         require_plots()
+    check_results(json, markdown, plot)
     loaded = load_pack(pack)
     if protocol == "auto":
         protocol = "forward-facing" if loaded.ndc else "synthetic"
@@ -93,18 +92,13 @@ def bench(
         "clock": measurement.clock,
         **figures(measurement),
     }
-    bench_report.print_table(result, measurement)
-    if json is not None:
-        _write(json, json_text.dumps(result, indent=2, allow_nan=False) + "\n")
+    if not write_json(json, result):
+        bench_report.print_table(result, measurement)
+    name = pack.resolve().name
     if markdown is not None:
-        _write(markdown, bench_report.markdown(pack.resolve().name, result, measurement))
+        write_text(markdown, bench_report.markdown(name, result, measurement))
     if plot is not None:
-        bench_report.plot(plot, pack.resolve().name, result, measurement)
-
-
-def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_file(path, text)
+        bench_report.plot(plot, name, result, measurement)
 
 
 def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from console import UserError, progress, run_command
+from console import UserError, check_results, progress, run_command
 from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
 from console.atomic import replacing
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
-from training.scenes import load_scene
+from training.scenes import load_scene, picture_stems
 from viewer.app.films import require_video, write_film
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored, orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -84,6 +84,10 @@ def render(
         mode=mode, marcher=marcher, background=_colour(background), near=near, crop=_box(crop) if crop else None
     )
     pixels = parse_size(size) if size else None
+    if kind:
+        check_results(out)
+    else:
+        check_results(folder=out)
     loaded = load_pack(pack)
     if scene is not None:
         views = _photograph_views(loaded, scene, split, index, downscale, pixels)
@@ -179,16 +183,14 @@ def _photograph_views(
     if not photographs:
         names = ", ".join(name for name, some in splits.items() if some)
         raise UserError("has no such photographs", where=scene, expected=f"--split {names}", found=split)
-    if index is not None:
-        if not 0 <= index < len(photographs):
-            raise UserError(
-                "no such photograph", where="--index", expected=f"0 ... {len(photographs) - 1}", found=index
-            )
-        photographs = photographs[index : index + 1]
+    if index is not None and not 0 <= index < len(photographs):
+        raise UserError("no such photograph", where="--index", expected=f"0 ... {len(photographs) - 1}", found=index)
     views = []
-    for photograph in photographs:
+    for number, (photograph, name) in enumerate(zip(photographs, picture_stems(photographs), strict=True)):
+        if index is not None and number != index:
+            continue
         camera = ViewCamera.from_scene_camera(pack, photograph.camera)
-        views.append(View(Path(photograph.name).stem, camera.resized(*size) if size else camera))
+        views.append(View(name, camera.resized(*size) if size else camera))
     return views
 
 

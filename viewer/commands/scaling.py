@@ -7,9 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from console import UserError, run_command
+from console import UserError, check_results, run_command, write_json
 from console.arguments import parse_numbers
-from console.atomic import write_file
 from console.plots import draw_plots, require_plots
 from viewer.benchmark.scaling import BLOCK_SIZE, Figures, in_words, measured, plots_of
 
@@ -33,6 +32,7 @@ def scaling(
         redraw: Draw the plots from the scaling.json that is there, and measure nothing.
     """
     require_plots()
+    check_results(folder=out)
     figures = out / "scaling.json"
     if redraw:
         _draw(out, _read(figures))
@@ -44,8 +44,8 @@ def scaling(
     if min(sides) < BLOCK_SIZE or min(pixels) < 1:
         raise UserError("is too small", where="--resolutions" if min(sides) < BLOCK_SIZE else "--sizes")
     result = measured(sides, pixels, frames)
+    write_json(figures, result)
     _draw(out, result)
-    write_file(figures, json.dumps(result, indent=1) + "\n")
     for line in in_words(result):
         print(line)
 

@@ -63,7 +63,7 @@ class ViewCamera:
         back = back / np.linalg.norm(back)
         right = np.cross(up, back)
         if np.linalg.norm(right) < 1e-9 * max(np.linalg.norm(up), 1e-30):  # looking straight along up
-            right = np.cross(np.roll(up, 1) + 1e-3, back)
+            right = np.cross(np.eye(3)[np.argmin(np.abs(back))], back)  # any direction across will do
         right = right / np.linalg.norm(right) * (-1.0 if mirrored else 1.0)
         grid_T_camera = np.eye(4)
         grid_T_camera[:3, 0] = right

@@ -24,6 +24,8 @@ from tests.scenepack.random_packs import BLENDER_FRAME
 from training.commands.train import main as snerg_train
 from training.scenes.procedural import write_procedural_scene
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 KEY = {"bake": 1}
 

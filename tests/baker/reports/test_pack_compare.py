@@ -15,6 +15,7 @@ from baker.reports.codec_report import as_markdown, measured
 from baker.reports.pack_compare import difference
 from scenepack import Pack, save_pack
 from tests.scenepack.random_packs import random_pack
+from tests.told import told
 from training.scenes import Scene
 
 ROOT = Path(__file__).parents[3]
@@ -54,7 +55,7 @@ def test_the_json_has_each_view_and_their_means(pack: Pack, tmp_path: Path, caps
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (["--views", "0"], "--views"),
         (["--size", "big"], "--size"),
@@ -67,13 +68,13 @@ def test_what_cannot_be_done_is_told_in_one_line(
     capsys: pytest.CaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
     words: list[str],
-    told: str,
+    expected: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     save_pack(pack, tmp_path / "a")
     assert main(["compare", "a", "a", "--size", "16x16", "--views", "1", *words]) == 2
-    error = capsys.readouterr().err
-    assert told in error and error.count("\n") == 1
+    [error] = told(capsys.readouterr().err)
+    assert expected in error
 
 
 def test_packs_of_two_kinds_of_scene_are_not_compared(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

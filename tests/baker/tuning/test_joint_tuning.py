@@ -22,6 +22,8 @@ from training.dataset import RayDataset
 from training.marching.batches import rays_that_meet
 from training.marching.layout import blend
 
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("compiled_quickly")]
+
 SAMPLES = 32_768
 
 

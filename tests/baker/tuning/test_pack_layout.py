@@ -18,6 +18,8 @@ from training.marching.rays import in_grid_frame, unbounded
 from training.scenes import Camera
 from viewer.rendering.camera import ViewCamera
 
+pytestmark = pytest.mark.slow
+
 
 def rays_of(dataset, pack, camera: Camera):
     rays = unbounded(dataset.view_rays(camera))

@@ -29,13 +29,12 @@ def test_the_march_lists_every_sample_with_support_and_says_which_rays_did_not_f
     listed = [[] for _ in range(256)]
     for ray, t in zip(np.asarray(found.ray)[found.valid], np.asarray(found.t)[found.valid], strict=True):
         listed[ray].append(float(t))
+    t = (start[:, None] + np.asarray(phase)[:, None] + np.arange(40)).astype(np.float32)  # [ray, sample]
+    g = grid_rays.origins[:, None] + t[..., None] * grid_rays.directions[:, None]
+    expected = (t < end[:, None]) & np.asarray(layout.has_support(g.reshape(-1, 3))).reshape(t.shape)
     for ray in range(256):
-        t = start[ray] + np.asarray(phase)[ray] + np.arange(40)
-        t = t[t < end[ray]].astype(np.float32)
-        g = grid_rays.origins[ray] + t[:, None] * grid_rays.directions[ray]
-        expected = t[np.asarray(layout.has_support(g))] if len(t) else t
         if found.complete[ray]:
-            np.testing.assert_allclose(listed[ray], expected, atol=1e-4)
+            np.testing.assert_allclose(listed[ray], t[ray, expected[ray]], atol=1e-4)
         else:
             assert listed[ray] == [], "a ray that is not complete must not contribute"
     assert bool(found.complete.all()) == (samples == 4096)
@@ -47,8 +46,9 @@ def test_transmittance_is_the_running_product_of_each_ray(present: np.ndarray) -
     found = march(layout, to_grid(layout, rays), jnp.full(128, 0.5), MarchSizes(8, 2048, 4096, 40), 1.0)
     tau = jnp.asarray(np.random.default_rng(4).exponential(1.0, 4096), jnp.float32)
     before, behind = transmittance(found, tau, 128, 40)
+    rays_of, valid, taus, before, behind = map(np.asarray, (found.ray, found.valid, tau, before, behind))
     for ray in range(128):
-        own = np.asarray((found.ray == ray) & found.valid)
-        optical = np.asarray(tau)[own]
-        np.testing.assert_allclose(np.asarray(before)[own], np.exp(np.cumsum(-optical) + optical), rtol=1e-4, atol=1e-6)
+        own = (rays_of == ray) & valid
+        optical = taus[own]
+        np.testing.assert_allclose(before[own], np.exp(np.cumsum(-optical) + optical), rtol=1e-4, atol=1e-6)
         np.testing.assert_allclose(behind[ray], np.exp(-optical.sum()), rtol=1e-4, atol=1e-6)

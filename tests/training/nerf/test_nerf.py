@@ -21,6 +21,8 @@ from training.nerf.render import NerfParams, draw_perturbation, init_nerf
 from training.scenes import Scene
 from training.validation import render_photograph
 
+pytestmark = pytest.mark.slow
+
 
 def size_of(tree) -> int:
     return sum(leaf.size for leaf in jax.tree.leaves(tree))
@@ -77,6 +79,7 @@ def test_presets_differ_from_the_paper_in_what_their_rows_name_and_in_nothing_el
     assert PRESETS["no-sparsity"].sparsity_weight == 0 and PRESETS["deferred"].sparsity_weight == 1e-4
 
 
+@pytest.mark.usefixtures("compiled_quickly")
 @pytest.mark.parametrize("view", ["deferred", "tiny", "nerf", "none"])
 def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scene: Scene, view):
     dataset = make_dataset(procedural_scene)
@@ -118,11 +121,11 @@ def test_bfloat16_products_hold_the_quality_of_float32(procedural_scene: Scene):
     dataset = make_dataset(procedural_scene)
     ends, first = {}, {}
     for matmul in ("float32", "bfloat16"):
-        nerf = dataclasses.replace(TINY.nerf, matmul=matmul, warmup_steps=0)
-        method = NerfMethod(dataclasses.replace(TINY, steps=120, batch_size=256, nerf=nerf), dataset)
+        nerf = dataclasses.replace(TINY.nerf, matmul=matmul, warmup_steps=0, depth=3, coarse_samples=8, fine_samples=8)
+        method = NerfMethod(dataclasses.replace(TINY, steps=100, batch_size=192, nerf=nerf), dataset)
         state = method.start(jax.random.key(0))
         losses = []
-        for step in range(120):
+        for step in range(100):
             state, metrics = method.step(state, step)
             losses.append(float(metrics["loss"]))
         assert all(leaf.dtype == jnp.float32 for leaf in jax.tree.leaves(state.params))

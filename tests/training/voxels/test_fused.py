@@ -31,6 +31,8 @@ from training.voxels.fused.bricks import build_bricks, support_of
 from training.voxels.fused.engine import FusedEngine, FusedState
 from training.voxels.fused.rays import Batch, empty_batch, photographs_of
 
+pytestmark = pytest.mark.slow
+
 VOXELS = VoxelConfig(resolutions=(24,), ndc_resolutions=(24,), stage_starts=(0.0,), prunings=(), samples_per_step=8192)
 CONFIG = dataclasses.replace(CPU, steps=40, batch_size=64, voxels=VOXELS, engine="fused")
 TRAINED = 12  # steps: enough for mist of all densities, and for remembered depths that end rays

@@ -15,6 +15,8 @@ from training.voxels.config import VoxelConfig
 from training.voxels.method import VoxelMethod
 from training.voxels.sparse_grid import present_voxels
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def small_config():

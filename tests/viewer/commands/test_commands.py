@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from scenepack import Pack, save_pack
+from tests.told import told
 from viewer.commands import bench, render, scaling
 from viewer.rendering import offscreen
 from viewer.rendering.gpu_scene import Limits
@@ -99,7 +100,7 @@ def test_bad_arguments_are_status_2_and_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert render.main([folder, *words]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert len(told(capsys.readouterr().err)) == 1
     assert not list(tmp_path.iterdir())
 
 
@@ -203,7 +204,7 @@ def test_without_matplotlib_a_plot_is_refused_in_one_line_before_anything_is_mea
         timeout=120,
     )
     assert done.returncode == 2 and not done.stdout and not list(tmp_path.iterdir())
-    assert len(done.stderr.splitlines()) == 1 and "pip install matplotlib" in done.stderr
+    assert len(told(done.stderr)) == 1 and "pip install matplotlib" in done.stderr
 
 
 @pytest.mark.parametrize("message", ["libEGL.so not loaded", "Requested OpenGL version 330, got version 210"])
@@ -222,7 +223,7 @@ def test_without_opengl_a_command_says_so_in_one_line(
     monkeypatch.setattr(offscreen.moderngl, "create_context", fail)
     words = ["--out", str(tmp_path / "a.png")] if command is render else ["--frames", "1"]
     assert command.main([folder, *words, *SMALL]) == 2
-    said = [line for line in capsys.readouterr().err.splitlines() if line.strip()]
+    said = told(capsys.readouterr().err)
     assert len(said) == 1 and "OpenGL 3.3" in said[0] and message in said[0]
 
 

@@ -83,3 +83,9 @@ def test_resizing_keeps_the_directions_of_the_corners() -> None:
     large = pixel_directions(camera).reshape(60, 80, 3)
     between = large[0, 0] + large[0, 1] + large[1, 0] + large[1, 1]
     assert np.allclose(small[0, 0], between / np.linalg.norm(between), atol=1e-4)
+
+
+@pytest.mark.parametrize("up", [(0.0, 1.0, 0.0), (1.0, 1.0, 1.0), (-2.0, -2.0, -2.0), (0.0, 0.0, 3.0)])
+def test_looking_straight_along_up_is_a_camera_all_the_same(up: tuple[float, float, float]) -> None:
+    matrix = ViewCamera.look_at(np.zeros(3), np.array(up), up).grid_T_camera
+    np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)

@@ -11,12 +11,15 @@ import pytest
 from PIL import Image
 
 from scenepack import save_pack
+from tests.told import told
 from tests.viewer.app.scenes import photographed
 from viewer.app.application import App
 from viewer.commands.view import PageName
 from viewer.panels.layout import PAGES
 from viewer.panels.ui import Ui
 from viewer.window.window import NoDisplay, Window, display_problem
+
+pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).parent
 LIVE = sorted(path.name for path in HERE.glob("live_*.py"))
@@ -102,7 +105,7 @@ def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
     picture = tmp_path / "window.png"
     done = run_view(tmp_path, "--frames", 5, "--screenshot", picture, "--size", "800x500", display=display)
     assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1 and "scene_params.json" in done.stderr
+    assert len(told(done.stderr)) == 1 and "scene_params.json" in done.stderr
     pixels = np.asarray(Image.open(picture)).astype(int)
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[150:300, 200:600].mean() > 0.5  # a card, in the middle
 
@@ -111,14 +114,14 @@ def test_photographs_are_asked_about_on_a_display_and_told_without_one(display, 
     pixels = picture_of(display, tmp_path, known_pack.parent / "scene")
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[120:380, 130:670].mean() > 0.4  # a card, in the middle
     done = run_view(known_pack.parent / "scene")
-    assert done.returncode == 2 and "snerg-make" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert done.returncode == 2 and "snerg-make" in done.stderr and len(told(done.stderr)) == 1
 
 
 def test_a_bad_pack_without_a_display_is_one_line_and_status_2(tmp_path):
     (tmp_path / "scene_params.json").write_text("{")
     done = run_view(tmp_path)
     assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1 and "scene_params.json" in done.stderr
+    assert len(told(done.stderr)) == 1 and "scene_params.json" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -126,12 +129,12 @@ def test_a_bad_pack_without_a_display_is_one_line_and_status_2(tmp_path):
 )
 def test_bad_arguments_are_one_line_and_status_2(pack_folder, words):
     done = run_view(pack_folder, *words)
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert done.returncode == 2 and len(told(done.stderr)) == 1
 
 
 def test_what_asks_for_a_pack_says_so():
     done = run_view("--photograph", "r_0")
-    assert done.returncode == 2 and "needs a pack" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert done.returncode == 2 and "needs a pack" in done.stderr and len(told(done.stderr)) == 1
 
 
 def test_the_command_line_knows_all_pages():

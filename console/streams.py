@@ -1,0 +1,73 @@
+"""What a command prints: characters that any terminal takes, to readers that may go away."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+LONGEST_LINE = 2000  # characters; names and values in it may come from anybody
+_GONE = {errno.EPIPE, errno.EIO, errno.ENXIO}  # `| head` has read enough; the terminal was closed
+
+
+def one_line(text: str) -> str:
+    """`text` in one line without control characters, which could move the cursor or colour what others print."""
+    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
+    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE // 2]} … {line[-LONGEST_LINE // 2 :]}"
+
+
+@contextmanager
+def lasting_output() -> Iterator[None]:
+    """stdout and stderr that the work outlives: what is printed after their reader went away is dropped.
+
+    On a terminal or pipe that is not UTF-8, what it cannot show becomes "?" instead of an exception.
+    """
+    before = sys.stdout, sys.stderr
+    encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
+    if encoding != "utf8" and isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
+    sys.stdout, sys.stderr = (stream and _Lasting(stream) for stream in before)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+class _Lasting:
+    """A text stream, but for what happens when its reader is gone."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except OSError as error:
+            self._drop(error)
+            return len(text)
+
+    def writelines(self, lines: Any) -> None:
+        for line in lines:
+            self.write(line)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self._drop(error)
+
+    def _drop(self, error: OSError) -> None:
+        """From now on into nothing; also what is still buffered, and what libraries print without asking Python."""
+        if error.errno not in _GONE:
+            raise error
+        with suppress(OSError, ValueError):
+            nothing = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nothing, self._stream.fileno())
+            os.close(nothing)

@@ -1,0 +1,31 @@
+"""What opening a pack may take: asked before anything is allocated, for a few bytes can claim gigabytes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from console import UserError
+
+_MEMORY = Path("/proc/meminfo")
+
+
+def free_memory() -> int | None:
+    """Bytes that programs could still take; None where the system does not say."""
+    try:
+        rows = dict(row.split(":", 1) for row in _MEMORY.read_text().splitlines() if ":" in row)
+        return int(rows["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError, IndexError):
+        return None
+
+
+def require_memory(needed: int, where: object) -> None:
+    """UserError where so many bytes are more than is free."""
+    free = free_memory()
+    if free is not None and needed > free:
+        raise UserError(
+            "its atlas does not fit in memory",
+            where=str(where),
+            expected=f"at most {free / 1e9:.1f} GB, which are free",
+            found=f"{needed / 1e9:.1f} GB",
+            remedy="close other programs, or bake it at a lower resolution",
+        )

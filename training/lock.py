@@ -1,0 +1,56 @@
+"""One training at a time in a run's folder: two would write every step twice."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from console import UserError
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+
+@contextmanager
+def only_one_trains(run: Path) -> Iterator[None]:
+    """Holds the folder `run`, which is made where it is not there, and taken away again where it is left empty.
+
+    UserError where another process holds it. The lock (flock) is on the folder itself, counts on all hosts that share it,
+    and ends with its process, however that ends.
+    """
+    if fcntl is None or (run.exists() and not run.is_dir()):
+        yield
+        return
+    missing = [folder for folder in (run, *run.absolute().parents) if not folder.exists()]
+    handle = -1
+    try:
+        with suppress(OSError):  # where nothing can be written, writing tells why
+            run.mkdir(parents=True, exist_ok=True)
+            handle = os.open(run, os.O_RDONLY)
+        try:
+            _hold(handle, run)
+            yield
+        finally:
+            if handle >= 0:
+                os.close(handle)
+    finally:
+        for folder in missing:
+            with suppress(OSError):  # not empty: the run is in it
+                folder.rmdir()
+
+
+def _hold(handle: int, run: Path) -> None:
+    if fcntl is None or handle < 0:
+        return
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise UserError(
+            "another process is training into this run", where=run, remedy="wait for it, or choose another --out"
+        ) from error
+    except OSError:  # some network file systems have no locks
+        return

@@ -1,0 +1,68 @@
+"""Settings from a command line or a config.json: of the declared types, and in a range that means something."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+import typing
+from typing import Any
+
+from console import UserError
+
+LARGEST_WHOLE = 2**32 - 1  # seeds are 32 bits, and so are the counts that a GPU takes
+AT_LEAST_ONE = {
+    "batch_size", "log_every", "checkpoint_every", "depth", "width", "coarse_samples", "fine_samples", "render_rays",
+    "query_points", "samples_per_step", "resolutions", "ndc_resolutions",
+}  # fmt: skip
+
+
+def require_plausible(config: Any, where: str | None = None, prefix: str = "") -> None:
+    """UserError, naming the setting, where a value of a dataclass (nested ones included) has another type, is negative, not
+    finite, or zero where nothing can be done with that. where: the file; options of the command line without it.
+    """
+    hints = typing.get_type_hints(type(config))
+    for field in dataclasses.fields(config):
+        value, hint = getattr(config, field.name), hints[field.name]
+        if dataclasses.is_dataclass(hint):
+            if not dataclasses.is_dataclass(value):
+                raise _wrong(prefix + field.name, where, "an object", value)
+            require_plausible(value, where, f"{prefix}{field.name}.")
+        else:
+            expected = _complaint(value, hint, 1 if field.name in AT_LEAST_ONE else 0)
+            if expected:
+                raise _wrong(prefix + field.name, where, expected, value)
+
+
+def _wrong(name: str, where: str | None, expected: str, value: Any) -> UserError:
+    option = "--" + name.replace("_", "-")
+    found = repr(value)
+    return UserError(
+        "makes no sense" if where is None else f"{name} makes no sense",
+        where=option if where is None else where,
+        expected=expected,
+        found=found if len(found) <= 40 else f"{found[:37]}…",
+    )
+
+
+def _complaint(value: Any, hint: Any, least: int) -> str | None:
+    """What is expected in place of `value`; None where it will do."""
+    origin, choices = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Literal:
+        return None if value in choices and isinstance(value, str) else f"one of {', '.join(choices)}"
+    if origin in (types.UnionType, typing.Union):
+        complaints = [_complaint(value, choice, least) for choice in choices]
+        return None if None in complaints else complaints[0]
+    if origin is tuple:
+        if not isinstance(value, tuple):
+            return "a list"
+        return next((told for item in value if (told := _complaint(item, choices[0], least))), None)
+    if hint is type(None):
+        return None if value is None else "nothing"
+    if hint is int:
+        fits = type(value) is int and least <= value <= LARGEST_WHOLE
+        return None if fits else f"a whole number from {least} to {LARGEST_WHOLE}"
+    if hint is float:
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        return None if number and math.isfinite(value) and value >= 0 else "a number, not below 0"
+    return None if isinstance(value, hint) else hint.__name__
