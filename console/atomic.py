@@ -22,7 +22,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,31 +37,20 @@ _LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process 
 _SWAP_PATIENCE_S = 2.0
 
 
-<<<<<<< HEAD
 def write_file(path: Path, data: bytes | str | Iterable[Any]) -> None:
-    """Puts `data` (text as UTF-8; or parts, one after the other) at `path`, whose folder exists, in one step. Raises OSError."""
-    parts = [data.encode()] if isinstance(data, str) else [data] if isinstance(data, bytes) else data
-    with replacing(path) as new, new.open("wb") as file:
-        for part in parts:
-            file.write(part)
-=======
-def write_file(path: Path, data: bytes | str) -> None:
-    """Puts `data` (text as UTF-8) at `path`, whose folder exists, in one step. Raises OSError.
+    """Puts `data` (text as UTF-8; or parts, one after the other) at `path`, whose folder exists, in one step. Raises OSError.
 
     A device or a pipe (/dev/stdout, >(wc)) is written as it is: nothing takes its place.
     """
-    data = data.encode() if isinstance(data, str) else data
-    if is_stream(path):
-        path.write_bytes(data)
-        return
-    with replacing(path) as new:
-        new.write_bytes(data)
+    parts = [data.encode()] if isinstance(data, str) else [data] if isinstance(data, bytes) else data
+    with nullcontext(path) if is_stream(path) else replacing(path) as new, new.open("wb") as file:
+        for part in parts:
+            file.write(part)
 
 
 def is_stream(path: Path) -> bool:
     """Whether a device, a pipe or a socket lies at `path`."""
     return path.exists() and not path.is_file() and not path.is_dir()
->>>>>>> suite
 
 
 @contextmanager

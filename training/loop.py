@@ -46,10 +46,6 @@ def train(
     says how to go on. UserError for bad scenes, divergence, a full disk, and for an `out` that exists already or that another
     process trains into.
     """
-<<<<<<< HEAD
-    scene_path, out = Path(scene_path), Path(out)
-=======
-    keep_freed_memory()
     with ExitStack() as held:
         with together():
             if is_writer():
@@ -60,7 +56,6 @@ def train(
 def _train(
     scene_path: Path, out: Path, config: TrainConfig, options: SceneOptions, resume: bool | RunDescription
 ) -> Run:
->>>>>>> suite
     if resume:
         stored = read_description(out) if resume is True else resume
         run = resume_run(out, stored, scene_path, config)

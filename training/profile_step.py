@@ -23,12 +23,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-<<<<<<< HEAD
-from console import Notice, UserError, progress, run_command, write_json
-from training.profile_report import JAX_PARTS, Profile, Stopwatch, fused_profile, jax_profile
-=======
 from console import Notice, UserError, check_results, progress, run_command, write_json, write_text
->>>>>>> suite
+from training.profile_report import JAX_PARTS, Profile, Stopwatch, fused_profile, jax_profile
 
 if TYPE_CHECKING:
     from training.voxels.jax_engine import JaxEngine

@@ -8,6 +8,7 @@ invisible RGB of transparent pixels does not bleed into edges.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

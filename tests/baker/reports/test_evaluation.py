@@ -15,13 +15,9 @@ from baker.reports import evaluation
 from baker.reports.evaluation import evaluate, reading_of
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
-<<<<<<< HEAD
 from tests.viewer.rendering.shapes import shapes_pack
-from training.scenes import Scene
-from viewer.rendering.gpu_scene import Limits
-=======
 from training.scenes import Scene, picture_stems
->>>>>>> suite
+from viewer.rendering.gpu_scene import Limits
 
 
 def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(
@@ -61,7 +57,6 @@ def test_a_scene_is_read_as_the_run_or_the_pack_read_it(tmp_path: Path) -> None:
     assert reading_of(tmp_path / "ours") == {"spherify": True, "masks": True}
 
 
-<<<<<<< HEAD
 def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -107,7 +102,8 @@ def test_a_pack_that_does_not_fit_is_scored_at_half_resolution_only_when_allowed
     assert evaluate_command.main([*words, "--allow-half"]) == 0
     scores = json.loads(out.read_text())
     assert scores["grid_size"] == [35, 35, 35] and scores["halved"] is True
-=======
+
+
 @pytest.mark.parametrize(
     ("names", "stems"),
     [
@@ -133,4 +129,3 @@ def test_pictures_of_photographs_of_one_name_are_all_kept(
     pair = [dataclasses.replace(p, name=f"{n}/000.png") for n, p in zip("ab", scene.splits["test"], strict=False)]
     evaluate(Path("pack"), dataclasses.replace(scene, splits={"test": tuple(pair)}), "test", tmp_path / "images")
     assert sorted(path.name for path in (tmp_path / "images").iterdir()) == ["a-000.png", "b-000.png"]
->>>>>>> suite

@@ -29,7 +29,6 @@ from training.voxels.state import Trainable, VoxelState, ray_ids
 
 SURVEYED_TOGETHER = 16_384  # rays that are looked at together between steps
 SMOOTHED = 0.25  # voxels, at most, whose variation is looked at for each sample of a step
-RUN = 1  # neighbouring pixels that are drawn together
 RAYS_TOGETHER = 64  # the number of rays of a step is a multiple of this
 
 
@@ -83,7 +82,7 @@ class FusedEngine:
         self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None
     ) -> None:
         self.photographs, self.plan, self.settings, self.seed = photographs_of(dataset), plan, settings, seed
-        self.workers, self.count = Workers(threads), dataset.count
+        self.workers = Workers(threads)
 
     def begin(self, state: VoxelState) -> FusedState:
         return FusedState(state)
@@ -166,7 +165,7 @@ class FusedEngine:
     def draw(self, state: FusedState, random: np.random.Generator, rays: int) -> Batch:
         """So many random rays of a state, in its grid's frame."""
         stepper = state.unpack(self.settings, self.workers)
-        ids = self._runs(random, state, rays)
+        ids = ray_ids(state.hits, random.integers(0, state.hit_count, rays)).astype(np.int64)
         phase = random.random(rays, np.float32)
         background = random.random((rays, 3), np.float32)
         if not self.settings.random_background:
@@ -176,13 +175,6 @@ class FusedEngine:
     def _smoothed(self, rows: int) -> float:
         """The share of voxels whose variation is looked at in a step: as set, but never more work than the samples are."""
         return min(self.settings.variation_share, SMOOTHED * self.plan.samples / rows)
-
-    def _runs(self, random: np.random.Generator, state: FusedState, rays: int) -> np.ndarray:
-        """int64 [rays]: ids in runs of RUN neighbouring pixels around random hits, since neighbours read the same memory."""
-        runs = -(-rays // RUN)
-        some = ray_ids(state.hits, random.integers(0, state.hit_count, runs)).astype(np.int64)
-        ids = (some - random.integers(0, RUN, runs))[:, None] + np.arange(RUN)
-        return np.clip(ids.ravel()[:rays], 0, self.count - 1)
 
 
 def windows(random: np.random.Generator, voxels: int, share: float) -> np.ndarray:
