@@ -20,8 +20,9 @@ from training.scenes.scene import Kind
 class VoxelConfig:
     """The fast field (training.voxels.method). Resolutions are voxels along the longest side of the scene's box."""
 
-    resolutions: tuple[int, ...] = (64, 128, 256)
-    """Voxels along the longest side of the box in each stage, coarse to fine."""
+    resolutions: tuple[int, ...] | None = None
+    """Voxels along the longest side of the box in each stage, coarse to fine. None: three stages, whose last has about as many
+    as the photographs have pixels, at most 512."""
     ndc_resolutions: tuple[int, ...] = (120, 240, 480)
     """The same for forward-facing scenes."""
     ndc_depth: float = 4.0
@@ -32,8 +33,9 @@ class VoxelConfig:
     """When voxels that no photograph shows are pruned without refining, as fractions of all steps."""
     least_views: int | None = None
     """Voxels that fewer training photographs see are left out from the start."""
-    samples_per_step: int = 65_536
-    """Samples per step, without those in empty space. The number of rays adapts to it."""
+    samples_per_step: int | None = None
+    """Samples per step, without those in empty space. The number of rays adapts to it. None: from 65,536 for small photographs
+    to 262,144 for 512³ voxels."""
     step_voxels: float = 1.0
     """Distance between samples, in voxels; at most 1."""
     density_rate: float = 0.2
@@ -58,7 +60,7 @@ class VoxelConfig:
     """Weight of the distortion loss of mip-NeRF 360, with distances relative to the box; 0 for none."""
     sparsity_factor: float | None = None
     """Factor on the sparsity weight."""
-    early_termination: float = 1e-3
+    early_termination: float = 0.01
     """A ray ends where its transmittance falls below this."""
     random_background: bool = True
     """Train what is cut out before random colours instead of the scene's own. Mist of the background's colour costs nothing

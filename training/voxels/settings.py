@@ -17,6 +17,10 @@ SETTLING_STEPS = 80  # before this nothing is visible enough to tell content fro
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
 NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
 ADAM_BETAS = (0.9, 0.99)
+COARSEST, FINEST = 64, (96, 512)  # voxels along the longest side: of the first stage, and bounds of the last
+VOXELS_PER_PIXEL = 1.15  # of the photographs' longer side
+MOST_FINER = 2.3  # how much finer a stage may be than the one before: a surface's shell grows thicker by as much
+SAMPLES, FINE_FOR_SAMPLES = 65_536, 256  # samples a step of grids up to this fine
 MOST_RAYS = 8  # times the config's batch size: where few samples have support, rays are drawn up to this many
 
 
@@ -72,7 +76,7 @@ class Plan:
 def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
     """The plan of a run."""
     voxels, by_kind = config.voxels, settings_for(config.voxels, dataset.kind)
-    resolutions = voxels.ndc_resolutions if dataset.ndc else voxels.resolutions
+    resolutions = voxels.ndc_resolutions if dataset.ndc else voxels.resolutions or _resolutions_for(dataset)
     return Plan(
         box=np.asarray(dataset.aabb, np.float64),
         shape=np.array([1.0, 1.0, voxels.ndc_depth if dataset.ndc else 1.0]),
@@ -80,17 +84,37 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
         schedule=schedule(by_kind, config.steps, resolutions),
         least_views=min(by_kind.least_views, dataset.views),
         keep_weight=by_kind.keep_weight,
-        samples=voxels.samples_per_step,
+        samples=voxels.samples_per_step or _samples_for(resolutions[-1]),
         most_rays=MOST_RAYS * config.batch_size,
         always_hit=dataset.kind != "object",
     )
 
 
+def _resolutions_for(dataset: RayDataset) -> tuple[int, ...]:
+    """Three or four stages: from a grid that a hundred steps settle to one about as fine as the photographs."""
+    width = np.asarray(dataset.width, np.int64)
+    height = np.diff(np.asarray(dataset.first, np.int64), append=dataset.count) // width
+    finest = int(np.clip(VOXELS_PER_PIXEL * max(width.max(), height.max()), *FINEST)) // 32 * 32
+    refinements = max(int(np.ceil(np.log(finest / COARSEST) / np.log(MOST_FINER))), 2)
+    return (*(round(COARSEST * (finest / COARSEST) ** (i / refinements)) for i in range(refinements)), finest)
+
+
+def _samples_for(finest: int) -> int:
+    """Fine grids need larger steps: what a step costs whatever its samples grows with the voxels."""
+    return int(SAMPLES * np.clip((finest / FINE_FOR_SAMPLES) ** 2, 1, 4))
+
+
 def schedule(by_kind: KindSettings, steps: int, resolutions: tuple[int, ...]) -> dict[int, int]:
-    """step -> resolution of the grid from then on; a step that keeps the resolution only prunes."""
+    """step -> resolution of the grid from then on; a step that keeps the resolution only prunes.
+
+    Where there is one resolution more than starts, the second of these is split in two, and the finest stage waits longer.
+    """
     events: dict[int, int] = {}
-    for share in sorted({*by_kind.stage_starts, *by_kind.prunings}):
-        stage = max(i for i, start in enumerate(by_kind.stage_starts) if start <= share)
+    starts = by_kind.stage_starts
+    if len(resolutions) == len(starts) + 1 > 2:
+        starts = (0.0, 0.5 * starts[1], 1.5 * starts[1], *(start + 0.05 for start in starts[2:]))
+    for share in sorted({*starts, *by_kind.prunings}):
+        stage = max(i for i, start in enumerate(starts) if start <= share)
         step = round(share * steps)
         events[max(step, SETTLING_STEPS) if step else 0] = resolutions[stage]
     return events
