@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import dataclasses
 import errno
 import json
@@ -267,13 +268,16 @@ def test_a_finished_run_can_be_given_more_steps(unbroken: Path, procedural_path:
 def test_a_resumed_runs_description_is_read_once(unbroken: Path, procedural_path: Path, tmp_path: Path, monkeypatch):
     longer = Path(shutil.copytree(unbroken, tmp_path / "longer"))
     read: list[str] = []
-    read_text = Path.read_text
 
-    def listening(path: Path, *arguments, **options):
-        read.append(path.name)
-        return read_text(path, *arguments, **options)
+    def listening(opener):
+        def opened(path, *arguments, **options):
+            read.append(Path(path).name if isinstance(path, str | Path) else "")
+            return opener(path, *arguments, **options)
 
-    monkeypatch.setattr(Path, "read_text", listening)
+        return opened
+
+    monkeypatch.setattr(Path, "open", listening(Path.open))
+    monkeypatch.setattr(builtins, "open", listening(builtins.open))
     assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "13"]) == 0
     assert read.count("config.json") == 1
 

@@ -122,8 +122,8 @@ def test_pictures_of_photographs_of_one_name_are_all_kept(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     @contextmanager
-    def shown_by(subject: Path):
-        yield lambda camera, mode: np.ones((camera.height, camera.width, 3), np.float32)
+    def shown_by(subject: Path, allow_half: bool):
+        yield evaluation.Drawn(lambda camera, mode: np.ones((camera.height, camera.width, 3), np.float32))
 
     monkeypatch.setattr(evaluation, "shown_by", shown_by)
     pair = [dataclasses.replace(p, name=f"{n}/000.png") for n, p in zip("ab", scene.splits["test"], strict=False)]
