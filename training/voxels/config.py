@@ -60,7 +60,7 @@ class VoxelConfig:
     """Weight of the distortion loss of mip-NeRF 360, with distances relative to the box; 0 for none."""
     sparsity_factor: float | None = None
     """Factor on the sparsity weight."""
-    early_termination: float = 0.01
+    early_termination: float = 1e-3
     """A ray ends where its transmittance falls below this."""
     random_background: bool = True
     """Train what is cut out before random colours instead of the scene's own. Mist of the background's colour costs nothing

@@ -32,7 +32,7 @@ from training.voxels.state import Trainable, VoxelState, ray_ids
 PRUNE_RAYS, PRUNE_RAYS_PER_VOXEL = 200_000, 0.5
 FEWER = 0.5  # where no more than this share of the voxels is left, fewer rays meet any
 # No pruning takes a larger share of what photographs show: 0.01 to 0.2 is usual, 0.99 where all is mist still.
-MOST_FAINT = 0.25
+MOST_FAINT = 0.1
 LISTED_TOGETHER = 1 << 25  # rays whose ids are listed together to ask which meet content
 
 
