@@ -6,10 +6,9 @@ cannot be read, and the quality it was encoded with.
 
 from __future__ import annotations
 
-from collections import deque
+import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import islice
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from console import UserError
 from scenepack.budget import require_memory
 from scenepack.codecs import CodecError, PieceCodec
+from scenepack.codecs.apart import Decoders
 from scenepack.codecs.pieces import Piece, cut, follows_grid
 from scenepack.files import PackFiles
 from scenepack.pack import Pack
@@ -94,30 +94,24 @@ class PieceFiles:
 
     def fill(self, rgba: np.ndarray, features: np.ndarray | None, threads: int) -> Iterator[int]:
         """Decodes all pieces into zeroed atlases [D, H, W, 4]; yields how many are done."""
+        decoders = Decoders()
 
         def decode(number: int) -> None:
             piece, names = self.pieces[number], self.names[number]
             most = 2 * int(np.prod(piece.shape)) * 4 + (1 << 20)  # no format grows noise by more
             data = {name: self.files.read(name, most) for name in names}
             try:
-                decoded = self.codec.decode(data, names, piece.shape, self.has_features)
+                decoded = decoders.decode(self.codec, data, names, piece.shape, self.has_features)
             except CodecError as error:
                 raise self._undecodable(error.file or names[0], error) from error
             for values, atlas in zip(decoded, (rgba, features), strict=True):
                 if values is not None and atlas is not None:
                     piece.scatter(values, atlas)
 
-        with ThreadPoolExecutor(threads, "snerg-decode") as pool:
-            rest = iter(range(self.total))
-            waiting: deque[Future[None]] = deque(pool.submit(decode, i) for i in islice(rest, 2 * threads))
-            try:
-                for done in range(1, self.total + 1):
-                    waiting.popleft().result()
-                    waiting.extend(pool.submit(decode, i) for i in islice(rest, 1))
-                    yield done
-            finally:
-                for future in waiting:
-                    future.cancel()
+        try:
+            yield from _in_threads(decode, self.total, threads)
+        finally:
+            decoders.stop()
         if self._padding_is_stale():
             for atlas in (rgba, features):
                 if atlas is not None:
@@ -161,3 +155,36 @@ class PieceFiles:
         return UserError(
             f"cannot be decoded: {error}", where=self._where(name), remedy="copy the pack again, or bake it again"
         )
+
+
+def _in_threads(job: Callable[[int], None], count: int, threads: int) -> Iterator[int]:
+    """Calls job(0) … job(count - 1) in threads that do not keep the program from ending; yields how many are done.
+
+    Raises what one of them raises; no other begins then, nor where the caller takes no more.
+    """
+    numbers, lock = iter(range(count)), threading.Lock()
+    ended: SimpleQueue[BaseException | None] = SimpleQueue()
+
+    def work() -> None:
+        while True:
+            with lock:
+                number = next(numbers, None)
+            if number is None:
+                return
+            try:
+                job(number)
+                ended.put(None)
+            except BaseException as error:
+                ended.put(error)
+
+    for _ in range(min(threads, count)):
+        threading.Thread(target=work, name="snerg-decode", daemon=True).start()
+    try:
+        for done in range(1, count + 1):
+            error = ended.get()
+            if error is not None:
+                raise error
+            yield done
+    finally:
+        with lock:
+            numbers = iter(())

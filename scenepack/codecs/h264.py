@@ -26,6 +26,7 @@ ALPHA_FINER = 4
 DEMUXER = "mov,mp4,m4a,3gp,3g2,mj2"  # FFmpeg's name of its reader of MP4
 PROBED = 1 << 20  # bytes that FFmpeg looks at to find out what a film holds
 LARGEST_VECTOR = 64  # bytes
+THREADS = 2
 # BT.709, full range; y is the first row.
 YCC_FROM_RGB = np.array([[0.2126, 0.7152, 0.0722], [-0.1146, -0.3854, 0.5], [0.5, -0.4542, -0.0458]], np.float32)
 RGB_FROM_YCC = np.linalg.inv(YCC_FROM_RGB.astype(np.float64)).astype(np.float32)
@@ -76,6 +77,7 @@ class H264Codec(StreamCodec):
                 raise CodecError(f"it is {context.width}×{context.height}, expected {shape[2]}×{shape[1]}")
             # Whatever size the frames claim; FFmpeg counts rows filled up to whole vectors.
             context.options = {"max_pixels": str(shape[1] * (shape[2] + LARGEST_VECTOR))}
+            context.thread_count = THREADS
             for frame in film.decode(stream):
                 if done == shape[0]:
                     raise CodecError(f"it holds more than the {shape[0]} frames expected")

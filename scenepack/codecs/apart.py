@@ -1,0 +1,233 @@
+"""Pieces decoded in processes of their own, which are ended where a decoder needs more time or memory than the piece explains.
+
+Films and pictures can ask a decoder for far more work than their bytes and their size tell: hidden frames, samples that share
+bytes, scans that repeat. No check before decoding finds all of that, and no thread can be stopped amid a library's loop. A
+process can: the one that asks for a pack gets an error, goes on, and may leave at any time.
+
+A process runs `serve`. It reads a line of JSON and the files' bytes from its standard input, and writes a line of JSON and
+the decoded bytes, whose number both sides know beforehand, to its standard output. It ends when its input does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from scenepack.codecs.base import CodecError, PieceCodec, Shape
+
+PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # a decoder's time: so much, and more of it by the decoded bytes
+SPARE_BYTES, TIMES_DECODED = 1 << 30, 12  # its memory likewise: frames that it keeps, straight colours, copies
+START_S = 120.0  # on a machine that is busy with other things
+IDLE_S = 10.0  # processes that are asked for nothing more are ended
+# One thread and few arenas each, for what is reserved counts as taken.
+LONGEST_LINE = 1 << 16
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
+
+Decoded = tuple[np.ndarray, np.ndarray | None]
+_idle: list[_Process] = []
+_lock = threading.Lock()
+
+
+class Decoders:
+    """Decodes pieces until it is stopped, in several threads at once if they like. Stop it in any case."""
+
+    def __init__(self) -> None:
+        self._busy: set[_Process] = set()
+        self._stopped = False
+
+    def decode(
+        self, codec: PieceCodec, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
+    ) -> Decoded:
+        """What codec.decode gives. CodecError also where it takes too long or too much memory, crashes, or is stopped."""
+        process = _taken() or _Process()
+        with _lock:
+            self._busy.add(process)
+        try:
+            if self._stopped:
+                raise CodecError("decoding was stopped")
+            answer = process.ask(codec.name, files, names, shape, features)
+        except BaseException:
+            process.end()
+            raise
+        finally:
+            with _lock:
+                self._busy.discard(process)
+        with _lock:
+            _idle.append(process)
+        return answer
+
+    def stop(self) -> None:
+        """Ends whatever is being decoded; who waits for it gets a CodecError."""
+        with _lock:
+            self._stopped = True
+            busy = list(self._busy)
+        for process in busy:
+            process.end()
+        timer = threading.Timer(IDLE_S, _end_idle)
+        timer.daemon = True
+        timer.start()
+
+
+def _taken() -> _Process | None:
+    """A process that is there already and has nothing to do."""
+    while True:
+        with _lock:
+            process = _idle.pop() if _idle else None
+        if process is None or process.lives:
+            return process
+        process.end()
+
+
+def _end_idle() -> None:
+    while (process := _taken()) is not None:
+        process.end()
+
+
+class _Process:
+    """The asking side of one process."""
+
+    def __init__(self) -> None:
+        # The same modules from the same places, whatever lies in the current folder.
+        code = f"import sys; sys.path[:] = {sys.path!r}; from scenepack.codecs.apart import serve; serve()"
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **ENVIRONMENT},
+            start_new_session=True,  # Ctrl-C is for those who ask
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        )
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._in, self._out = self._process.stdin, self._process.stdout
+        self._late = False
+
+    @property
+    def lives(self) -> bool:
+        return self._process.poll() is None
+
+    def ask(
+        self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
+    ) -> Decoded:
+        """What it decodes. CodecError where it cannot, or ends before it has."""
+        decoded = 4 * int(np.prod(shape)) * (2 if features else 1)
+        patience = PATIENCE_S + decoded / BYTES_PER_S
+        question = {"codec": codec, "names": names, "sizes": [len(files[name]) for name in names], "shape": shape,
+                    "features": features, "memory": SPARE_BYTES + TIMES_DECODED * decoded}  # fmt: skip
+        try:
+            with self._ended_after(START_S):
+                self._in.write(json.dumps(question).encode() + b"\n")
+                for name in names:
+                    self._in.write(files[name])
+                self._in.flush()
+                self._line()  # it has begun
+            with self._ended_after(patience):
+                answer = self._line()
+                if "error" in answer:
+                    told = CodecError(str(answer["error"]))
+                    told.file = answer.get("file") if answer.get("file") in names else None
+                    raise told
+                parts = [self._part(shape) for _ in range(2 if features else 1)]
+        except (OSError, EOFError, ValueError) as error:
+            what = f"did not come to an end within {patience:.0f} s" if self._late else "crashed"
+            raise CodecError(f"its decoder {what}") from error
+        return parts[0], parts[1] if features else None
+
+    def end(self) -> None:
+        """At once, whatever it does. Safe from any thread, any number of times."""
+        self._process.kill()
+        self._process.wait()
+
+    @contextlib.contextmanager
+    def _ended_after(self, seconds: float) -> Iterator[None]:
+        def late() -> None:
+            self._late = True
+            self._process.kill()
+
+        timer = threading.Timer(seconds, late)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+    def _line(self) -> dict[str, Any]:
+        line = self._out.readline(LONGEST_LINE)
+        if not line:
+            raise EOFError
+        return dict(json.loads(line))
+
+    def _part(self, shape: Shape) -> np.ndarray:
+        part = np.empty((*shape, 4), np.uint8)
+        view = memoryview(part.reshape(-1))
+        while view:
+            count = self._out.readinto(view)  # type: ignore[attr-defined]  (a BufferedReader)
+            if not count:
+                raise EOFError
+            view = view[count:]
+        return part
+
+
+def serve() -> None:
+    """The decoding side: answers until nobody can ask any more."""
+    source, target = sys.stdin.buffer, sys.stdout.buffer
+    questions: queue.SimpleQueue[tuple[dict[str, Any], dict[str, bytes]]] = queue.SimpleQueue()
+
+    def listen() -> None:
+        """Beside the decoder, so that this process ends with the one that asks, even amid a decoder's loop."""
+        while line := source.readline():
+            question = json.loads(line)
+            sizes = zip(question["names"], question["sizes"], strict=True)
+            questions.put((question, {name: source.read(size) for name, size in sizes}))
+        os._exit(0)
+
+    threading.Thread(target=listen, daemon=True).start()
+    while True:
+        question, files = questions.get()
+        target.write(b"{}\n")
+        target.flush()
+        _answer(question, files, target)
+        target.flush()
+
+
+def _answer(question: dict[str, Any], files: dict[str, bytes], target: BinaryIO) -> None:
+    from scenepack.codecs import CODECS  # which imports this module
+
+    codec: Any = CODECS[question["codec"]]
+    _limit_memory(question["memory"])
+    try:
+        parts = codec.decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])
+        parts = [np.ascontiguousarray(part, np.uint8) for part in parts if part is not None]
+    except CodecError as error:
+        answer = {"error": str(error)[:1000], "file": error.file}
+    except MemoryError:
+        answer = {"error": "its decoder takes more memory than its size explains"}
+    else:
+        target.write(b"{}\n")
+        for part in parts:
+            target.write(part.reshape(-1).data)
+        return
+    target.write(json.dumps(answer).encode() + b"\n")
+
+
+def _limit_memory(more: int) -> None:
+    """Lets this process allocate no more than so many bytes beside what it has; where the system can do that."""
+    try:
+        import resource
+
+        with open("/proc/self/statm") as file:
+            taken = int(file.read().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        resource.setrlimit(resource.RLIMIT_AS, (taken + more, hard))
+    except (ImportError, OSError, ValueError):
+        return
