@@ -30,6 +30,7 @@ START_S = 120.0  # on a machine that is busy with other things
 IDLE_S = 10.0  # processes that are asked for nothing more are ended
 # One thread and few arenas each, for what is reserved counts as taken.
 LONGEST_LINE = 1 << 16
+PROGRAM = "from scenepack.codecs.apart import serve; serve()"
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
 
 Decoded = tuple[np.ndarray, np.ndarray | None]
@@ -97,7 +98,7 @@ class _Process:
 
     def __init__(self) -> None:
         # The same modules from the same places, whatever lies in the current folder.
-        code = f"import sys; sys.path[:] = {sys.path!r}; from scenepack.codecs.apart import serve; serve()"
+        code = f"import sys; sys.path[:] = {sys.path!r}; {PROGRAM}"
         self._process = subprocess.Popen(
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE,
@@ -169,7 +170,7 @@ class _Process:
 
     def _part(self, shape: Shape) -> np.ndarray:
         part = np.empty((*shape, 4), np.uint8)
-        view = memoryview(part.reshape(-1))
+        view = part.reshape(-1).data
         while view:
             count = self._out.readinto(view)  # type: ignore[attr-defined]  (a BufferedReader)
             if not count:

@@ -17,14 +17,13 @@ import numpy as np
 from console import UserError
 from console.contents import told
 from scenepack.codecs.base import CodecError, Layout, Shape
+from scenepack.codecs.mp4 import Film, read_film
 from scenepack.codecs.streams import StreamCodec
 
 PRESET = "medium"
 GREY, COLOUR = "gray", "yuv444p"
 # Quantisers by quality: 0 at 100, 26 at 50. Alpha has a finer one.
 ALPHA_FINER = 4
-DEMUXER = "mov,mp4,m4a,3gp,3g2,mj2"  # FFmpeg's name of its reader of MP4
-PROBED = 1 << 20  # bytes that FFmpeg looks at to find out what a film holds
 LARGEST_VECTOR = 64  # bytes
 THREADS = 2
 # BT.709, full range; y is the first row.
@@ -67,18 +66,14 @@ class H264Codec(StreamCodec):
         return buffer.getvalue()
 
     def frames(self, data: bytes, shape: Shape, *, colour: bool) -> np.ndarray:
+        self.check_film(data[: self.header_bytes], shape)
+        film = read_film(data, shape[0])
+        if (film.height, film.width) != shape[1:]:
+            raise CodecError(f"it is {film.width}×{film.height}, expected {shape[2]}×{shape[1]}")
         out = np.empty((*shape, 3) if colour else shape, np.uint8)
         done = 0
-        self.check_film(data[: self.header_bytes], shape)
-        with _told_plainly(), _opened(data) as film:
-            stream = _only_stream(film)
-            context = stream.codec_context
-            if (context.height, context.width) != shape[1:]:
-                raise CodecError(f"it is {context.width}×{context.height}, expected {shape[2]}×{shape[1]}")
-            # Whatever size the frames claim; FFmpeg counts rows filled up to whole vectors.
-            context.options = {"max_pixels": str(shape[1] * (shape[2] + LARGEST_VECTOR))}
-            context.thread_count = THREADS
-            for frame in film.decode(stream):
+        with _told_plainly():
+            for frame in _decoded(film, shape):
                 if done == shape[0]:
                     raise CodecError(f"it holds more than the {shape[0]} frames expected")
                 pixels = frame.to_ndarray()
@@ -113,32 +108,17 @@ def _told_plainly() -> Iterator[None]:
         raise CodecError(f"the film is damaged: {error.strerror}") from error
 
 
-def _opened(data: bytes) -> Any:
-    """The container, an MP4 and nothing else. FFmpeg left alone goes by content, and text that reads as SDP or as a
-    playlist makes it open sockets and files.
-    """
-    options = {
-        "probesize": str(PROBED),
-        "protocol_whitelist": "",
-        "format_whitelist": DEMUXER,
-        "codec_whitelist": "h264",
-        "enable_drefs": "0",  # parts of the film in other files
-    }
-    return _av().open(io.BytesIO(data), format="mp4", container_options=options, io_open=_refused)
-
-
-def _refused(url: str, flags: int, options: dict[str, str]) -> io.BytesIO:
-    raise CodecError("it asks for another file")
-
-
-def _only_stream(film: Any) -> Any:
-    """The film's one stream. CodecError, with what is there, unless it is H.264."""
-    found = [
-        f"{stream.type} {stream.codec_context.name if stream.codec_context else 'unknown'}" for stream in film.streams
-    ]
-    if found != ["video h264"]:
-        raise CodecError(f"it holds {', '.join(found) or 'no stream'}, expected one of H.264 video")
-    return film.streams[0]
+def _decoded(film: Film, shape: Shape) -> Iterator[Any]:
+    """The frames, by a decoder alone: no container is opened, and so no file, no list and no socket."""
+    av = _av()
+    context = av.CodecContext.create("h264", "r")
+    context.extradata = film.setup
+    context.thread_count = THREADS
+    # Whatever size the frames claim; FFmpeg counts rows filled up to whole vectors.
+    context.options = {"max_pixels": str(shape[1] * (shape[2] + LARGEST_VECTOR))}
+    for sample in film.samples:
+        yield from context.decode(av.Packet(bytes(sample)))
+    yield from context.decode(None)
 
 
 def _ycc(rgb: np.ndarray) -> np.ndarray:

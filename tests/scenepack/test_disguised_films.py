@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import struct
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -100,12 +102,12 @@ def film(container: str, *codecs: str) -> bytes:
 @pytest.mark.parametrize(
     "data, found",
     [
-        (lambda: film("mp4", "mpeg4"), "video mpeg4"),
-        (lambda: film("mp4", "libx264", "libx264"), "video h264, video h264"),
+        (lambda: film("mp4", "mpeg4"), "it holds mp4v, expected one film of H.264"),
+        (lambda: film("mp4", "libx264", "libx264"), "it holds avc1, avc1"),
         (lambda: film("matroska", "libx264"), "a Matroska or WebM film"),
         (lambda: film("avi", "libx264"), "an AVI film"),
         (lambda: b"#EXTM3U\nhttp://127.0.0.1/x.ts\n", "text that begins '#EXTM3U http"),
-        (lambda: film("mp4", "libx264")[:300], "the film is damaged"),
+        (lambda: film("mp4", "libx264")[:300], "it is cut off"),
         (lambda: b"", "an empty file"),
     ],
     ids=["another codec", "two streams", "matroska", "avi", "playlist", "cut off", "empty"],
@@ -130,3 +132,67 @@ def test_large_frames_that_nothing_predicts_come_back() -> None:
     assert len(data) > 4 << 20
     back = H264Codec().frames(data, (2, 1024, 1024), colour=True)
     assert np.abs(back.astype(int) - frames).max() <= 1
+
+
+def box(kind: bytes, contents: bytes) -> bytes:
+    return struct.pack(">I4s", 8 + len(contents), kind) + contents
+
+
+def with_boxes(data: bytes, others: dict[bytes, bytes]) -> bytes:
+    """An MP4 in which boxes of these types hold something else after version and flags."""
+    made = b""
+    while data:
+        size, kind = struct.unpack_from(">I4s", data)
+        contents, data = data[8:size], data[size:]
+        if kind in (b"moov", b"trak", b"edts", b"mdia", b"minf", b"stbl"):
+            contents = with_boxes(contents, others)
+        elif kind in others:
+            contents = bytes(4) + others[kind]
+        made += box(kind, contents)
+    return made
+
+
+def shared(data: bytes, count: int) -> bytes:
+    """A film of one frame as one of `count` that share its bytes; an edit list shows the last alone."""
+    at = data.index(b"mdat") + 4
+    size = struct.unpack_from(">I", data, at - 8)[0] - 8
+    tables = {
+        b"elst": struct.pack(">IIiI", 1, 1, 512 * (count - 1), 1 << 16),
+        b"stts": struct.pack(">III", 1, count, 512),
+        b"stsz": struct.pack(">II", size, count),
+        b"stsc": struct.pack(">IIII", 1, 1, 1, 1),
+        b"stco": struct.pack(">I", count) + struct.pack(">I", at) * count,
+    }
+    return with_boxes(data, tables)
+
+
+def test_samples_that_share_bytes_are_decoded_no_more_often_than_frames_are_expected() -> None:
+    data = H264Codec().film(np.zeros((1, 1024, 1024), np.uint8), "alpha", 90)
+    with pytest.raises(CodecError, match="more than the 4 frames"):
+        H264Codec().frames(shared(data, 50_000), (4, 1024, 1024), colour=False)
+    noise = np.random.default_rng(0).integers(0, 256, (1, 256, 256), np.uint8)
+    with pytest.raises(CodecError, match="share bytes"):
+        H264Codec().frames(shared(H264Codec().film(noise, "alpha", 100), 4), (4, 256, 256), colour=False)
+
+
+@pytest.mark.parametrize("chunks", [1, 4])
+def test_tables_that_claim_more_than_the_file_holds_are_refused_before_they_are_believed(chunks: int) -> None:
+    data = H264Codec().film(np.zeros((4, 32, 32), np.uint8), "alpha", 90)
+    whole = struct.pack(">II", 0, 4) + struct.pack(">4I", 1 << 31, 1 << 31, 1 << 31, 1 << 31)
+    lies = [
+        {b"stsz": struct.pack(">II", 1, 0x0FFFFFFF), b"stsc": struct.pack(">IIII", 1, 1, 0x0FFFFFFF, 1)},
+        {b"stsz": whole},
+        {b"stsz": struct.pack(">II", 0, 0x7FFFFFFF)},
+        {b"stsz": struct.pack(">II", 0, 4)},
+        {b"stsc": struct.pack(">IIII", 1, 1, 0, 1)},
+        {b"stsc": struct.pack(">I", 0x7FFFFFFF)},
+        {b"stco": struct.pack(">I", chunks)},
+        {b"stco": struct.pack(">II", chunks, 0xFFFFFFF0)},
+    ]
+    tracemalloc.start()
+    for lie in lies:
+        with pytest.raises(CodecError):
+            H264Codec().frames(with_boxes(data, lie), (4, 32, 32), colour=False)
+    assert tracemalloc.get_traced_memory()[1] < 32 << 20
+    tracemalloc.stop()
+    assert H264Codec().frames(with_boxes(data, {}), (4, 32, 32), colour=False).shape == (4, 32, 32)
