@@ -38,6 +38,7 @@ from scenepack.piece_files import PieceFiles
 
 RGBA, FEATURE = "rgba", "feature"
 DECODING_THREADS = min(8, os.cpu_count() or 1)
+SHARED_FREELY, SHARED_AT_MOST = 4096, 16  # macroblocks; more of them to an atlas block make no scene
 
 OnProgress = Callable[[int, int], None]
 OnPreview = Callable[[Pack], None]
@@ -280,7 +281,23 @@ class PackReader:
                 expected=f"blocks below {_triple(fits)}",
                 found=_triple(indices[bz, by, bx].tolist()),
             )
+        self._require_distinct(indices[occupied])
         return indices
+
+    def _require_distinct(self, used: np.ndarray) -> None:
+        """UserError where far more macroblocks than atlas blocks make work and memory that the pack's bytes do not explain:
+        each macroblock takes a place of its own on the graphics card. used: uint8 [n, 3].
+        """
+        if len(used) <= SHARED_FREELY:
+            return
+        distinct = len(np.unique(used.astype(np.uint32) @ np.array([1, 256, 65536], np.uint32)))
+        if len(used) > SHARED_FREELY + SHARED_AT_MOST * distinct:
+            raise UserError(
+                f"{len(used)} macroblocks share {distinct} blocks of the atlas",
+                where=self._where(INDICES_NAME),
+                expected=f"about one each, and at most {SHARED_AT_MOST} to a block",
+                remedy="copy the pack again, or bake it again",
+            )
 
     def _note_counts(self, codec: PngCodec) -> None:
         raw, where = self.params.raw, self._where(PARAMS_NAME)

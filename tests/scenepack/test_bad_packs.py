@@ -295,6 +295,19 @@ def test_a_grid_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp
         refused(folder, "atlas_indices.png", "can hold")
 
 
+def test_far_more_macroblocks_than_atlas_blocks_are_refused(tmp_path: Path) -> None:
+    """Each would be copied to the graphics card, and looked through one by one."""
+    folder = written(tmp_path / "pack")
+    side, block = 40, small_pack().block_size
+    edit_json(folder, lambda p: p.update({f"grid_{axis}": side * block for axis in ("width", "height", "depth")}))
+    shared = np.zeros((side * side, side, 4), np.uint8)
+    write_image(folder / "atlas_indices.png", shared)
+    refused(folder, "atlas_indices.png", "64000 macroblocks share 1 blocks")
+    shared[4096 // side :, :, :3] = 255  # few enough to be no burden, however they share
+    write_image(folder / "atlas_indices.png", shared)
+    assert load_pack(folder).occupied.sum() == 4096 // side * side
+
+
 def test_pieces_are_no_deeper_than_the_grid_asks_for(tmp_path: Path) -> None:
     folder = tmp_path / "pack"
     save_pack(small_pack(), folder, codec="avif")
