@@ -30,7 +30,7 @@ from scenepack.constants import NDC_NEAR
 from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
-from training.scenes.pixels import any_transparent, may_be_transparent, pixel_counts, without_alpha
+from training.scenes.pixels import any_transparent, any_visible, may_be_transparent, pixel_counts, without_alpha
 from training.scenes.rays import camera_rays, ndc_rays
 from training.scenes.scene import Kind
 
@@ -276,6 +276,9 @@ def make_dataset(
         own = load_pixels(photographs, low, high, channels=channels, row_step=row_step, folder=folder)
     if channels == 4 and not anywhere(any_transparent(own[: max(count - low, 0)])):
         own, channels = without_alpha(own), 3
+    if split == "train" and channels == 4 and not anywhere(any_visible(own[: max(count - low, 0)])):
+        raise UserError("there is nothing to see: every pixel is transparent", where=scene.path, found=f"{len(cameras)} "
+                        "photographs", remedy="check the photographs' alpha, or their masks")  # fmt: skip
     if channels == 3 and scene.kind == "blender":
         warnings.warn(Notice(f"{scene.path}: {OPAQUE}"), stacklevel=2)
     whole = put_whole(

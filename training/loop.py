@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 import shlex
 import sys
+import warnings
 from contextlib import ExitStack
 from pathlib import Path
 
 import jax
 import numpy as np
 
-from console import UserError, progress
+from console import Notice, UserError, progress
 from training.allocator import keep_freed_memory
 from training.checkpoints import list_checkpoints, write_checkpoint
 from training.config import TrainConfig
@@ -27,6 +28,7 @@ from training.run import Run, RunDescription, read_description, resume_run, star
 from training.scenes import SceneOptions
 from training.scenes.box import box_line
 from training.scenes.read import AS_IT_IS
+from training.scenes.scene import few_line
 
 AGREE_EVERY = 10  # steps between asking the other processes whether one was told to stop
 
@@ -63,6 +65,8 @@ def _train(
         run = start_run(out, scene_path, config, options)
     if run.config.engine != "fused":  # whose loops keep their memory themselves, and leave the rest to the system
         keep_freed_memory()
+    if is_writer() and (line := few_line(run.scene)):
+        warnings.warn(Notice(f"{run.scene.path}: {line}"), stacklevel=2)
     if is_writer() and (line := box_line(run.scene, given=run.options.aabb is not None)):
         print(line, file=sys.stderr, flush=True)
     with together():

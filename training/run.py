@@ -28,7 +28,7 @@ from training.devices import agree, is_writer, together
 from training.method import Method
 from training.methods import make_method, settled
 from training.scenes import Scene, SceneOptions, load_scene
-from training.scenes.box import checked_box
+from training.scenes.box import checked_box, require_seen
 
 FORMAT = 1
 
@@ -120,6 +120,8 @@ def _assemble(
     config = description.config
     with together():
         scene = load_scene(scene_path, description.options)
+        if checkpoint is None:
+            require_seen(scene)
     dataset = make_dataset(scene, folder=path)
     with together():
         method = make_method(config, dataset)

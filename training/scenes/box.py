@@ -48,19 +48,27 @@ def with_box(scene: Scene, box: Box) -> Scene:
             remedy="leave it out, or use --spherify",
         )
     aabb = np.array(checked_box(box)).reshape(2, 3)
-    cameras = [photograph.camera for photograph in scene.splits["train"]]
-    probes = np.stack(np.meshgrid(*np.linspace(aabb[0], aabb[1], PROBES).T, indexing="ij"), -1).reshape(-1, 3)
-    eyes = np.stack([camera.world_T_camera[:3, 3] for camera in cameras])
-    within = ((eyes > aabb[0]) & (eyes < aabb[1])).all(-1).any()
-    if not within and not any(_sees(camera, probes) for camera in cameras):
+    if not _seen(scene, aabb):
         raise UserError(
             "no photograph sees this box",
             where=OPTION,
             expected=f"something about {box_text(scene.aabb)}",
             found=box_text(aabb),
         )
+    eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
     farthest = np.linalg.norm(np.maximum(np.abs(eyes - aabb[0]), np.abs(eyes - aabb[1])), axis=-1).max()
     return replace(scene, aabb=aabb, far=max(scene.far, float(farthest)))
+
+
+def require_seen(scene: Scene) -> None:
+    """UserError where no training photograph sees the reader's own box: there would be nothing to train."""
+    if not scene.ndc and not _seen(scene, scene.aabb):
+        raise UserError(
+            "no photograph sees the box of the content",
+            where=scene.path,
+            found=box_text(scene.aabb),
+            remedy=f"check the camera poses, or name the box with {OPTION}",
+        )
 
 
 def box_text(aabb: np.ndarray) -> str:
@@ -76,6 +84,15 @@ def box_line(scene: Scene, given: bool) -> str | None:
     distance = np.linalg.norm(eyes, axis=-1).mean()
     whose = "as told by --aabb" if given else "another one: --aabb x0,y0,z0,x1,y1,z1"
     return f"box of the content: {box_text(scene.aabb)} where cameras stand {distance:.3g} from the origin; {whose}"
+
+
+def _seen(scene: Scene, aabb: np.ndarray) -> bool:
+    """Whether a training photograph was taken within the box [2, 3], or shows any of it."""
+    probes = np.stack(np.meshgrid(*np.linspace(aabb[0], aabb[1], PROBES).T, indexing="ij"), -1).reshape(-1, 3)
+    cameras = [photograph.camera for photograph in scene.splits["train"]]
+    eyes = np.stack([camera.world_T_camera[:3, 3] for camera in cameras])
+    within = ((eyes > aabb[0]) & (eyes < aabb[1])).all(-1).any()
+    return bool(within) or any(_sees(camera, probes) for camera in cameras)
 
 
 def _sees(camera: Camera, points: np.ndarray) -> bool:

@@ -79,6 +79,11 @@ def any_transparent(pixels: np.ndarray) -> bool:
     return any((pixels[low : low + TOGETHER, 3] != 255).any() for low in range(0, len(pixels), TOGETHER))
 
 
+def any_visible(pixels: np.ndarray) -> bool:
+    """Whether any of the pixels uint8 [N, 4] shows anything."""
+    return any(pixels[low : low + TOGETHER, 3].any() for low in range(0, len(pixels), TOGETHER))
+
+
 def without_alpha(pixels: np.ndarray) -> np.ndarray:
     """Pixels uint8 [N, 3] of [N, 4], in the same memory."""
     flat = pixels.reshape(-1)

@@ -110,6 +110,21 @@ class Scene:
     notes: Mapping[str, object] = field(default_factory=dict)
 
 
+FEW = 8  # photographs to train on
+
+
+def few_line(scene: Scene) -> str | None:
+    """What a user can expect of few photographs; None where there are enough of them to say nothing."""
+    views = len(scene.splits["train"])
+    if views == 1:
+        return "one photograph to train on shows no depth: views from elsewhere will not look right"
+    if views < FEW:
+        return (
+            f"{views} photographs to train on are few: views far from them will not look right; 20 or more show a shape"
+        )
+    return None
+
+
 HELD_OUT_EVERY = 8
 
 

@@ -46,7 +46,8 @@ def dense_start(plan: Plan, geometry: RayDataset, head: ViewMlpParams | None) ->
     present = np.ones(tuple(shape[::-1]), bool)
     layout = build_layout(present, plan.box[0], voxel)
     if plan.least_views > 1:
-        present = views_that_see(geometry, layout) >= plan.least_views
+        seen = views_that_see(geometry, layout)
+        present = seen >= min(plan.least_views, max(int(seen.max()), 1))  # no voxel at all says nothing of anything
         layout = build_layout(present, plan.box[0], voxel)
     rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
     hits = np.zeros(0, np.int32), geometry.count  # every ray

@@ -90,6 +90,21 @@ def test_a_handful_of_opaque_photographs_begins_with_voxels(tmp_path: Path) -> N
     np.testing.assert_array_equal(np.asarray(drawn[0].target), np.asarray(drawn[1].target))
 
 
+def test_photographs_that_share_little_begin_with_what_most_of_them_see(tmp_path: Path) -> None:
+    """Cameras that stand together and look outwards: no part of the box is in all five pictures."""
+    outward = circle(6, radius=0.2)
+    outward[:, :3, 0] *= -1
+    outward[:, :3, 2] *= -1
+    dataset = make_dataset(load_scene(write_transforms(tmp_path / "t", outward, cx=15, cy=10)))
+    voxels = VoxelConfig(resolutions=(16,), stage_starts=(0.0,), prunings=(), samples_per_step=2048)
+    method = VoxelMethod(dataclasses.replace(PRESETS["cpu"], engine="jax", batch_size=64, voxels=voxels), dataset)
+    layout = method.start(jax.random.key(0)).layout
+    present = present_voxels(layout)
+    seen = views_that_see(dataset, build_layout(np.ones_like(present), layout.origin, np.asarray(layout.voxel)))
+    assert seen.max() < dataset.views < BY_KIND["surroundings"].least_views
+    assert present.any() and np.array_equal(present, seen == seen.max())
+
+
 def test_transparent_pixels_take_the_background_that_is_asked_for(procedural_scene: Scene) -> None:
     dataset = make_dataset(procedural_scene)
     ids = jnp.arange(dataset.count)
