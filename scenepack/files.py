@@ -5,6 +5,8 @@ A zip may hold the files at its root or inside one top folder. Nothing is ever e
 
 from __future__ import annotations
 
+import lzma
+import struct
 import threading
 import zipfile
 import zlib
@@ -17,7 +19,10 @@ PARAMS_NAME = "scene_params.json"
 INDICES_NAME = "atlas_indices.png"
 
 # What zipfile raises on damaged or unreadable archives, beside OSError; RuntimeError for encrypted ones.
-_ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError)
+ZIP_ERRORS = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, IndexError, NotImplementedError, RuntimeError,
+    OverflowError, ValueError,
+)  # fmt: skip
 
 
 class PackFiles(Protocol):
@@ -113,7 +118,7 @@ class ZipFiles:
         self.path = path
         try:
             self._zip = zipfile.ZipFile(path)
-        except _ZIP_ERRORS as error:
+        except ZIP_ERRORS as error:
             raise UserError(
                 "cannot be opened as a .zip",
                 where=path,
@@ -124,7 +129,7 @@ class ZipFiles:
         entries = {
             info.filename.replace("\\", "/").removeprefix("./"): info
             for info in self._zip.infolist()
-            if not info.is_dir() and "__MACOSX" not in info.filename
+            if info.filename and not info.is_dir() and "__MACOSX" not in info.filename
         }
         tops = {name.rpartition("/")[0] for name in entries if name.rpartition("/")[2] == PARAMS_NAME}
         tops = {top for top in tops if "/" not in top}
@@ -158,7 +163,7 @@ class ZipFiles:
                 # The checksum is compared only once the end is reached.
                 if most is not None:
                     file.read(1)
-        except (*_ZIP_ERRORS, OSError) as error:
+        except (*ZIP_ERRORS, OSError) as error:
             raise UserError(
                 "cannot be read from the .zip",
                 where=where,

@@ -16,7 +16,6 @@ import os
 import shutil
 import time
 import warnings
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ import numpy as np
 
 from console import Notice, UserError
 from console.atomic import write_file
+from scenepack.files import ZIP_ERRORS
 
 try:
     import fcntl
@@ -128,7 +128,7 @@ class WorkFolder:
         try:
             with np.load(self.file(name), allow_pickle=False) as stored:
                 return {key: stored[key] for key in stored.files}
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        except (OSError, KeyError, *ZIP_ERRORS):
             return None
 
     def has(self, name: str) -> bool:

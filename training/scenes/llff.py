@@ -29,6 +29,7 @@ BOUNDS_FACTOR = 0.75
 NEAR_360, FAR_360 = 0.45, 100.0  # at most, and at least: in units of the cameras' distance
 HALF_SIDE_360 = 1.2  # of the box that holds the content, likewise: at most
 NDC_WORLDSPACE_T_OPENGL = np.diag([1.0, 1.0, -1.0, 1.0])  # docs/format.md, "Coordinate frames"
+MOST_BYTES = 64 << 20  # of poses_bounds.npy; a row takes 136
 PICTURES = (".png", ".jpg", ".jpeg")
 
 
@@ -66,15 +67,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
 
 def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, np.ndarray]:
     """world_T_camera [N, 4, 4] (OpenGL axes), (height, width) and focal length of full pictures, depths [N, 2]."""
-    try:
-        rows = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise UserError("not a NumPy file of numbers", where=path, found=str(error)[:80]) from error
-    if rows.ndim != 2 or rows.shape[1] != 17 or not len(rows) or not np.issubdtype(rows.dtype, np.number):
-        raise UserError(
-            "not an LLFF pose file", where=path, expected="[N, 17]", found=f"{rows.dtype} {list(rows.shape)}"
-        )
-    rows = rows.astype(np.float64)
+    rows = _rows(path)
     if not np.isfinite(rows).all():
         raise UserError(
             "a pose or depth is not finite", where=path, found=f"row {int(np.argwhere(~np.isfinite(rows))[0, 0])}"
@@ -82,13 +75,42 @@ def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, n
     matrices = rows[:, :15].reshape(-1, 3, 5)
     down, right, back, position, hwf = np.moveaxis(matrices, -1, 0)
     bounds = rows[:, 15:]
-    if (hwf <= 0).any() or (bounds[:, 0] <= 0).any() or (bounds[:, 1] <= bounds[:, 0]).any():
+    if (
+        (np.rint(hwf[:, :2]) < 1).any()
+        or (hwf <= 0).any()
+        or (bounds[:, 0] <= 0).any()
+        or (bounds[:, 1] <= bounds[:, 0]).any()
+    ):
         raise UserError("sizes and depths must be positive, near before far", where=path)
     if np.ptp(hwf, axis=0).max() > 1e-6 * hwf.max():
         raise UserError("the poses name different cameras", where=path, expected="one size and focal length")
     height, width, focal = hwf[0]
     P = poses(np.stack([right, -down, back, position], axis=-1), f"{path} row")
     return P, (round(height), round(width)), float(focal), bounds
+
+
+def _rows(path: Path) -> np.ndarray:
+    """float64 [N, 17]. NumPy's own reader opens archives, too, believes a header's size, and ends in any exception."""
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            if size > MOST_BYTES or file.read(1) == b"":
+                raise ValueError(f"{size} bytes")
+            file.seek(0)
+            version = np.lib.format.read_magic(file)
+            if version[0] > 2:
+                raise ValueError(f"version {version[0]} of its format")
+            read = np.lib.format.read_array_header_1_0 if version[0] == 1 else np.lib.format.read_array_header_2_0
+            shape, by_columns, dtype = read(file)
+            data = file.read()
+    except Exception as error:  # whatever NumPy's reading of a header comes to
+        raise UserError("not a NumPy file of numbers", where=path, found=str(error).split("\n")[0][:80]) from error
+    if len(shape) != 2 or shape[1] != 17 or shape[0] < 1 or dtype.kind not in "fiu":
+        raise UserError("not an LLFF pose file", where=path, expected="[N, 17]", found=f"{dtype} {list(shape)}"[:80])
+    if len(data) != shape[0] * shape[1] * dtype.itemsize:
+        needed = shape[0] * shape[1] * dtype.itemsize
+        raise UserError("is damaged", where=path, expected=f"{needed} bytes of numbers", found=len(data))
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if by_columns else "C").astype(np.float64)
 
 
 def picture_folders(path: Path) -> dict[int, Path]:
@@ -147,10 +169,14 @@ def spherify(P: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     except np.linalg.LinAlgError as error:
         raise UserError("all cameras look the same way, so they have no common centre", where="poses_bounds.npy",
                         remedy="leave out --spherify") from error  # fmt: skip
+    distance = np.sqrt(np.square(P[:, :3, 3] - centre).sum(-1).mean())
+    if distance < 1e-9:
+        raise UserError("all cameras stand at the point that they look at", where="poses_bounds.npy",
+                        remedy="check the poses")  # fmt: skip
     z = normalised((P[:, :3, 3] - centre).mean(0))
     x = normalised(np.cross([0.1, 0.2, 0.3], z))  # any direction across; this one is NeRF's
     axes = np.stack([x, np.cross(z, x), z], axis=1)
-    scale = 1.0 / np.sqrt(np.square(P[:, :3, 3] - centre).sum(-1).mean())
+    scale = 1.0 / distance
     return similarity(axes, centre, scale, P), bounds * scale
 
 

@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from console import UserError
 from training.scenes import blender, colmap, llff, transforms
 from training.scenes.box import checked_box, with_box
@@ -34,7 +36,9 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
         raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
     for layout in LAYOUTS:
         if layout.recognises(path):
-            scene = layout.read(path, options)
+            with np.errstate(all="ignore"):  # what comes of numbers without a meaning is looked at below
+                scene = layout.read(path, options)
+            _require_finite(scene)
             return scene if options.aabb is None else with_box(scene, options.aabb)
     raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
 
@@ -45,6 +49,18 @@ def _checked(options: SceneOptions) -> SceneOptions:
     if isinstance(downscale, bool) or int(downscale) != downscale or downscale < 1:
         raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
     return replace(options, downscale=int(downscale), aabb=None if options.aabb is None else checked_box(options.aabb))
+
+
+def _require_finite(scene: Scene) -> None:
+    """UserError where the poses are such that no cameras and no box come of them."""
+    for photograph in (p for split in scene.splits.values() for p in split):
+        if not np.isfinite(photograph.camera.world_T_camera).all():
+            raise UserError("the camera cannot be placed", where=f"{scene.path}: {photograph.name}",
+                            expected="cameras at some distance from one another", remedy="check the poses")  # fmt: skip
+    numbers = np.array([scene.near, scene.far, *scene.aabb.ravel()])
+    if not np.isfinite(numbers).all() or (scene.aabb[0] >= scene.aabb[1]).any() or scene.near >= scene.far:
+        raise UserError("the poses say nothing of where things are", where=scene.path, expected="a box and a range of depths",
+                        found=f"{scene.near:.3g} to {scene.far:.3g}", remedy="check the poses")  # fmt: skip
 
 
 def _looked_for() -> str:

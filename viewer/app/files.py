@@ -11,7 +11,7 @@ from typing import Literal
 
 from console import not_written
 from console.results import try_folder
-from scenepack.files import PARAMS_NAME
+from scenepack.files import PARAMS_NAME, ZIP_ERRORS
 
 Kind = Literal["pack", "run", "scene", "pictures", "unknown"]
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -97,5 +97,5 @@ def _holds_params(path: Path) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             return any(name.rsplit("/", 1)[-1] == PARAMS_NAME for name in archive.namelist())
-    except (OSError, zipfile.BadZipFile):
+    except (OSError, *ZIP_ERRORS):
         return True  # let the reader say what is wrong with it
