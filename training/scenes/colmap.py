@@ -1,4 +1,4 @@
-"""COLMAP scenes: sparse/0/{cameras,images,points3D}.bin (or sparse/ itself) and the pictures in images or images_K.
+"""COLMAP scenes: sparse/0/{cameras,images,points3D}.bin or .txt (or sparse/ itself) and the pictures in images or images_K.
 
 From all around: as in a transforms.json capture the point that the cameras look at becomes the origin, their mean up
 direction z, their mean distance 1. Facing forward: NDC, as in an LLFF capture, from the depths of the points that each
@@ -17,7 +17,7 @@ import numpy as np
 
 from console import Notice, UserError
 from training.scenes.blender import WORLDSPACE_T_OPENGL
-from training.scenes.colmap_files import Lens, Reconstruction, read_reconstruction
+from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
 from training.scenes.llff import NEAR_360, ndc_facts, picture_folders, recentre, target_size
 from training.scenes.pictures import PictureLoader, picture_size
 from training.scenes.poses import faces_forward
@@ -49,13 +49,11 @@ def read(path: Path, options: SceneOptions) -> Scene:
     found = found.only([index for index, picture in enumerate(listed) if picture is not None])
     pictures = [picture for picture in listed if picture is not None]
     photographs = []
-    for name, lens, world_T_camera, picture in zip(
-        found.names, found.lenses, found.world_T_camera, pictures, strict=True
-    ):
+    for name, of_colmap, picture in zip(found.names, found.cameras, pictures, strict=True):
         stored = picture_size(picture)
         size = target_size(stored, factor, options.downscale)
         mask = _mask(path, factor, name) if options.masks else None
-        camera = _camera(world_T_camera, lens, stored, picture).resized(*size)
+        camera = _stored_camera(of_colmap, stored, picture).resized(*size)
         photographs.append(Photograph(Path(name).as_posix(), camera, PictureLoader(picture, stored, size, mask)))
     photographs, facts = _placed(path, found, photographs, options)
     return Scene(path=path, kind="colmap", splits=hold_out(photographs), notes=vars(options), **facts)
@@ -63,7 +61,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
 
 def _model_folder(path: Path) -> Path | None:
     folders = (path / "sparse" / "0", path / "sparse")
-    return next((folder for folder in folders if (folder / "cameras.bin").is_file()), None)
+    return next((folder for folder in folders if model_suffix(folder)), None)
 
 
 # --- pictures ---------------------------------------------------------------------------------------------------------
@@ -146,12 +144,12 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
         warnings.warn(Notice(f"{folder}: {text} ({_few(gone)})"), stacklevel=3)
     known = {picture for picture in listed if picture is not None}
     stored = (p for p in folder.rglob("*") if p.suffix.lower() in PICTURES and p not in known)
-    unposed = sorted({*found.unposed, *(p.relative_to(folder).as_posix() for p in stored)})
+    unposed = sorted(p.relative_to(folder).as_posix() for p in stored)
     if unposed:
         total = len(known) + len(unposed)
         text = f"{len(unposed)} of {total} pictures have no pose in the reconstruction and are left out"
         warnings.warn(Notice(f"{folder}: {text} ({_few(unposed)})"), stacklevel=3)
-    others = [p.name for p in (path / "sparse").iterdir() if p.name != "0" and (p / "cameras.bin").is_file()]
+    others = [p.name for p in (path / "sparse").iterdir() if p.name != "0" and model_suffix(p)]
     if others and (path / "sparse" / "0").is_dir():
         text = f"COLMAP split the capture into {len(others) + 1} parts; reading 0, which has {len(listed)} images"
         warnings.warn(Notice(f"{path / 'sparse'}: {text}"), stacklevel=3)
@@ -161,16 +159,16 @@ def _few(names: list[str]) -> str:
     return ", ".join(names[:3]) + (", …" if len(names) > 3 else "")
 
 
-def _camera(world_T_camera: np.ndarray, lens: Lens, stored: tuple[int, int], picture: Path) -> Camera:
+def _stored_camera(camera: Camera, stored: tuple[int, int], picture: Path) -> Camera:
     """The camera for its stored picture, which may be smaller than the one that COLMAP saw."""
-    if abs(stored[0] / stored[1] - lens.width / lens.height) > 0.02 * lens.width / lens.height:
+    if abs(stored[0] / stored[1] - camera.width / camera.height) > 0.02 * camera.width / camera.height:
         raise UserError(
             "the picture is of another size",
             where=picture,
-            expected=f"the shape of {lens.width}x{lens.height}",
+            expected=f"the shape of {camera.width}x{camera.height}",
             found=f"{stored[0]}x{stored[1]}",
         )
-    return Camera(world_T_camera, **vars(lens)).resized(*stored)
+    return camera.resized(*stored)
 
 
 # --- frame and space --------------------------------------------------------------------------------------------------

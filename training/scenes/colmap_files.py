@@ -1,217 +1,310 @@
-"""COLMAP's binary reconstruction on disk, read through pycolmap into plain arrays.
+"""COLMAP's reconstruction on disk, binary or text, as plain arrays.
 
 Notation: N posed images, M points. COLMAP's cameras look along +z with y down, and their pixel centres lie at +0.5, as ours
-do; its poses are camera_T_world. The file format is that of COLMAP's documentation, "Output Format", binary.
+do; its poses are camera_T_world. The file formats are those of COLMAP's documentation, "Output Format". rigs and frames,
+which newer versions write beside, say nothing that images does not say as well.
 
-pycolmap believes counts and text lengths, so that a damaged file makes it hang or eat all memory. Before it is asked,
-the lengths of the three files are held against what they say they contain.
+No count or length in a file is believed: what is read is what its bytes hold.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from console import UserError
 from training.scenes.poses import pose
+from training.scenes.scene import Camera
 
-FILES = ("cameras.bin", "images.bin", "points3D.bin")
-# model: (its number in cameras.bin, where fx, fy, cx, cy stand among its parameters, likewise k1, k2, p1, p2)
-MODELS: dict[str, tuple[int, tuple[int, ...], tuple[int, ...]]] = {
-    "SIMPLE_PINHOLE": (0, (0, 0, 1, 2), ()),
-    "PINHOLE": (1, (0, 1, 2, 3), ()),
-    "SIMPLE_RADIAL": (2, (0, 0, 1, 2), (3,)),
-    "RADIAL": (3, (0, 0, 1, 2), (3, 4)),
-    "OPENCV": (4, (0, 1, 2, 3), (4, 5, 6, 7)),
+PARTS = ("cameras", "images", "points3D")
+SUFFIXES = (".bin", ".txt")
+# model: where fx, fy, cx, cy stand among its parameters, likewise k1, k2, p1, p2
+MODELS: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
+    "SIMPLE_PINHOLE": ((0, 0, 1, 2), ()),
+    "PINHOLE": ((0, 1, 2, 3), ()),
+    "SIMPLE_RADIAL": ((0, 0, 1, 2), (3,)),
+    "RADIAL": ((0, 0, 1, 2), (3, 4)),
+    "OPENCV": ((0, 1, 2, 3), (4, 5, 6, 7)),
 }
+# By their numbers in cameras.bin.
+NAMES = (*MODELS, "OPENCV_FISHEYE", "FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE",
+         "RAD_TAN_THIN_PRISM_FISHEYE")  # fmt: skip
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # y down and z ahead become y up and z back
-
-
-@dataclass(frozen=True)
-class Lens:
-    """width, height, fx, fy, cx, cy: pixels. distortion: k1, k2, p1, p2."""
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, float, float, float]
+LONGEST_NAME = 4096  # bytes
+LARGEST_SIDE = 1e6  # pixels
+KEYPOINTS = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 
 
 @dataclass(frozen=True)
 class Reconstruction:
     """Posed images, sorted by name, and points, in COLMAP's own frame and units.
 
-    names [N], lenses [N], world_T_camera [N, 4, 4] (OpenGL axes). points [M, 3]; tracks [M]: how many images show each.
-    seen: of each image the rows of `points` that it shows. unposed: names of images that the files list without a pose.
+    names [N], cameras [N] (OpenGL axes). points [M, 3]; tracks [M]: how many images show each. seen: of each image the rows of
+    `points` that it shows.
     """
 
     names: tuple[str, ...]
-    lenses: tuple[Lens, ...]
-    world_T_camera: np.ndarray
+    cameras: tuple[Camera, ...]
     points: np.ndarray
     tracks: np.ndarray
     seen: tuple[np.ndarray, ...]
-    unposed: tuple[str, ...]
+
+    @property
+    def world_T_camera(self) -> np.ndarray:
+        """Poses [N, 4, 4]."""
+        return np.stack([camera.world_T_camera for camera in self.cameras])
 
     def only(self, rows: list[int]) -> Reconstruction:
         """The same points with these images alone."""
-        names, lenses, seen = (tuple(values[row] for row in rows) for values in (self.names, self.lenses, self.seen))
-        return replace(self, names=names, lenses=lenses, seen=seen, world_T_camera=self.world_T_camera[rows])
+        names, cameras, seen = (tuple(values[row] for row in rows) for values in (self.names, self.cameras, self.seen))
+        return replace(self, names=names, cameras=cameras, seen=seen)
+
+
+class _Image(NamedTuple):
+    """quaternion (w, x, y, z) and translation: of camera_T_world. shown: ids of points."""
+
+    name: str
+    camera: int
+    quaternion: np.ndarray
+    translation: np.ndarray
+    shown: np.ndarray
+
+
+class _Points(NamedTuple):
+    ids: np.ndarray
+    places: np.ndarray
+    tracks: np.ndarray
+
+
+def model_suffix(folder: Path) -> str | None:
+    """Whether `folder` holds a reconstruction, and how: ".bin", or else ".txt"."""
+    return next((suffix for suffix in SUFFIXES if (folder / f"{PARTS[0]}{suffix}").is_file()), None)
 
 
 def read_reconstruction(folder: Path) -> Reconstruction:
-    """What cameras.bin, images.bin and points3D.bin in `folder` say. UserError where pycolmap or a file is missing, a file
-    is damaged, a lens model is none that we can undistort, or nothing has a pose.
+    """What cameras, images and points3D in `folder` say. UserError where a file is missing or damaged, a lens model is none
+    that we can undistort, or nothing has a pose.
     """
-    for name in FILES:
-        if not (folder / name).is_file():
-            raise UserError("this part of the reconstruction is missing", where=folder / name)
-    stats = [(folder / name).stat() for name in FILES]
-    return _read(folder, tuple((stat.st_mtime_ns, stat.st_size) for stat in stats))
+    suffix = model_suffix(folder) or SUFFIXES[0]
+    for part in PARTS:
+        if not (folder / f"{part}{suffix}").is_file():
+            raise UserError("this part of the reconstruction is missing", where=folder / f"{part}{suffix}")
+    stats = [(folder / f"{part}{suffix}").stat() for part in PARTS]
+    return _read(folder, suffix, tuple((stat.st_mtime_ns, stat.st_size) for stat in stats))
 
 
 @lru_cache(maxsize=1)  # a scene is read once for each downscale that is considered
-def _read(folder: Path, stamp: tuple[tuple[int, int], ...]) -> Reconstruction:
-    pycolmap = _pycolmap(folder)
-    _check_cameras(folder / "cameras.bin", pycolmap)
-    _check_images(folder / "images.bin")
-    _check_points(folder / "points3D.bin")
-    try:
-        read = pycolmap.Reconstruction(folder)
-    except (ValueError, IndexError, KeyError, MemoryError, OSError, RuntimeError) as error:
-        raise _damaged(folder, str(error).rsplit("] ", 1)[-1][:100]) from error
-    images = sorted(read.images.values(), key=lambda image: image.name)
-    posed = [image for image in images if image.has_pose]
-    if not posed:
+def _read(folder: Path, suffix: str, stamp: tuple[tuple[int, int], ...]) -> Reconstruction:
+    files = [folder / f"{part}{suffix}" for part in PARTS]
+    lenses = dict((_lenses if suffix == ".bin" else _lenses_of_text)(files[0]))
+    images = list((_images if suffix == ".bin" else _images_of_text)(files[1]))
+    found = (_points if suffix == ".bin" else _points_of_text)(files[2])
+    if not images:
         raise UserError("the reconstruction is empty: no image has a pose", where=folder,
                         remedy="COLMAP found nothing to match; photographs need more overlap")  # fmt: skip
-    ids = np.array(sorted(read.points3D), np.int64)
-    points = [read.points3D[int(number)] for number in ids]
+    if not np.isfinite(found.places).all():
+        raise _damaged(files[2], "a point at no finite place")
+    order = np.argsort(found.ids)
+    ids, points, tracks = (values[order] for values in found)
+    images.sort(key=lambda image: image.name)
+    if missing := {image.camera for image in images} - set(lenses):
+        raise _damaged(files[1], f"an image of camera {min(missing)}, which {files[0].name} lacks")
     return Reconstruction(
-        names=tuple(image.name for image in posed),
-        lenses=tuple(_lens(read.cameras[image.camera_id], folder / "cameras.bin") for image in posed),
-        world_T_camera=np.stack([_world_T_camera(image, folder / "images.bin") for image in posed]),
-        points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
-        tracks=np.array([point.track.length() for point in points], np.float64),
-        seen=tuple(_seen(image, ids) for image in posed),
-        unposed=tuple(image.name for image in images if not image.has_pose),
+        names=tuple(image.name for image in images),
+        cameras=tuple(_camera(image, lenses[image.camera], files[1]) for image in images),
+        points=points,
+        tracks=tracks.astype(np.float64),
+        seen=tuple(_rows_of(image.shown, ids) for image in images),
     )
 
 
-def _pycolmap(folder: Path) -> Any:
-    try:
-        import pycolmap
-    except ImportError as error:
-        raise UserError(
-            "a COLMAP scene is read through pycolmap, which is not installed",
-            where=folder,
-            remedy="pip install 'snerg[colmap]'",
-        ) from error
-    return pycolmap
+def _rows_of(shown: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Where in `ids` (sorted) those of points stand, as far as they do."""
+    rows = np.minimum(np.searchsorted(ids, shown), max(len(ids) - 1, 0))
+    return rows[ids[rows] == shown] if len(ids) else rows[:0]
 
 
-def _world_T_camera(image: Any, file: Path) -> np.ndarray:
-    found = image.cam_from_world
-    pose_found: Any = found() if callable(found) else found  # a method since pycolmap 3.12
-    camera_T_world = np.eye(4)
-    camera_T_world[:3] = pose_found.matrix()
+def _camera(image: _Image, lens: Camera, file: Path) -> Camera:
     where = f"{file} {image.name}"
-    return pose(np.linalg.inv(pose(camera_T_world, where)) @ OPENGL_FROM_OPENCV, where)
+    length = np.linalg.norm(image.quaternion)
+    with np.errstate(all="ignore"):
+        w, x, y, z = image.quaternion / length
+    camera_T_world = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), image.translation[0]],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), image.translation[1]],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), image.translation[2]],
+    ])  # fmt: skip
+    return replace(lens, world_T_camera=pose(np.linalg.inv(pose(camera_T_world, where)) @ OPENGL_FROM_OPENCV, where))
 
 
-def _lens(camera: Any, file: Path) -> Lens:
-    _, intrinsics, distortion = MODELS[camera.model.name]
-    values = np.array(camera.params, np.float64)
-    fx, fy, cx, cy = (float(values[i]) for i in intrinsics)
-    if not np.isfinite(values).all() or min(fx, fy) <= 0 or min(camera.width, camera.height) < 1:
+def _lens(number: int, model: str, size: tuple[float, float], values: np.ndarray, file: Path) -> tuple[int, Camera]:
+    """A camera that stands nowhere yet."""
+    if model not in MODELS:
         raise UserError(
-            f"size and focal length of camera {camera.camera_id} must be positive numbers",
+            "this lens model is not supported",
             where=file,
-            found=f"{camera.width}x{camera.height}, {camera.params_to_string()}",
+            expected=", ".join(MODELS),
+            found=model[:40],
+            remedy="undistort the pictures with COLMAP first (colmap image_undistorter)",
+        )
+    intrinsics, distortion = MODELS[model]
+    if len(values) != _parameters(model):
+        raise _damaged(file, f"{len(values)} parameters of a {model}")
+    fx, fy, cx, cy = (float(values[i]) for i in intrinsics)
+    if not np.isfinite(values).all() or min(fx, fy) <= 0 or not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
+        raise UserError(
+            f"size and focal length of camera {number} must be positive numbers",
+            where=file,
+            found=f"{size[0]:g}x{size[1]:g}, {', '.join(f'{value:g}' for value in values)}",
         )
     k1, k2, p1, p2 = (*(float(values[i]) for i in distortion), 0.0, 0.0, 0.0, 0.0)[:4]
-    return Lens(int(camera.width), int(camera.height), fx, fy, cx, cy, (k1, k2, p1, p2))
+    return number, Camera(np.eye(4), int(size[0]), int(size[1]), fx, fy, cx, cy, (k1, k2, p1, p2))
 
 
-def _seen(image: Any, ids: np.ndarray) -> np.ndarray:
-    """Rows in `ids` (sorted) of the points that an image shows."""
-    shown = np.array([found.point3D_id for found in image.points2D if found.has_point3D()], np.int64)
-    return np.searchsorted(ids, shown)
+def _parameters(model: str) -> int:
+    intrinsics, distortion = MODELS[model]
+    return max(intrinsics) + 1 + len(distortion)
 
 
-# --- do the files hold what they say? --------------------------------------------------------------------------------
+# --- binary -----------------------------------------------------------------------------------------------------------
 
 
-def _check_cameras(file: Path, pycolmap: Any) -> None:
-    """cameras.bin: count u64; each: id u32, model i32, width u64, height u64, parameters f64."""
-    data = file.read_bytes()
-    names = {number: name for name, (number, _, _) in MODELS.items()}
-    at = 8
-    for _ in range(_count(data, file)):
-        (model,) = _unpack("<4xi16x", data, at, file)
-        if model not in names:
-            raise UserError(
-                "this lens model is not supported",
-                where=file,
-                expected=", ".join(MODELS),
-                found=_model_name(pycolmap, model),
-                remedy="undistort the pictures with COLMAP first (colmap image_undistorter)",
-            )
-        _, intrinsics, distortion = MODELS[names[model]]
-        at += 24 + 8 * (max(intrinsics) + 1 + len(distortion))
-    _check_end(at, data, file)
+class _Bytes:
+    """A file from its beginning to its end. UserError where it ends earlier."""
 
+    def __init__(self, file: Path) -> None:
+        self.file, self.data, self.at = file, file.read_bytes(), 0
 
-def _model_name(pycolmap: Any, number: int) -> str:
-    known = pycolmap.CameraModelId.__members__.values()
-    return next((model.name for model in known if int(model) == number and number >= 0), f"model number {number}")
+    def take(self, form: str) -> tuple:
+        try:
+            values = struct.unpack_from(form, self.data, self.at)
+        except struct.error:
+            raise _damaged(self.file, "it ends too early") from None
+        self.at += struct.calcsize(form)
+        return values
 
+    def array(self, dtype: np.dtype, count: int) -> np.ndarray:
+        at = self.at
+        self.skip(count * dtype.itemsize)
+        return np.frombuffer(self.data, dtype, count, at)
 
-def _check_images(file: Path) -> None:
-    """images.bin: count u64; each: id u32, pose 7 f64, camera u32, name ended by 0, count u64, each (x, y) f64 and id u64."""
-    data = file.read_bytes()
-    at = 8
-    for _ in range(_count(data, file)):
-        end = data.find(b"\0", at + 64)
+    def skip(self, size: int) -> None:
+        if size > len(self.data) - self.at:
+            raise _damaged(self.file, "it ends too early")
+        self.at += size
+
+    def name(self) -> str:
+        end = self.data.find(b"\0", self.at, self.at + LONGEST_NAME)
         if end < 0:
-            raise _damaged(file, "it ends within a name")
-        (points,) = _unpack("<Q", data, end + 1, file)
-        at = end + 9 + 24 * points
-    _check_end(at, data, file)
+            raise _damaged(self.file, "it ends within a name")
+        name, self.at = self.data[self.at : end], end + 1
+        return _name(name, self.file)
+
+    def each(self) -> Iterator[int]:
+        """Counts the entries that the file says it has; then it must end."""
+        (count,) = self.take("<Q")
+        yield from range(count)
+        if self.at != len(self.data):
+            raise _damaged(self.file, f"{len(self.data):,} bytes where its contents take {self.at:,}")
 
 
-def _check_points(file: Path) -> None:
+def _lenses(file: Path) -> Iterator[tuple[int, Camera]]:
+    """cameras.bin: count u64; each: id u32, model i32, width u64, height u64, parameters f64."""
+    data = _Bytes(file)
+    for _ in data.each():
+        number, model, width, height = data.take("<IiQQ")
+        name = NAMES[model] if 0 <= model < len(NAMES) else f"model number {model}"
+        values = data.array(np.dtype("<f8"), _parameters(name) if name in MODELS else 0)
+        yield _lens(number, name, (width, height), values, file)
+
+
+def _images(file: Path) -> Iterator[_Image]:
+    """images.bin: count u64; each: id u32, pose 7 f64, camera u32, name ended by 0, count u64, each (x, y) f64 and id u64."""
+    data = _Bytes(file)
+    for _ in data.each():
+        _, *placed, camera = data.take("<I7dI")
+        name, (count,) = data.name(), data.take("<Q")
+        shown = data.array(KEYPOINTS, count)["point"]
+        yield _Image(name, camera, np.array(placed[:4]), np.array(placed[4:]), shown[shown >= 0])
+
+
+def _points(file: Path) -> _Points:
     """points3D.bin: count u64; each: id u64, place 3 f64, colour 3 u8, error f64, count u64, each image u32 and index u32."""
-    data = file.read_bytes()
-    at = 8
-    for _ in range(_count(data, file)):
-        (track,) = _unpack("<43xQ", data, at, file)
-        at += 51 + 8 * track
-    _check_end(at, data, file)
+    data, ids, places, tracks = _Bytes(file), [], [], []
+    for _ in data.each():
+        number, x, y, z, *_, count = data.take("<q3d3BdQ")
+        data.skip(8 * count)
+        ids.append(number)
+        places.append((x, y, z))
+        tracks.append(count)
+    return _Points(np.array(ids, np.int64), np.array(places, np.float64).reshape(-1, 3), np.array(tracks, np.int64))
 
 
-def _count(data: bytes, file: Path) -> int:
-    return _unpack("<Q", data, 0, file)[0]
+# --- text -------------------------------------------------------------------------------------------------------------
 
 
-def _unpack(form: str, data: bytes, at: int, file: Path) -> tuple[int, ...]:
+def _lines(file: Path) -> Iterator[bytes]:
+    """The lines that say something; of images, also those that list no points."""
+    yield from (line.strip() for line in file.read_bytes().split(b"\n") if not line.startswith(b"#"))
+
+
+def _lenses_of_text(file: Path) -> Iterator[tuple[int, Camera]]:
+    """cameras.txt: id, model, width, height, parameters."""
+    for line in filter(None, _lines(file)):
+        words = line.split()
+        numbers = _numbers([*words[:1], *words[2:]], file)
+        if len(numbers) < 3:
+            raise _damaged(file, f"a camera with {len(numbers)} numbers")
+        name = words[1].decode("ascii", errors="replace")
+        yield _lens(int(numbers[0]), name, (numbers[1], numbers[2]), numbers[3:], file)
+
+
+def _images_of_text(file: Path) -> Iterator[_Image]:
+    """images.txt: id, pose, camera, name; and in the next line x, y, id of each point, if any."""
+    lines = _lines(file)
+    for line in lines:
+        if line:
+            *values, name = line.split(None, 9)
+            numbers = _numbers(values, file, 9)
+            shown = _numbers(next(lines, b"").split(), file)[2::3].astype(np.int64)
+            yield _Image(_name(name, file), int(numbers[8]), numbers[1:5], numbers[5:8], shown[shown >= 0])
+
+
+def _points_of_text(file: Path) -> _Points:
+    """points3D.txt: id, place, colour, error; image and index of each that shows it."""
+    rows = [line.split() for line in _lines(file) if line]
+    numbers = np.array([_numbers(row[:8], file, 8) for row in rows]).reshape(-1, 8)
+    tracks = np.array([(len(row) - 8) // 2 for row in rows], np.int64)
+    return _Points(numbers[:, 0].astype(np.int64), numbers[:, 1:4], tracks)
+
+
+def _numbers(words: list[bytes], file: Path, count: int | None = None) -> np.ndarray:
     try:
-        return struct.unpack_from(form, data, at)
-    except (struct.error, OverflowError) as error:
-        raise _damaged(file, "it ends too early") from error
+        numbers = np.array(words, np.float64)
+    except ValueError:
+        numbers = np.array([np.nan])
+    if (count is not None and len(words) != count) or not (np.abs(numbers) < 2**53).all():
+        raise _damaged(file, f"a line with {b' '.join(words)[:40].decode(errors='replace')}")
+    return numbers
 
 
-def _check_end(at: int, data: bytes, file: Path) -> None:
-    if at != len(data):
-        raise _damaged(file, f"{len(data):,} bytes where its contents take {at:,}")
+# --- both -------------------------------------------------------------------------------------------------------------
+
+
+def _name(name: bytes, file: Path) -> str:
+    if len(name) > LONGEST_NAME:
+        raise _damaged(file, f"a name of {len(name)} bytes")
+    try:
+        return name.decode()
+    except UnicodeDecodeError:
+        raise UserError("the name of an image is not UTF-8", where=file, found=repr(name)[1:60],
+                        remedy="rename the pictures and run COLMAP again") from None  # fmt: skip
 
 
 def _damaged(where: Path, found: str) -> UserError:

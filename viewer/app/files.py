@@ -21,6 +21,8 @@ SCENE_FILES = (
     "poses_bounds.npy",
     "sparse/0/cameras.bin",
     "sparse/cameras.bin",
+    "sparse/0/cameras.txt",
+    "sparse/cameras.txt",
 )
 
 
