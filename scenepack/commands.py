@@ -63,7 +63,9 @@ def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None
         )
 
 
-def convert(pack: Path, /, out: Path, codec: str = "avif", quality: int | None = None, png_level: int = 6) -> None:
+def convert(
+    pack: Path, /, out: Path, codec: str = "avif", quality: int | None = None, png_level: int = 6, force: bool = False
+) -> None:
     """Converts a pack to another codec: png (published layout), webp (lossless), avif, h264 or jpeg.
 
     Args:
@@ -73,10 +75,17 @@ def convert(pack: Path, /, out: Path, codec: str = "avif", quality: int | None =
             PNG), h264 (lossy, the paper's; needs PyAV) or jpeg (lossy).
         quality: Quality of a lossy codec, 1 (smallest) ... 100 (best). The default is 83 for avif, 85 for h264, 95 for jpeg.
         png_level: Compression level of PNG, 0 (fast, large) ... 9 (slow, small).
+        force: Let a lossy codec replace the pack that is converted. What is lost then cannot be brought back.
     """
     if not 0 <= png_level <= 9:
         raise UserError("is out of range", where="--png-level", expected="0 to 9", found=png_level)
-    chosen_quality(codec_named(codec, "--codec"), quality)  # now, not after the work is done
+    lossy = chosen_quality(codec_named(codec, "--codec"), quality) is not None  # now, not after the work is done
+    if lossy and not force and out.exists() and pack.exists() and out.samefile(pack):
+        raise UserError(
+            f"{codec} is lossy, and would replace the pack that is converted",
+            where=out,
+            remedy="choose another --out, a lossless --codec (png, webp), or add --force",
+        )
     check_target(out)
     with open_pack(pack) as reader:
         before, stored = _read(reader), reader.files.stored_bytes

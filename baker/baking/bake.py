@@ -27,6 +27,7 @@ from baker.view_mlp import from_params
 from console import UserError, progress
 from console.progress import Progress
 from scenepack.blocks import fill_atlas
+from scenepack.constants import MAX_BLOCK_INDEX
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.allocator import keep_freed_memory
@@ -36,6 +37,7 @@ from training.scenes.scene import Box
 
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
 STAGE = "baking"  # in what programs that started us read of our progress
+LARGEST_SEED = 2**32 - 1
 FORMAT = 1  # of a work folder: raised whenever the same key would give other pieces
 
 
@@ -59,6 +61,19 @@ class BakeConfig:
     """Seed of the Gaussian samples within voxels and of fine-tuning."""
     aabb: Box | None = None
     """The box that is baked, training frame, in place of the one around the content; not for NDC scenes."""
+
+    def check(self) -> None:
+        """UserError where a number makes no sense: for commands to ask before hours of work, not after."""
+        most = MAX_BLOCK_INDEX * BLOCK_SIZE
+        ranges = {"resolution": (BLOCK_SIZE, most), "tau_alpha": (0, 1), "tau_vis": (0, 1), "tau_weight": (0, 1),
+                  "fine_tune_epochs": (0, 1_000_000), "seed": (0, LARGEST_SEED)}  # fmt: skip
+        for name, (low, high) in ranges.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                what = "too coarse" if name == "resolution" and value < low else "is out of range"
+                raise UserError(
+                    what, where=f"--{name.replace('_', '-')}", expected=f"{low} to {high}", found=str(value)[:40]
+                )
 
 
 class Stages:
@@ -156,8 +171,7 @@ def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
 def check_bake(run: Run, config: BakeConfig) -> None:
     """UserError where this run cannot be baked so; before anything is written."""
     require_bakeable(run)
-    if config.resolution < BLOCK_SIZE:
-        raise UserError("too coarse", where="--resolution", expected=f"at least {BLOCK_SIZE}", found=config.resolution)
+    config.check()
     if config.aabb is not None and config.fine_tune == "all":
         raise UserError(
             "voxels are tuned on whole photographs, and a box cuts off what these show outside of it",
@@ -257,8 +271,12 @@ def cameras_of(run: Run) -> list[dict]:
     ]  # fmt: skip
 
 
+class NothingThere(UserError):
+    """A bake that can come to no pack, however often it is begun."""
+
+
 def _nothing_there(run: Run) -> UserError:
-    return UserError(
+    return NothingThere(
         "the trained field contains nothing that its cameras see",
         where=run.path,
         remedy="train for more steps, then bake again",

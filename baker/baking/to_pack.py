@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from baker.baking.bake import STAGE, BakeConfig, Stages, bake, check_bake, help_bake, work_key
+from baker.baking.bake import STAGE, BakeConfig, NothingThere, Stages, bake, check_bake, help_bake, work_key
 from baker.baking.pictures import with_pictures
 from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
 from console import UserError, progress
@@ -48,6 +48,9 @@ def bake_to(
         pack = with_pictures(bake(run, config, work, stages), run.scene, pictures)
         with stages("writing"), progress("writing the pack", 1, stage=STAGE) as bar:
             save_pack(pack, out, codec=codec, on_progress=lambda done, total: bar.update(done / total))
+    except NothingThere:
+        work.remove()
+        raise
     except KeyboardInterrupt as interrupt:
         raise KeyboardInterrupt(AGAIN) from interrupt
     finally:

@@ -140,7 +140,9 @@ class WorkFolder:
         return self.path / f"{name}.npz"
 
     def close(self) -> None:
-        """Lets others bake here; what was done stays."""
+        """Lets others bake here; what was done stays. Where nothing was, nothing stays."""
+        if not self.share.helps and self.path.is_dir() and next(self.path.glob("*.npz"), None) is None:
+            shutil.rmtree(self.path, ignore_errors=True)
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from console import run_command
+from console import UserError, run_command
 from console.arguments import join_negative_values
 
 DESCRIPTION = "Bakes a trained run into a pack: a sparse voxel grid that the viewer renders in real time."
@@ -56,6 +56,7 @@ def snerg_bake(
     from baker.baking.bake import BakeConfig  # JAX starts here, not for --help
     from baker.baking.to_pack import bake_to, help_with, share_of
     from scenepack import check_target
+    from scenepack.pictures import LARGEST_SIDE
     from training.run import load_run
     from training.scenes.box import parse_box
 
@@ -63,6 +64,9 @@ def snerg_bake(
     check_target(out)  # now, not after the work is done
     box = None if aabb is None else parse_box(aabb)
     config = BakeConfig(resolution, tau_alpha, tau_vis, tau_weight, fine_tune, fine_tune_epochs, seed, box)
+    config.check()
+    if not 0 <= pictures <= LARGEST_SIDE:
+        raise UserError("is out of range", where="--pictures", expected=f"0 to {LARGEST_SIDE}", found=pictures)
     if share.helps:
         help_with(load_run(run), config, out, share)
     else:

@@ -72,6 +72,8 @@ def snerg_make(
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
     require_plausible(config)
+    baking = BakeConfig(PRESETS[preset].resolution if resolution is None else resolution, fine_tune=fine_tune)
+    baking.check()
     started = time.monotonic()
     stored = read_description(run_path) if is_run(run_path) else None
     if stored is not None:
@@ -87,8 +89,7 @@ def snerg_make(
     options = SceneOptions(downscale or 1, spherify or None, masks, box)
     run = train(scene, run_path, config, options, resume=stored or False)
     trained = time.monotonic()
-    voxels = resolution or PRESETS[preset].resolution
-    bake_to(run, BakeConfig(resolution=voxels, fine_tune=fine_tune), pack_path)
+    bake_to(run, baking, pack_path)
     baked = time.monotonic()
     print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
     if not no_view and (

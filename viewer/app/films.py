@@ -12,6 +12,8 @@ import numpy as np
 from console import UserError
 from console.atomic import Replacement
 
+MOST_FPS = 1000
+
 
 def require_video() -> None:
     """UserError, with the remedy, where PyAV is not installed."""
@@ -34,6 +36,8 @@ class FilmWriter:
         require_video()
         import av
 
+        if min(size) < 2:
+            raise UserError("a film needs at least 2 × 2 pixels", where=path)
         if size[0] % 2 or size[1] % 2:
             raise UserError("H.264 needs an even width and height", where=path, found=f"{size[0]}x{size[1]}")
         self._av, self.aside = av, Replacement(path)

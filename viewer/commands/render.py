@@ -16,7 +16,7 @@ from console.atomic import replacing
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from training.scenes import load_scene, picture_stems
-from viewer.app.films import require_video, write_film
+from viewer.app.films import MOST_FPS, require_video, write_film
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored, orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
@@ -79,6 +79,8 @@ def render(
         fps: Frames per second of a film.
     """
     _check_choice(eye, target, up, orbit, scene, index, fov)
+    if not 1 <= fps <= MOST_FPS:
+        raise UserError("is out of range", where="--fps", expected=f"1 to {MOST_FPS}", found=fps)
     kind = _kind_of(out)
     settings = RenderSettings(
         mode=mode, marcher=marcher, background=_colour(background), near=near, crop=_box(crop) if crop else None
