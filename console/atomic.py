@@ -135,6 +135,11 @@ def remove_leftovers(target: Path) -> None:
                 _discard(path, target)
 
 
+def is_leftover(name: str) -> bool:
+    """Whether a file's name is a hidden one of ours, left by a writer that was killed, or being written."""
+    return re.fullmatch(rf"\..+\.({NEW}|{OLD}|{GONE})-\d+-[0-9a-f]{{8}}", name) is not None
+
+
 def exchange(first: Path, second: Path) -> bool:
     """Swaps two names in one step; False where the system or the file system cannot."""
     if not sys.platform.startswith("linux"):

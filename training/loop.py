@@ -71,6 +71,8 @@ def _train(
         print(line, file=sys.stderr, flush=True)
     with together():
         recorder = Recorder(run)
+        if run.step and _is_pictured(run) and not recorder.has_validated():  # killed between checkpoint and validation
+            recorder.validate()
 
     annealing = Annealing(config.steps, config.minutes)
     shown = progress("training", config.steps, quiet=not is_writer(), begun=run.step)
@@ -90,8 +92,7 @@ def _train(
                     bar.update(run.step, metrics=recorder.log(values))
             if last or run.step % config.checkpoint_every == 0:
                 _checkpoint(run)
-            pictured = config.validate_every and run.step % config.validate_every == 0
-            if (last or pictured) and not stopping:
+            if (last or _is_pictured(run)) and not stopping:
                 with together():
                     recorder.validate()
             if stopping and run.step < config.steps:
@@ -101,6 +102,12 @@ def _train(
     with together():
         recorder.report()
     return run
+
+
+def _is_pictured(run: Run) -> bool:
+    """Whether the step that a run stands at ends with a validation."""
+    every = run.config.validate_every
+    return run.step == run.config.steps or bool(every and run.step % every == 0)
 
 
 def how_to_resume(run: Run) -> str:

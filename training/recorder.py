@@ -72,6 +72,10 @@ class Recorder:
         self.journal.write(record)
         self._draw()
 
+    def has_validated(self) -> bool:
+        """Whether the journal has a validation of the step that the run stands at."""
+        return any(r["step"] == self.run.step and "validation_psnr" in r for r in self.journal.records)
+
     def report(self) -> None:
         """The final report, from everything in the journal."""
         if is_writer():

@@ -19,7 +19,7 @@ import jax
 import numpy as np
 
 from console import UserError
-from console.atomic import write_file
+from console.atomic import is_leftover, write_file
 from console.json_text import read_json_file
 from training.checkpoints import cannot_write, list_checkpoints, read_newest_checkpoint
 from training.config import TrainConfig, from_json, to_json
@@ -79,7 +79,7 @@ class Run:
 def start_run(path: Path, scene_path: Path, config: TrainConfig, options: SceneOptions) -> Run:
     """A new run, its method initialised, its config.json written. UserError where `path` holds something already."""
     with together():
-        if is_writer() and path.exists() and (not path.is_dir() or any(path.iterdir())):
+        if is_writer() and path.exists() and not _may_begin(path):
             remedy = "continue it with --resume, or choose another --out" if is_run(path) else "choose another --out"
             raise UserError("exists already", where=path, remedy=remedy)
     description = RunDescription(settled(config), scene_path.resolve(), options, _provenance())
@@ -87,6 +87,11 @@ def start_run(path: Path, scene_path: Path, config: TrainConfig, options: SceneO
     with together():
         write_description(path, run.description)
     return run
+
+
+def _may_begin(path: Path) -> bool:
+    """Whether a folder is empty, but for what a killed process may have left before it had begun a run."""
+    return path.is_dir() and all(is_leftover(entry.name) for entry in path.iterdir())
 
 
 def load_run(path: str | Path, *, scene_path: str | Path | None = None) -> Run:

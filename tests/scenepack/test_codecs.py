@@ -350,9 +350,18 @@ def test_converting_there_and_back_without_loss_gives_the_same_pack(
         assert (tmp_path / "c" / file.name).exists()
 
 
-def test_converting_in_place_replaces_the_pack(pack: Pack, tmp_path: Path) -> None:
+def test_converting_in_place_replaces_the_pack_and_with_a_lossy_codec_only_by_force(
+    pack: Pack, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     source = written(tmp_path / "a", pack)
-    assert main(["convert", str(source), "--out", str(source), "--codec", "avif", "--quality", "40"]) == 0
+    before = {file.name: file.read_bytes() for file in source.iterdir()}
+    (tmp_path / "link").symlink_to(source)
+    for out in (source, tmp_path / "link", source / "." / ".." / "a"):
+        assert main(["convert", str(source), "--out", str(out), "--codec", "avif", "--quality", "40"]) == 2
+        assert "avif is lossy" in capsys.readouterr().err
+    assert before == {file.name: file.read_bytes() for file in source.iterdir()}
+    assert main(["convert", str(source), "--out", str(source), "--codec", "webp"]) == 0
+    assert main(["convert", str(source), "--out", str(source), "--codec", "avif", "--quality", "40", "--force"]) == 0
     assert {f.suffix for f in images(source)} == {".avif", ".xz"}
     assert json.loads((source / "scene_params.json").read_text())["format"] == "avif"
 

@@ -27,7 +27,8 @@ from training.journal import Journal, read_journal
 from training.loop import train
 from training.nerf.method import NerfMethod
 from training.recorder import Recorder
-from training.run import load_run
+from training.run import load_run, start_run
+from training.scenes import SceneOptions
 from training.voxels.config import VoxelConfig
 from training.voxels.jax_engine import JaxEngine
 
@@ -105,6 +106,29 @@ def test_a_killed_run_goes_back_to_its_checkpoint_and_repeats_what_was_lost(
         journal.write('{"step": 13, "los')  # cut off amid a line
     train(procedural_path, killed, MINUTE, resume=True)
     assert losses(killed) == losses(unbroken)
+
+
+def test_a_run_killed_between_checkpoint_and_validation_makes_up_for_it(
+    unbroken: Path, procedural_path: Path, tmp_path: Path
+):
+    killed = Path(shutil.copytree(unbroken, tmp_path / "killed"))
+    lines = (killed / "metrics.jsonl").read_text().splitlines(keepends=True)
+    [lost] = [line for line in lines if "validation_psnr" in line]
+    (killed / "metrics.jsonl").write_text("".join(line for line in lines if line != lost))
+    shutil.rmtree(killed / "validation")
+    for _ in range(2):  # once, however often it is resumed
+        train(procedural_path, killed, MINUTE, resume=True)
+        [again] = [record for record in read_journal(killed / "metrics.jsonl") if "validation_psnr" in record]
+        assert (again["step"], again["validation_psnr"]) == (12, json.loads(lost)["validation_psnr"])
+    assert (killed / "validation" / "step_00000012.png").is_file()
+
+
+def test_a_run_killed_before_it_had_begun_can_be_started(procedural_path: Path, tmp_path: Path, monkeypatch):
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / ".config.json.new-99999999-0123abcd").write_text("{")
+    started = start_run(run, procedural_path, MINUTE, SceneOptions())
+    assert started.step == 0 and [file.name for file in run.iterdir()] == ["config.json"]
 
 
 def test_a_damaged_newest_checkpoint_costs_a_warning_and_some_steps(unbroken: Path, tmp_path: Path):
