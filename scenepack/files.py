@@ -52,9 +52,8 @@ def open_files(path: Path) -> PackFiles:
         elif path.is_file():
             files = ZipFiles(path)
         else:
-            raise UserError(
-                "does not exist", where=path, expected="the folder or .zip of a pack", remedy="check the path"
-            )
+            what = "is neither a folder nor a file" if path.exists() else "does not exist"
+            raise UserError(what, where=path, expected="the folder or .zip of a pack", remedy="check the path")
     except OSError as error:
         raise UserError(f"cannot be read: {error.strerror or error}", where=path) from error
     if PARAMS_NAME not in files.sizes:
@@ -99,10 +98,10 @@ class FolderFiles:
 
     def _bytes(self, name: str, count: int, most: int | None) -> bytes:
         try:
+            if not (self.path / name).is_file():  # a pipe would be waited for
+                raise UserError("is missing", where=self.path / name)
             with open(self.path / name, "rb") as file:
                 data = file.read(count)
-        except FileNotFoundError as error:
-            raise UserError("is missing", where=self.path / name) from error
         except OSError as error:
             raise UserError(f"cannot be read: {error.strerror or error}", where=self.path / name) from error
         return _limited(data, most, self.path / name)

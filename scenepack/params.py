@@ -21,6 +21,7 @@ from scenepack.pack import Pack, ViewMlp
 MAX_GRID_SIDE = 32768  # voxels
 MAX_ATLAS_SIDE = 16384  # voxels; the largest 3D texture that any driver offers
 MAX_ATLAS_BYTES = 16 << 30  # of one part, decoded
+SMALLEST_VOXEL, FARTHEST = 1e-12, 1e15  # world units; beyond, cameras and single-precision shaders lose all digits
 AXES = ("width", "height", "depth")
 LAYERS = (0, 1, 2)
 INPUT_KEYS = ("input_width", "input_height", "input_focal")
@@ -83,6 +84,12 @@ class _Checker:
             raise self.wrong(key, "is not finite", "a finite number", value)
         return number
 
+    def place(self, key: str) -> float:
+        number = self.number(key)
+        if abs(number) > FARTHEST:
+            raise self.wrong(key, "is out of range", f"world units, within {FARTHEST:g}", number)
+        return number
+
     def whole(self, key: str, most: int) -> int:
         number = self.number(key)
         if number != int(number) or not 1 <= number <= most:
@@ -105,8 +112,9 @@ class _Checker:
 
     def params(self) -> Params:
         voxel_size = self.number("voxel_size")
-        if voxel_size <= 0:
-            raise self.wrong("voxel_size", "is not positive", "world units, above 0", voxel_size)
+        if not SMALLEST_VOXEL <= voxel_size <= 1 / SMALLEST_VOXEL:
+            expected = f"world units, {SMALLEST_VOXEL:g} to {1 / SMALLEST_VOXEL:g}"
+            raise self.wrong("voxel_size", "is out of range", expected, voxel_size)
         block_size = self.whole("block_size", 1024)
         x, y, z = (self.whole(f"grid_{axis}", MAX_GRID_SIDE) for axis in AXES)
         width, height, depth = (self.whole(f"atlas_{axis}", MAX_ATLAS_SIDE) for axis in AXES)
@@ -120,7 +128,7 @@ class _Checker:
         return Params(
             raw=self.raw,
             voxel_size=voxel_size,
-            min_xyz=np.array([self.number(f"min_{axis}") for axis in "xyz"]),
+            min_xyz=np.array([self.place(f"min_{axis}") for axis in "xyz"]),
             grid_size=(x, y, z),
             block_size=block_size,
             atlas_size=(width, height, depth),

@@ -15,12 +15,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from console.streams import one_line
 from scenepack.blocks import block_copy
 from scenepack.check import Finding
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles
 from scenepack.pack import Pack
 
 ALPHA_BINS = 8  # of 32 steps each; alpha 0 is counted apart
+LONGEST_TEXT, MOST_ROWS = 200, 100  # of metadata
 BARS = " ▏▎▍▌▋▊▉█"
 BAR_WIDTH = 24
 MARKS = {"ok": ("✓", "green"), "note": ("·", "cyan"), "warning": ("!", "yellow"), "error": ("✗", "bold red")}
@@ -156,7 +158,9 @@ def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]
     ]
     sections = [("grid", grid), ("storage", storage), ("shading", shading)]
     if facts["metadata"]:
-        sections.append(("metadata", _flat(facts["metadata"])))
+        rows_of_metadata = [(_shown(name), _shown(text)) for name, text in _flat(facts["metadata"])]
+        more = len(rows_of_metadata) - MOST_ROWS
+        sections.append(("metadata", rows_of_metadata[:MOST_ROWS] + ([("…", f"{more} more")] if more > 0 else [])))
     return sections
 
 
@@ -170,9 +174,14 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
         elif isinstance(value, Mapping | list) and len(value) > 4:
             rows.append((name, f"{len(value)} entries"))
         else:
-            text = f"{value:.6g}" if isinstance(value, float) else str(value)
-            rows.append((name, text if len(text) <= 200 else text[:199] + "…"))
+            rows.append((name, f"{value:.6g}" if isinstance(value, float) else str(value)))
     return rows
+
+
+def _shown(text: str) -> str:
+    """What anybody may have written, as a terminal can show it."""
+    text = one_line(text[:1000])
+    return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 1] + "…"
 
 
 def _print_section(title: str, rows: Sequence[tuple[str, str]], console: Console) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from console import UserError, check_results, run_command, write_json
+from console.streams import one_line
 
 DESCRIPTION = "Compares a run, or a pack rendered with OpenGL, with the photographs of a scene."
 
@@ -64,7 +65,7 @@ def snerg_eval(
         return
     lpips = "-" if result["lpips"] is None else f"{result['lpips']:.4f}"
     for view in result["views"]:
-        print(f"{view['name']}: {view['psnr']:.2f} dB, SSIM {view['ssim']:.4f}")
+        print(one_line(f"{view['name']}: {view['psnr']:.2f} dB, SSIM {view['ssim']:.4f}"))
     print(
         f"mean of {len(result['views'])} views at {result['width']} x {result['height']}: PSNR {result['psnr']:.2f} dB, "
         f"SSIM {result['ssim']:.4f}, LPIPS {lpips}" + (f"; {_grid(result)}" if result["grid_size"] else "")

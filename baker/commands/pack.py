@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from console import UserError, check_results, run_command, write_json
+from console.streams import one_line
 from scenepack.commands import COMMANDS
 
 DESCRIPTION = (
@@ -47,7 +48,7 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
             if view["worst"] == 0
             else f"PSNR {view['psnr']:.2f} dB{ssim}, at most {view['worst']}/255 apart"
         )
-        print(f"{view['name']}: {same}")
+        print(one_line(f"{view['name']}: {same}"))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -18,11 +18,11 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
-from scenepack.codecs.base import CodecError, PieceCodec, Shape
+from scenepack.codecs.base import CodecError, Shape
 
 PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # a decoder's time: so much, and more of it by the decoded bytes
 SPARE_BYTES, TIMES_DECODED = 1 << 30, 12  # its memory likewise: frames that it keeps, straight colours, copies
@@ -35,7 +35,17 @@ ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_AREN
 
 Decoded = tuple[np.ndarray, np.ndarray | None]
 _idle: list[_Process] = []
+_ending: threading.Timer | None = None
 _lock = threading.Lock()
+
+
+class Decoder(Protocol):
+    """What is asked for, by name; only the other process calls it."""
+
+    @property
+    def name(self) -> str: ...
+
+    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded: ...
 
 
 class Decoders:
@@ -46,7 +56,7 @@ class Decoders:
         self._stopped = False
 
     def decode(
-        self, codec: PieceCodec, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
+        self, codec: Decoder, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
     ) -> Decoded:
         """What codec.decode gives. CodecError also where it takes too long or too much memory, crashes, or is stopped."""
         process = _taken() or _Process()
@@ -73,9 +83,7 @@ class Decoders:
             busy = list(self._busy)
         for process in busy:
             process.end()
-        timer = threading.Timer(IDLE_S, _end_idle)
-        timer.daemon = True
-        timer.start()
+        _end_idle_later()
 
 
 def _taken() -> _Process | None:
@@ -86,6 +94,16 @@ def _taken() -> _Process | None:
         if process is None or process.lives:
             return process
         process.end()
+
+
+def _end_idle_later() -> None:
+    global _ending
+    with _lock:
+        if _ending is not None:
+            _ending.cancel()
+        _ending = threading.Timer(IDLE_S, _end_idle)
+        _ending.daemon = True
+        _ending.start()
 
 
 def _end_idle() -> None:
@@ -202,9 +220,10 @@ def serve() -> None:
 
 
 def _answer(question: dict[str, Any], files: dict[str, bytes], target: BinaryIO) -> None:
-    from scenepack.codecs import CODECS  # which imports this module
+    from scenepack.codecs import CODECS
+    from scenepack.pictures import COPIES  # which imports this module
 
-    codec: Any = CODECS[question["codec"]]
+    codec: Any = CODECS.get(question["codec"], COPIES)
     _limit_memory(question["memory"])
     try:
         parts = codec.decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import struct
 import tracemalloc
@@ -9,7 +10,7 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +98,9 @@ def test_a_value_of_the_wrong_type_is_refused(tmp_path: Path, key: str, value: A
     [
         ("voxel_size", 0),
         ("voxel_size", -0.1),
+        ("voxel_size", 1e-300),
+        ("voxel_size", 1e30),
+        ("min_y", -1e300),
         ("voxel_size", float("nan")),
         ("voxel_size", float("inf")),
         ("voxel_size", 10**400),
@@ -231,6 +235,18 @@ def test_a_zip_of_two_packs_is_refused(tmp_path: Path) -> None:
     written(outer / "a")
     written(outer / "b")
     refused(Path(shutil.make_archive(str(outer), "zip", outer)), "2 packs")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
+@pytest.mark.parametrize("name", ["scene_params.json", "atlas_indices.png", "rgba_000.png", "feature_001.png", ""])
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    folder = written(tmp_path / "pack")
+    pipe = folder / name if name else tmp_path / "pack.zip"
+    pipe.unlink(missing_ok=True)
+    os.mkfifo(pipe)
+    with warnings.catch_warnings(), pytest.raises(UserError) if "feature" not in name else nullcontext():
+        warnings.simplefilter("ignore")
+        load_pack(folder if name else pipe)
 
 
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:

@@ -42,6 +42,23 @@ def test_info_prints_plain_lines_without_a_terminal(tmp_path: Path, run: Run, na
     assert all(line.count(": ") >= 2 for line in out.splitlines()) and "\x1b" not in out
 
 
+def test_what_metadata_say_reaches_no_terminal_but_as_plain_text(tmp_path: Path, run: Run) -> None:
+    hostile = {
+        "\x1b[31mred": "\x1b]0;title\x07\x9b2J",
+        "long": "L" * (1 << 20),
+        "lines": "a\nb: c\r",
+        "markup": "[bold]x",
+    }
+    pack = small_pack().with_metadata(**hostile, provenance={f"key {i}": i for i in range(5000)})
+    status, out, _ = run("info", written(tmp_path / "pack", pack))
+    assert status == 0 and "[bold]x" in out and "more" in out
+    assert all(c.isprintable() or c == "\n" for c in out) and len(out) < 20_000
+    page = StringIO()
+    with open_pack(tmp_path / "pack") as reader:
+        report.print_facts(report.pack_facts(reader.files, reader.read()), Console(file=page, force_terminal=True))
+    assert "\x1b]" not in page.getvalue() and "\x07" not in page.getvalue() and "\x9b" not in page.getvalue()
+
+
 def test_info_figures_agree_with_the_files_and_the_voxels(tmp_path: Path, run: Run) -> None:
     pack = small_pack()
     folder = written(tmp_path / "pack", pack)
