@@ -4,47 +4,30 @@ Python itself answers Ctrl-C with a traceback; console.run_command, which does n
 """
 
 import sys
+from functools import partial
 from importlib import import_module
 
 INTERRUPTED = 130
+MODULES = {
+    "snerg-make": "baker.commands.make",
+    "snerg-train": "training.commands.train",
+    "snerg-bake": "baker.commands.bake",
+    "snerg-eval": "baker.commands.evaluate",
+    "snerg-render": "viewer.commands.render",
+    "snerg-bench": "viewer.commands.bench",
+    "snerg-view": "viewer.commands.view",
+    "snerg-pack": "baker.commands.pack",
+}
 
 
-def _run(module: str, command: str) -> int:
+def run(command: str) -> int:
+    """Runs one of MODULES; returns its exit status."""
     try:
-        main = import_module(module).main
+        main = import_module(MODULES[command]).main
     except KeyboardInterrupt:
         print(f"{command}: interrupted", file=sys.stderr)
         return INTERRUPTED
     return main()
 
 
-def make() -> int:
-    return _run("baker.commands.make", "snerg-make")
-
-
-def train() -> int:
-    return _run("training.commands.train", "snerg-train")
-
-
-def bake() -> int:
-    return _run("baker.commands.bake", "snerg-bake")
-
-
-def evaluate() -> int:
-    return _run("baker.commands.evaluate", "snerg-eval")
-
-
-def render() -> int:
-    return _run("viewer.commands.render", "snerg-render")
-
-
-def bench() -> int:
-    return _run("viewer.commands.bench", "snerg-bench")
-
-
-def view() -> int:
-    return _run("viewer.commands.view", "snerg-view")
-
-
-def pack() -> int:
-    return _run("baker.commands.pack", "snerg-pack")
+make, train, bake, evaluate, render, bench, view, pack = (partial(run, command) for command in MODULES)

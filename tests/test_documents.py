@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from snerg_commands import MODULES
+
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(ROOT.glob("docs/*.md"))
 ROOMS = ("console", "scenepack", "training", "baker", "viewer")
@@ -60,9 +62,8 @@ def anchors_of(document: Path) -> set[str]:
 @cache
 def modules_run() -> dict[str, str]:
     """Module of each program that can be started: {"snerg-bake": "baker.commands.bake", …}."""
-    scripts = {name: place.split(":")[0] for name, place in PROJECT["scripts"].items()}
     named = {name for document in DOCUMENTS for name in re.findall(r"python -m ([\w.]+)", text_of(document))}
-    return scripts | {f"python -m {name}": name for name in named if name.split(".")[0] in ROOMS}
+    return MODULES | {f"python -m {name}": name for name in named if name.split(".")[0] in ROOMS}
 
 
 @cache

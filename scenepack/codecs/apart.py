@@ -3,9 +3,7 @@
 Films and pictures can ask a decoder for far more work than their bytes and their size tell: hidden frames, samples that share
 bytes, scans that repeat. No check before decoding finds all of that, and no thread can be stopped amid a library's loop. A
 process can: the one that asks for a pack gets an error, goes on, and may leave at any time.
-
-A process runs `serve`. It reads a line of JSON and the files' bytes from its standard input, and writes a line of JSON and
-the decoded bytes, whose number both sides know beforehand, to its standard output. It ends when its input does.
+scenepack.decoding_process is the other side.
 """
 
 from __future__ import annotations
@@ -13,12 +11,11 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import queue
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from typing import Any, BinaryIO, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -30,7 +27,7 @@ START_S = 120.0  # on a machine that is busy with other things
 IDLE_S = 10.0  # processes that are asked for nothing more are ended
 # One thread and few arenas each, for what is reserved counts as taken.
 LONGEST_LINE = 1 << 16
-PROGRAM = "from scenepack.codecs.apart import serve; serve()"
+PROGRAM = "from scenepack.decoding_process import serve; serve()"
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
 
 Decoded = tuple[np.ndarray, np.ndarray | None]
@@ -59,11 +56,13 @@ class Decoders:
         self, codec: Decoder, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
     ) -> Decoded:
         """What codec.decode gives. CodecError also where it takes too long or too much memory, crashes, or is stopped."""
+        if self._stopped:
+            raise CodecError("decoding was stopped")
         process = _taken() or _Process()
         with _lock:
             self._busy.add(process)
         try:
-            if self._stopped:
+            if self._stopped:  # meanwhile
                 raise CodecError("decoding was stopped")
             answer = process.ask(codec.name, files, names, shape, features)
         except BaseException:
@@ -195,59 +194,3 @@ class _Process:
                 raise EOFError
             view = view[count:]
         return part
-
-
-def serve() -> None:
-    """The decoding side: answers until nobody can ask any more."""
-    source, target = sys.stdin.buffer, sys.stdout.buffer
-    questions: queue.SimpleQueue[tuple[dict[str, Any], dict[str, bytes]]] = queue.SimpleQueue()
-
-    def listen() -> None:
-        """Beside the decoder, so that this process ends with the one that asks, even amid a decoder's loop."""
-        while line := source.readline():
-            question = json.loads(line)
-            sizes = zip(question["names"], question["sizes"], strict=True)
-            questions.put((question, {name: source.read(size) for name, size in sizes}))
-        os._exit(0)
-
-    threading.Thread(target=listen, daemon=True).start()
-    while True:
-        question, files = questions.get()
-        target.write(b"{}\n")
-        target.flush()
-        _answer(question, files, target)
-        target.flush()
-
-
-def _answer(question: dict[str, Any], files: dict[str, bytes], target: BinaryIO) -> None:
-    from scenepack.codecs import CODECS
-    from scenepack.pictures import COPIES  # which imports this module
-
-    codec: Any = CODECS.get(question["codec"], COPIES)
-    _limit_memory(question["memory"])
-    try:
-        parts = codec.decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])
-        parts = [np.ascontiguousarray(part, np.uint8) for part in parts if part is not None]
-    except CodecError as error:
-        answer = {"error": str(error)[:1000], "file": error.file}
-    except MemoryError:
-        answer = {"error": "its decoder takes more memory than its size explains"}
-    else:
-        target.write(b"{}\n")
-        for part in parts:
-            target.write(part.reshape(-1).data)
-        return
-    target.write(json.dumps(answer).encode() + b"\n")
-
-
-def _limit_memory(more: int) -> None:
-    """Lets this process allocate no more than so many bytes beside what it has; where the system can do that."""
-    try:
-        import resource
-
-        with open("/proc/self/statm") as file:
-            taken = int(file.read().split()[0]) * resource.getpagesize()
-        _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        resource.setrlimit(resource.RLIMIT_AS, (taken + more, hard))
-    except (ImportError, OSError, ValueError):
-        return

@@ -22,7 +22,7 @@ HANGS, CRASHES = "while True: pass", "os.kill(os.getpid(), signal.SIGSEGV)"
 EATS = "held = [bytes([1]) * (1 << 28) for _ in range(40)]"
 SPOILT = """
 import os, signal
-from scenepack.codecs.apart import serve
+from scenepack.decoding_process import serve
 from scenepack.codecs.webp import WebpCodec
 def decode(*_):
     open({began!r}, "w").write(str(os.getpid()))

@@ -1,0 +1,73 @@
+"""The process that decodes for scenepack.codecs.apart, which starts and ends it.
+
+It reads a line of JSON and the files' bytes from its standard input, says `{}` when it begins, and writes a line of JSON and the
+decoded bytes, whose number both sides know beforehand, to its standard output. It ends when its input does.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import sys
+import threading
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from scenepack.codecs import CODECS, CodecError
+from scenepack.pictures import COPIES
+
+
+def serve() -> None:
+    """The decoding side: answers until nobody can ask any more."""
+    source, target = sys.stdin.buffer, sys.stdout.buffer
+    questions: queue.SimpleQueue[tuple[dict[str, Any], dict[str, bytes]]] = queue.SimpleQueue()
+
+    def listen() -> None:
+        """Beside the decoder, so that this process ends with the one that asks, even amid a decoder's loop."""
+        while line := source.readline():
+            question = json.loads(line)
+            sizes = zip(question["names"], question["sizes"], strict=True)
+            questions.put((question, {name: source.read(size) for name, size in sizes}))
+        os._exit(0)
+
+    threading.Thread(target=listen, daemon=True).start()
+    while True:
+        question, files = questions.get()
+        target.write(b"{}\n")
+        target.flush()
+        _answer(question, files, target)
+        target.flush()
+
+
+def _answer(question: dict[str, Any], files: dict[str, bytes], target: BinaryIO) -> None:
+    codec: Any = CODECS.get(question["codec"], COPIES)
+    _limit_memory(question["memory"])
+    try:
+        parts = codec.decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])
+        whole = (*question["shape"], 4)
+        parts = [np.ascontiguousarray(part, np.uint8).reshape(whole) for part in parts if part is not None]
+    except CodecError as error:
+        answer = {"error": str(error)[:1000], "file": error.file}
+    except MemoryError:
+        answer = {"error": "its decoder takes more memory than its size explains"}
+    else:
+        target.write(b"{}\n")
+        for part in parts:
+            target.write(part.reshape(-1).data)
+        return
+    target.write(json.dumps(answer).encode() + b"\n")
+
+
+def _limit_memory(more: int) -> None:
+    """Lets this process allocate no more than so many bytes beside what it has; where the system can do that."""
+    try:
+        import resource
+
+        with open("/proc/self/statm") as file:
+            taken = int(file.read().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        resource.setrlimit(resource.RLIMIT_AS, (taken + more, hard))
+    except (ImportError, OSError, ValueError):
+        return
