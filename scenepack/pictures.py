@@ -57,7 +57,7 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
             return None
         decoders = Decoders()
         try:
-            rgba, _ = decoders.decode(COPIES, {PICTURE: content}, (PICTURE,), (1, height, width), False)
+            rgba, _ = decoders.decode(COPIES.name, {PICTURE: content}, (PICTURE,), (1, height, width), False)
         finally:
             decoders.stop()
         return rgba[0, ..., :3]

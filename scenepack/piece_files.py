@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from scenepack.padding import restore_padding
 
 SETTINGS = "codec_settings"
 LIKED_PLANES = 128  # more than any codec of ours asks for, however shallow the atlas
+NOTICED_S = 0.2  # how long Ctrl-C may wait
 OnDone = Callable[[int], None]
 
 
@@ -101,7 +102,7 @@ class PieceFiles:
             most = 2 * int(np.prod(piece.shape)) * 4 + (1 << 20)  # no format grows noise by more
             data = {name: self.files.read(name, most) for name in names}
             try:
-                decoded = decoders.decode(self.codec, data, names, piece.shape, self.has_features)
+                decoded = decoders.decode(self.codec.name, data, names, piece.shape, self.has_features)
             except CodecError as error:
                 raise self._undecodable(error.file or names[0], error) from error
             for values, atlas in zip(decoded, (rgba, features), strict=True):
@@ -181,10 +182,19 @@ def _in_threads(job: Callable[[int], None], count: int, threads: int) -> Iterato
         threading.Thread(target=work, name="snerg-decode", daemon=True).start()
     try:
         for done in range(1, count + 1):
-            error = ended.get()
+            error = _awaited(ended)
             if error is not None:
                 raise error
             yield done
     finally:
         with lock:
             numbers = iter(())
+
+
+def _awaited(ended: SimpleQueue[BaseException | None]) -> BaseException | None:
+    """What comes next. Asked again and again: Ctrl-C just before a wait begins would be noticed only after it."""
+    while True:
+        try:
+            return ended.get(timeout=NOTICED_S)
+        except Empty:
+            continue

@@ -18,7 +18,9 @@ from PIL import Image
 from snerg_commands import MODULES
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")] + sorted(ROOT.glob("docs/*.md"))
+DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")] + sorted(
+    ROOT.glob("docs/*.md")
+)
 ROOMS = ("console", "scenepack", "training", "baker", "viewer")
 FOLDERS = (*ROOMS, "shaders", "scripts", "tests", "docs", ".ci")
 MADE_LATER = {".venv", "out", "build", "dist", "failures"}  # by running things; .gitignore has them

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -36,15 +36,6 @@ _ending: threading.Timer | None = None
 _lock = threading.Lock()
 
 
-class Decoder(Protocol):
-    """What is asked for, by name; only the other process calls it."""
-
-    @property
-    def name(self) -> str: ...
-
-    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded: ...
-
-
 class Decoders:
     """Decodes pieces until it is stopped, in several threads at once if they like. Stop it in any case."""
 
@@ -53,9 +44,12 @@ class Decoders:
         self._stopped = False
 
     def decode(
-        self, codec: Decoder, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
+        self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
     ) -> Decoded:
-        """What codec.decode gives. CodecError also where it takes too long or too much memory, crashes, or is stopped."""
+        """What `decode` of the codec of that name gives.
+
+        CodecError also where it takes too long or too much memory, crashes, or is stopped.
+        """
         if self._stopped:
             raise CodecError("decoding was stopped")
         process = _taken() or _Process()
@@ -64,7 +58,7 @@ class Decoders:
         try:
             if self._stopped:  # meanwhile
                 raise CodecError("decoding was stopped")
-            answer = process.ask(codec.name, files, names, shape, features)
+            answer = process.ask(codec, files, names, shape, features)
         except BaseException:
             process.end()
             raise
