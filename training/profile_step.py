@@ -195,9 +195,9 @@ def _trained(
     from training.config import PRESETS
     from training.dataset import make_dataset
     from training.methods import make_method
-    from training.presets import PRESETS as KINDS
     from training.scenes import load_scene
     from training.scenes.downscale import suggested_downscale
+    from training.scenes.presets import PRESETS as KINDS
 
     scene = load_scene(path, downscale=downscale or suggested_downscale(path, KINDS[preset].longest_side))
     config = dataclasses.replace(PRESETS[preset], steps=steps)

@@ -13,7 +13,7 @@ from PIL import Image
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.app.test_application import FakeStage
 from tests.viewer.waiting import until
-from training.presets import BakeablePreset
+from training.scenes.presets import BakeablePreset
 from viewer.app import make_plan
 from viewer.app.application import App
 from viewer.app.commands import run

@@ -1,6 +1,7 @@
 """The presets by name: what each is for, and what it does to photographs before training and to the grid after it.
 
-Their training settings are training.config.PRESETS. No JAX here, so that the viewer can offer them.
+Their training settings are training.config.PRESETS. They stand with the photographs, where no JAX is, so that the viewer can
+offer them.
 """
 
 from __future__ import annotations
