@@ -1,5 +1,9 @@
 """Rays as the march wants them: in the frame of a grid, as long as the grid, measured in voxels.
 
+One rule for all that is compared with photographs, of fields and of packs alike (docs/rendering.md): a ray begins `near` from
+its camera, where the scene's readers take space to be empty, and ends where it leaves the grid's box. `far` only says over
+which length the paper's method spreads its samples.
+
 Frames: a grid's own (a pack's grid frame, say) and the training frame, in which a dataset makes its rays; they differ by
 the rigid grid_T_training [4, 4]. Of the trainer's own voxels the two are one.
 Products of geometry, here and wherever rays are made, ask for the highest precision: by default an NVIDIA card may multiply
@@ -26,14 +30,14 @@ class RaySource(Protocol):
 
 
 class GridFrameRays(NamedTuple):
-    """A RaySource of the training rays in another grid's frame, begun at the camera and without an end."""
+    """A RaySource of the training rays in another grid's frame."""
 
     source: RaySource
     grid_T_training: jax.Array
 
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
-        """Rays of int32 ids [N] in the grid frame, of any length; see RaySource."""
-        return in_grid_frame(unbounded(self.source.geometry_at(ids, away)), self.grid_T_training)
+        """Rays of int32 ids [N] in the grid frame; see RaySource."""
+        return in_grid_frame(self.source.geometry_at(ids, away), self.grid_T_training)
 
 
 class GridRays(NamedTuple):
@@ -48,11 +52,6 @@ class GridRays(NamedTuple):
     length: jax.Array
 
 
-def unbounded(rays: Rays) -> Rays:
-    """Rays from their origins to infinity: what a viewer draws knows no near or far bound."""
-    return rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
-
-
 def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
     """Rays moved from the training frame to a grid's frame; viewdirs stay, the view MLP wants them as they are."""
 
@@ -63,7 +62,7 @@ def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
 
 
 def to_grid(layout: Layout, rays: Rays) -> GridRays:
-    """Clips rays, given in the grid's frame, to the grid's box and measures them in voxels."""
+    """Rays, given in the grid's frame, from `near` to the end of the grid's box, measured in voxels."""
     origins = (rays.origins - layout.origin) / layout.voxel
     directions = rays.directions / layout.voxel
     scale = jnp.linalg.norm(directions, axis=-1)
@@ -71,5 +70,5 @@ def to_grid(layout: Layout, rays: Rays) -> GridRays:
     safe = jnp.where(jnp.abs(directions) < 1e-9, 1e-9, directions)
     to_low, to_high = -origins / safe, (layout.dims - origins) / safe
     start = jnp.maximum(jnp.minimum(to_low, to_high).max(-1), rays.near * scale)
-    end = jnp.minimum(jnp.maximum(to_low, to_high).min(-1), rays.far * scale)
+    end = jnp.maximum(to_low, to_high).min(-1)
     return GridRays(origins, directions, start, end, scale, jnp.linalg.norm(rays.directions, axis=-1) / scale)
