@@ -15,7 +15,7 @@ from training.scenes import Scene
 from training.voxels.config import VoxelConfig
 from training.voxels.refine import MOST_FAINT, dense_start, refine, worth_keeping
 from training.voxels.settings import plan_of
-from training.voxels.sparse_grid import present_voxels
+from training.voxels.sparse_grid import occupancy_of, present_voxels
 
 KEEP_WEIGHT = 0.01
 
@@ -57,5 +57,9 @@ def test_of_a_field_that_nobody_sees_yet_nothing_is_taken(procedural_scene: Scen
     plan = plan_of(dataclasses.replace(CPU, voxels=voxels), dataset)
     state = dense_start(plan, dataset, None)
     unseen = np.zeros(present_voxels(state.layout).sum() + 1, np.float32)
-    engine: Any = SimpleNamespace(end=lambda state: state, visible_weights=lambda state, ids: (unseen, unseen))
+    engine: Any = SimpleNamespace(
+        occupancy=lambda state: occupancy_of(state.layout),
+        drawn=lambda state: (np.asarray(state.hits), int(state.hit_count)),
+        visible_weights=lambda state, ids: (unseen, unseen),
+    )
     assert refine(engine, state, 24, plan) is state
