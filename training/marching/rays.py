@@ -1,8 +1,8 @@
 """Rays as the march wants them: in the frame of a grid, as long as the grid, measured in voxels.
 
 One rule for all that is compared with photographs, of fields and of packs alike (docs/rendering.md): a ray begins `near` from
-its camera, where the scene's readers take space to be empty, and ends where it leaves the grid's box. `far` only says over
-which length the paper's method spreads its samples.
+its camera and ends where it leaves the grid's box. `far` is for the paper's method, which has no grid; boxes lie before it, but
+for the outermost corners of a Blender scene's, where only mist of fields is cut off.
 
 Frames: a grid's own (a pack's grid frame, say) and the training frame, in which a dataset makes its rays; they differ by
 the rigid grid_T_training [4, 4]. Of the trainer's own voxels the two are one.
@@ -30,14 +30,15 @@ class RaySource(Protocol):
 
 
 class GridFrameRays(NamedTuple):
-    """A RaySource of the training rays in another grid's frame."""
+    """A RaySource of the training rays in another grid's frame, without an end of their own."""
 
     source: RaySource
     grid_T_training: jax.Array
 
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
-        """Rays of int32 ids [N] in the grid frame; see RaySource."""
-        return in_grid_frame(self.source.geometry_at(ids, away), self.grid_T_training)
+        """Rays of int32 ids [N] in the grid frame, begun where they are in training and of any length; see RaySource."""
+        rays = in_grid_frame(self.source.geometry_at(ids, away), self.grid_T_training)
+        return rays._replace(far=jnp.full_like(rays.far, jnp.inf))
 
 
 class GridRays(NamedTuple):
@@ -62,7 +63,7 @@ def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
 
 
 def to_grid(layout: Layout, rays: Rays) -> GridRays:
-    """Rays, given in the grid's frame, from `near` to the end of the grid's box, measured in voxels."""
+    """Clips rays, given in the grid's frame, to the grid's box and measures them in voxels."""
     origins = (rays.origins - layout.origin) / layout.voxel
     directions = rays.directions / layout.voxel
     scale = jnp.linalg.norm(directions, axis=-1)
@@ -70,5 +71,5 @@ def to_grid(layout: Layout, rays: Rays) -> GridRays:
     safe = jnp.where(jnp.abs(directions) < 1e-9, 1e-9, directions)
     to_low, to_high = -origins / safe, (layout.dims - origins) / safe
     start = jnp.maximum(jnp.minimum(to_low, to_high).max(-1), rays.near * scale)
-    end = jnp.maximum(to_low, to_high).min(-1)
+    end = jnp.minimum(jnp.maximum(to_low, to_high).min(-1), rays.far * scale)
     return GridRays(origins, directions, start, end, scale, jnp.linalg.norm(rays.directions, axis=-1) / scale)

@@ -176,11 +176,11 @@ class FusedEngine:
 
     def render(self, state: FusedState, rays: Rays) -> RenderOutput:
         stepper = state.unpack(self.settings, self.workers)
-        origins, directions, near = (np.asarray(a) for a in (rays.origins, rays.directions, rays.near))
+        origins, directions, near, far = (np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far))
         gathered = np.empty((len(near), 9), np.float32)
         for low in range(0, len(near), SURVEYED_TOGETHER):
             some = slice(low, low + SURVEYED_TOGETHER)
-            batch = stepper.take(origins[some], directions[some], near[some])
+            batch = stepper.take(origins[some], directions[some], near[some], far[some])
             gathered[some] = stepper.gather(state.values, batch)
         scale = np.linalg.norm(directions / stepper.grid.voxel, axis=-1)  # voxels per t
         return finished(shade(jnp.asarray(gathered), _view_mlp(state.values.head), rays.viewdirs, self.settings), scale)

@@ -21,7 +21,7 @@ class Photographs(NamedTuple):
 
     pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, 4] float64; first int64 [V]; width
     int64 [V]; row_step: one row in so many is taken; ndc float64 [3] = width, height, focal, zeros where rays are not warped.
-    near: where rays begin (t).
+    near, far: bounds of t.
     """
 
     pixels: np.ndarray
@@ -33,6 +33,7 @@ class Photographs(NamedTuple):
     row_step: int
     ndc: np.ndarray
     near: float
+    far: float
 
 
 class Batch(NamedTuple):
@@ -60,8 +61,8 @@ def photographs_of(dataset: RayDataset) -> Photographs:
         np.asarray(array, np.float64) for array in (dataset.world_T_camera, dataset.intrinsics, dataset.distortion, ndc)
     )
     first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
-    pixels, near = np.asarray(dataset.pixels), float(dataset.near)
-    return Photographs(pixels, poses, intrinsics, lenses, first, width, dataset.facts.row_step, ndc, near)
+    pixels, near, far = np.asarray(dataset.pixels), float(dataset.near), float(dataset.far)
+    return Photographs(pixels, poses, intrinsics, lenses, first, width, dataset.facts.row_step, ndc, near, far)
 
 
 def empty_batch(rays: int, coloured: bool = True) -> Batch:
@@ -100,19 +101,19 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
                 batch.viewdirs[n, axis] = direction[axis]
         if photographs.ndc[2] > 0:
             _warp_to_ndc(position, direction, photographs.ndc)
-        _into_grid(batch, n, position, direction, photographs.near, origin, voxel, dims)
+        _into_grid(batch, n, position, direction, photographs.near, photographs.far, origin, voxel, dims)
         if coloured:
             _colour(photographs.pixels, ids[n], batch, n)
 
 
 @njit(nogil=True, cache=True)
-def take_rays(origins, directions, near, origin, voxel, dims, batch, low, high):
-    """Fills the geometry of rays low … high - 1 of `batch` from rays of the training frame, [N, 3]; near [N]."""
+def take_rays(origins, directions, near, far, origin, voxel, dims, batch, low, high):
+    """Fills the geometry of rays low … high - 1 of `batch` from rays of the training frame, [N, 3] and [N]."""
     direction, position = np.empty(3), np.empty(3)
     for n in range(low, high):
         for axis in range(3):
             position[axis], direction[axis] = origins[n, axis], directions[n, axis]
-        _into_grid(batch, n, position, direction, np.float64(near[n]), origin, voxel, dims)
+        _into_grid(batch, n, position, direction, np.float64(near[n]), np.float64(far[n]), origin, voxel, dims)
 
 
 @njit(nogil=True, cache=True)
@@ -151,14 +152,14 @@ def _warp_to_ndc(position, direction, ndc):
 
 
 @njit(nogil=True, cache=True)
-def _into_grid(batch, n, position, direction, near, origin, voxel, dims):
-    """A ray from `near` to the end of the grid's box, measured in voxels."""
+def _into_grid(batch, n, position, direction, near, far, origin, voxel, dims):
+    """Clips a ray to the grid's box and measures it in voxels."""
     world = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
     for axis in range(3):
         position[axis] = (position[axis] - origin[axis]) / voxel[axis]
         direction[axis] /= voxel[axis]
     scale = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
-    start, end = near * scale, np.inf
+    start, end = near * scale, far * scale
     for axis in range(3):
         along = direction[axis] / scale
         safe = along if abs(along) >= 1e-9 else 1e-9

@@ -248,11 +248,11 @@ class Stepper:
         self.workers.share(-(-len(points) // size), look)
         return field
 
-    def take(self, origins: np.ndarray, directions: np.ndarray, near: np.ndarray) -> Batch:
-        """Rays of the training frame, [N, 3], from near [N], in the grid's frame; samples as the viewer takes them."""
+    def take(self, origins: np.ndarray, directions: np.ndarray, near: np.ndarray, far: np.ndarray) -> Batch:
+        """Rays of the training frame, [N, 3] and [N], in the grid's frame; samples as the viewer takes them."""
         grid, batch = self.grid, empty_batch(len(near), coloured=False)
         batch.phase[:] = 0.5
-        take_rays(origins, directions, near, grid.origin, grid.voxel, grid.bricks.dims, batch, 0, len(near))
+        take_rays(origins, directions, near, far, grid.origin, grid.voxel, grid.bricks.dims, batch, 0, len(near))
         return batch
 
     def gather(self, values: Values, batch: Batch) -> np.ndarray:
