@@ -91,7 +91,9 @@ class Pack:
     def near(self) -> float:
         """How far from the cameras of its photographs rays begin, grid units; 0 where the pack does not say, or says nonsense."""
         near = self.metadata.get("near")
-        return float(near) if type(near) in (int, float) and 0 <= near <= MOST_NEAR else 0.0
+        if isinstance(near, bool) or not isinstance(near, int | float) or not 0 <= near <= MOST_NEAR:
+            return 0.0
+        return float(near)
 
     @property
     def max_xyz(self) -> np.ndarray:

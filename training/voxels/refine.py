@@ -51,7 +51,7 @@ def refine(engine: Engine, state: Any, resolution: int, plan: Plan) -> Any:
     that is finer; Adam's moments of voxels begin anew only there."""
     hits, hit_count = engine.drawn(state)
     present, origin, voxel = engine.occupancy(state)
-    voxels = np.count_nonzero(present)
+    voxels = int(np.count_nonzero(present))
     best, total = engine.visible_weights(state, _pruning_rays(hits, hit_count, voxels))
     keep = np.zeros(present.shape, bool)
     keep[present] = worth_keeping(best, total, plan.keep_weight)[1:]

@@ -12,6 +12,7 @@ from console import UserError
 from training.config import CPU, TrainConfig, from_json, to_json
 from training.dataset import RayDataset, make_dataset
 from training.scenes import Scene
+from training.scenes.scene import Kind
 from training.voxels.config import BY_KIND, VoxelConfig
 from training.voxels.settings import MOST_FINER, VOXELS_PER_PIXEL, plan_of, schedule, settings_of
 
@@ -74,14 +75,19 @@ def test_with_one_resolution_more_than_starts_the_second_stage_is_split_and_the_
     assert four == {0: 64, 90: 64, 120: 128, 360: 256, 600: 256, 1500: 512, 1800: 512, 3600: 512}
 
 
+@pytest.mark.parametrize("steps", [400, 6000, 60_000])
 @pytest.mark.parametrize("kind", ["object", "surroundings", "forward"])
-def test_every_stage_has_its_turn_whether_there_are_three_or_four(kind) -> None:
+def test_every_stage_has_its_turn_whether_there_are_three_or_four_and_no_coarse_one_lasts_long(
+    kind: Kind, steps: int
+) -> None:
     for resolutions in ((64, 128, 256), (64, 128, 256, 512)):
-        events = schedule(BY_KIND[kind], 6000, resolutions)
+        events = schedule(BY_KIND[kind], steps, resolutions)
         assert sorted(events) == list(events), "in order"
         assert tuple(dict.fromkeys(events.values())) == resolutions, "each resolution, coarse to fine"
-        prunings = {round(6000 * share) for share in BY_KIND[kind].prunings}
+        prunings = {round(steps * share) for share in BY_KIND[kind].prunings if steps * share > 100}
         assert prunings <= set(events)
+        finest = min(step for step, resolution in events.items() if resolution == resolutions[-1])
+        assert finest <= 0.5 * min(steps, 6000) + (steps == 400) * 100
 
 
 def test_two_resolutions_begin_where_they_are_told() -> None:
