@@ -51,7 +51,7 @@ def render_reference(
 ) -> ReferencePicture:
     """The picture of `pack` from `camera`. crop: corners of a box in the grid frame that stands in for the grid's."""
     in_camera = pixel_directions(camera)
-    near = camera.near / -in_camera[:, 2]  # distance along the ray to the near plane
+    near = np.maximum(camera.near / -in_camera[:, 2], camera.ray_near)  # along the ray
     training_T_camera = pack.worldspace_T_opengl @ camera.grid_T_camera
     viewdirs = in_camera @ training_T_camera[:3, :3].T
     viewdirs /= np.linalg.norm(viewdirs, axis=1, keepdims=True)

@@ -14,6 +14,8 @@ import numpy as np
 
 from scenepack.constants import EMPTY_BLOCK
 
+MOST_NEAR = 1e6  # grid units; a larger number is nonsense
+
 
 @dataclass(frozen=True)
 class ViewMlp:
@@ -84,6 +86,14 @@ class Pack:
         """Our own additional keys (docs/format.md, "Additional keys"): version, codec, cameras, provenance."""
         entries = self.params.get("snerg")
         return entries if isinstance(entries, Mapping) else {}
+
+    @property
+    def near(self) -> float:
+        """How far from the cameras of its photographs rays begin, grid units; 0 where the pack does not say, or says nonsense."""
+        near = self.metadata.get("near")
+        if isinstance(near, bool) or not isinstance(near, int | float) or not 0 <= near <= MOST_NEAR:
+            return 0.0
+        return float(near)
 
     @property
     def max_xyz(self) -> np.ndarray:

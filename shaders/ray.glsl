@@ -1,7 +1,8 @@
 // From a pixel to its ray through the grid's box.
 //
 // Inputs: viewport_origin, picture_size (pixels); intrinsics fx, fy, cx, cy (pixels, y down);
-//   grid_R_camera (camera axes: x right, y up, z back); camera_position; near_plane (along the optical axis);
+//   grid_R_camera (camera axes: x right, y up, z back); camera_position; near_plane (along the optical axis), ray_near (along
+//   the ray): nothing nearer is seen;
 //   box_min, box_max: the grid, or the part of it that a crop box leaves;
 //   training_R_camera: for the view direction of the view MLP.
 //   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray. DISTORTION: distortion, lens_reach; see undistorted.
@@ -15,6 +16,7 @@ uniform vec4 intrinsics;
 uniform mat3 grid_R_camera;
 uniform vec3 camera_position;
 uniform float near_plane;
+uniform float ray_near;
 uniform vec3 box_min;
 uniform vec3 box_max;
 uniform mat3 training_R_camera;
@@ -106,7 +108,7 @@ Ray camera_ray(vec2 fragment) {
     image = undistorted(image, runs);
 #endif
     vec3 in_camera = normalize(vec3(image.x, -image.y, -1.0));
-    float first = near_plane / -in_camera.z;
+    float first = max(near_plane / -in_camera.z, ray_near);
     ray.viewdir = normalize(training_R_camera * in_camera);
     vec3 origin = camera_position;
     vec3 direction = normalize(grid_R_camera * in_camera);

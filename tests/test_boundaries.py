@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "scenepack": {"console"},
     "training": {"console", "scenepack.constants"},
     "baker": {"console", "scenepack", "training", "viewer.rendering"},
-    "viewer": {"console", "scenepack", "training.scenes", "training.presets"},
+    "viewer": {"console", "scenepack", "training.scenes"},
 }
 JAX = {"jax", "jaxlib", "optax"}
 MOST_LINES, MOST_PARAMETERS = 400, 10
@@ -63,7 +63,6 @@ def test_no_jax_where_the_viewer_can_reach(room: str) -> None:
         "console",
         "scenepack",
         "training.scenes",
-        "training.presets",
         "viewer.rendering.offscreen",
         "viewer.commands.bench",
         "viewer.commands.view",

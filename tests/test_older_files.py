@@ -124,6 +124,7 @@ def test_an_older_run_can_be_baked(name: str, tmp_path: Path) -> None:
     assert snerg_eval([str(pack), "--scene", str(SCENE), "--json", str(tmp_path / "baked.json")]) == 0
     baked = [view["psnr"] for view in json.loads((tmp_path / "baked.json").read_text())["views"]]
     assert abs(np.mean(baked) - np.mean(EXPECTED["psnr"][name])) < 2.0, "31³ voxels"
+    assert load_pack(pack).near == 2.0, "where the rays of training began"
     if name == "voxels":  # the pack that was kept is of this run
         assert snerg_render([str(pack), "--out", str(tmp_path / "p.png"), *VIEW]) == 0
         then = pixels(OLDER / "pictures" / "png.png")

@@ -120,12 +120,12 @@ def _checksum(arrays: Mapping[str, np.ndarray]) -> str:
     return f"{crc:08x}"
 
 
-def _bytes_of(array: np.ndarray) -> np.ndarray:
+def _bytes_of(array: np.ndarray) -> memoryview:
     """uint8 [.], in place where the array is contiguous."""
-    return np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+    return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
 
 
-def _serialised(arrays: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> Iterator[bytes | np.ndarray]:
+def _serialised(arrays: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> Iterator[bytes | memoryview]:
     """A safetensors file part by part: the package's own writer would hold all arrays twice more, gigabytes of a fine grid."""
     names = sorted(arrays, key=lambda name: (-arrays[name].dtype.itemsize, name))  # so that each is aligned
     header: dict[str, Any] = {"__metadata__": dict(metadata)}

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from console import UserError
 from training.plausible import require_plausible
-from training.presets import PresetName
+from training.scenes.presets import PresetName
 from training.voxels.config import VoxelConfig
 
 

@@ -120,12 +120,15 @@ def _programs(engine: JaxEngine, state: VoxelState) -> dict[str, Callable[[Voxel
 
     from training.voxels.step import draw, gradient_parts
 
+    sizes = state.sizes
+    assert sizes is not None, "known since the engine began with the state"
+
     def up_to(part: str, trainable: Any, stage: Any, dataset: Any, key: Any, step: Any, *, share: float) -> Any:
         settings = engine.settings._replace(variation_share=share)
         batch = draw(stage, dataset, key, step, state.rays, settings)
         if part == "draw":
             return batch
-        made = gradient_parts(trainable, stage, batch, dataset.mesh, sizes=state.sizes, settings=settings)
+        made = gradient_parts(trainable, stage, batch, dataset.mesh, sizes=sizes, settings=settings)
         return next(left for name, left in made if name == part)
 
     def program(name: str) -> Callable[[VoxelState, int], Any]:
@@ -192,9 +195,9 @@ def _trained(
     from training.config import PRESETS
     from training.dataset import make_dataset
     from training.methods import make_method
-    from training.presets import PRESETS as KINDS
     from training.scenes import load_scene
     from training.scenes.downscale import suggested_downscale
+    from training.scenes.presets import PRESETS as KINDS
 
     scene = load_scene(path, downscale=downscale or suggested_downscale(path, KINDS[preset].longest_side))
     config = dataclasses.replace(PRESETS[preset], steps=steps)

@@ -154,7 +154,7 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
         provenance["voxels"] = {"before": removed.voxels_before, "after": removed.voxels_after}
     if tuned:
         provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
-    return pack.with_metadata(provenance=provenance, cameras=cameras_of(run))
+    return pack.with_metadata(provenance=provenance, cameras=cameras_of(run), near=float(run.scene.near))
 
 
 def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:

@@ -15,7 +15,7 @@ import tyro
 
 from console import UserError, run_command
 from console.arguments import join_negative_values
-from training.presets import PRESETS, BakeablePreset, names_with_about
+from training.scenes.presets import PRESETS, BakeablePreset, names_with_about
 
 DESCRIPTION = "Turns photographs into a scene that you can fly through: trains, bakes, and opens the viewer."
 PRESET_HELP = f"Named settings: {names_with_about(BakeablePreset)}."

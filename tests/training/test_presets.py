@@ -9,7 +9,7 @@ import pytest
 from baker.commands import make
 from training.commands import train
 from training.config import PRESETS as CONFIGS
-from training.presets import PRESETS, BakeablePreset, PresetName
+from training.scenes.presets import PRESETS, BakeablePreset, PresetName
 from viewer.app import make_plan
 
 

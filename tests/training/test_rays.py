@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -26,15 +27,8 @@ def looking_down(distortion=(0.0, 0.0, 0.0, 0.0)) -> Camera:
 def scene_of(camera: Camera, **changes) -> Scene:
     pixels = np.random.default_rng(0).random((camera.height, camera.width, 4)).astype(np.float32)
     photograph = Photograph("only", camera, lambda: pixels)
-    scene = Scene(
-        "here",
-        "made",
-        {"train": (photograph,)},
-        2.0,
-        6.0,
-        np.array([[-1] * 3, [1] * 3]),
-        np.eye(4),  # type: ignore
-    )
+    box = np.array([[-1.0] * 3, [1.0] * 3])
+    scene = Scene(Path("here"), "made", {"train": (photograph,)}, 2.0, 6.0, box, np.eye(4))
     return dataclasses.replace(scene, **changes)
 
 

@@ -17,9 +17,9 @@ from console import UserError, run_command
 from console.arguments import join_negative_values
 from training.config import PRESETS, TrainConfig
 from training.plausible import require_plausible
-from training.presets import PresetName, names_with_about
 from training.scenes import SceneOptions
 from training.scenes.box import OPTION, parse_box
+from training.scenes.presets import PresetName, names_with_about
 
 if TYPE_CHECKING:
     from training.run import RunDescription

@@ -1,5 +1,9 @@
 """Rays as the march wants them: in the frame of a grid, as long as the grid, measured in voxels.
 
+One rule for all that is compared with photographs, of fields and of packs alike (docs/rendering.md): a ray begins `near` from
+its camera and ends where it leaves the grid's box. `far` is for the paper's method, which has no grid; boxes lie before it, but
+for the outermost corners of a Blender scene's, where only mist of fields is cut off.
+
 Frames: a grid's own (a pack's grid frame, say) and the training frame, in which a dataset makes its rays; they differ by
 the rigid grid_T_training [4, 4]. Of the trainer's own voxels the two are one.
 Products of geometry, here and wherever rays are made, ask for the highest precision: by default an NVIDIA card may multiply
@@ -13,7 +17,7 @@ from typing import NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 
-from training.marching.layout import Layout
+from training.marching.layout import Boxed
 from training.method import Rays
 
 
@@ -26,14 +30,15 @@ class RaySource(Protocol):
 
 
 class GridFrameRays(NamedTuple):
-    """A RaySource of the training rays in another grid's frame, begun at the camera and without an end."""
+    """A RaySource of the training rays in another grid's frame, without an end of their own."""
 
     source: RaySource
     grid_T_training: jax.Array
 
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
-        """Rays of int32 ids [N] in the grid frame, of any length; see RaySource."""
-        return in_grid_frame(unbounded(self.source.geometry_at(ids, away)), self.grid_T_training)
+        """Rays of int32 ids [N] in the grid frame, begun where they are in training and of any length; see RaySource."""
+        rays = in_grid_frame(self.source.geometry_at(ids, away), self.grid_T_training)
+        return rays._replace(far=jnp.full_like(rays.far, jnp.inf))
 
 
 class GridRays(NamedTuple):
@@ -48,11 +53,6 @@ class GridRays(NamedTuple):
     length: jax.Array
 
 
-def unbounded(rays: Rays) -> Rays:
-    """Rays from their origins to infinity: what a viewer draws knows no near or far bound."""
-    return rays._replace(near=jnp.zeros_like(rays.near), far=jnp.full_like(rays.far, jnp.inf))
-
-
 def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
     """Rays moved from the training frame to a grid's frame; viewdirs stay, the view MLP wants them as they are."""
 
@@ -62,7 +62,7 @@ def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
     return rays._replace(origins=turned(rays.origins) + grid_T_training[:3, 3], directions=turned(rays.directions))
 
 
-def to_grid(layout: Layout, rays: Rays) -> GridRays:
+def to_grid(layout: Boxed, rays: Rays) -> GridRays:
     """Clips rays, given in the grid's frame, to the grid's box and measures them in voxels."""
     origins = (rays.origins - layout.origin) / layout.voxel
     directions = rays.directions / layout.voxel

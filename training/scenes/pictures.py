@@ -49,10 +49,7 @@ def may_be_transparent(path: Path) -> bool:
 
 def read_picture(path: Path) -> np.ndarray:
     """Decodes 8 or 16 bit grey, RGB(A) or palette pictures to float32 [H, W, 4]. UserError where that fails."""
-    picture = as_floats(decoded(path))
-    if picture.shape[-1] == 4:
-        return picture
-    return np.concatenate([picture, np.ones_like(picture[..., :1])], axis=-1)
+    return with_alpha(as_floats(decoded(path)))
 
 
 def decoded(path: Path) -> np.ndarray:
@@ -76,6 +73,13 @@ def decoded(path: Path) -> np.ndarray:
 def as_floats(picture: np.ndarray) -> np.ndarray:
     """uint8 as float32 in [0, 1]; what is float32 stays."""
     return picture.astype(np.float32) / np.float32(255.0) if picture.dtype == np.uint8 else picture
+
+
+def with_alpha(picture: np.ndarray) -> np.ndarray:
+    """float32 [H, W, 3 or 4] as [H, W, 4]: opaque where it has no alpha."""
+    if picture.shape[-1] == 4:
+        return picture
+    return np.concatenate([picture, np.ones_like(picture[..., :1])], axis=-1)
 
 
 def as_bytes(picture: np.ndarray) -> np.ndarray:
@@ -162,28 +166,26 @@ class PictureLoader:
     mask: Path | None = None
 
     def __call__(self) -> np.ndarray:
-        picture = read_picture(self.path)
-        self._check(self.path, picture.shape[1::-1], "the picture")
-        if self.mask is not None:
-            shown = read_picture(self.mask)
-            self._check(self.mask, shown.shape[1::-1], "the mask")
-            picture = np.concatenate([picture[..., :3], picture[..., 3:] * shown[..., :1]], axis=-1)
-        return shrink(picture, *self.size)
+        return shrink(with_alpha(as_floats(self._decoded())), *self.size)
 
     def pixels(self) -> np.ndarray:
         """The same as uint8 [H, W, 3 or 4], without ever holding floats of a whole photograph."""
+        return shrunk_bytes(self._decoded(), *self.size)
+
+    def _decoded(self) -> np.ndarray:
+        """The picture in full size, as `decoded` gives it, what the mask hides transparent."""
         picture = decoded(self.path)
         self._check(self.path, picture.shape[1::-1], "the picture")
-        if self.mask is not None:
-            shown = decoded(self.mask)
-            self._check(self.mask, shown.shape[1::-1], "the mask")
-            alpha = as_floats(shown[..., :1])
-            if picture.shape[-1] == 4:
-                alpha = as_floats(picture[..., 3:]) * alpha
-            if picture.dtype == np.uint8:
-                alpha = as_bytes(alpha)
-            picture = np.concatenate([picture[..., :3], alpha], axis=-1)
-        return shrunk_bytes(picture, *self.size)
+        if self.mask is None:
+            return picture
+        shown = decoded(self.mask)
+        self._check(self.mask, shown.shape[1::-1], "the mask")
+        alpha = as_floats(shown[..., :1])
+        if picture.shape[-1] == 4:
+            alpha = as_floats(picture[..., 3:]) * alpha
+        if picture.dtype == np.uint8:
+            alpha = as_bytes(alpha)
+        return np.concatenate([picture[..., :3], alpha], axis=-1)
 
     def may_be_transparent(self) -> bool:
         """Whether there may be alpha below 1, from the picture's header."""

@@ -21,8 +21,8 @@ class VoxelConfig:
     """The fast field (training.voxels.method). Resolutions are voxels along the longest side of the scene's box."""
 
     resolutions: tuple[int, ...] | None = None
-    """Voxels along the longest side of the box in each stage, coarse to fine. None: three stages, whose last has about as many
-    as the photographs have pixels, at most 512."""
+    """Voxels along the longest side of the box in each stage, coarse to fine. None: three or four stages, whose last has about
+    as many as the photographs have pixels, at most 512."""
     ndc_resolutions: tuple[int, ...] = (120, 240, 480)
     """The same for forward-facing scenes."""
     ndc_depth: float = 4.0

@@ -22,7 +22,7 @@ from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.view_mlp import init_view_mlp
 from training.voxels.engines import make_engine
 from training.voxels.refine import dense_start, refine
-from training.voxels.saving import restore, save
+from training.voxels.saving import restore
 from training.voxels.settings import plan_of, settings_of
 from training.voxels.sparse_grid import boxes_with_voxels
 
@@ -70,7 +70,7 @@ class VoxelMethod:
         return self.engine.end(state).trainable.head
 
     def save(self, state: Any) -> dict[str, np.ndarray]:
-        return save(self.engine.end(state))
+        return self.engine.arrays(state)
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
         return self.engine.begin(restore(arrays))

@@ -52,10 +52,10 @@ def refine(engine: Engine, state: Any, resolution: int, plan: Plan) -> Any:
     that is finer; Adam's moments of voxels begin anew only there."""
     hits, hit_count = engine.drawn(state)
     present, origin, voxel = engine.occupancy(state)
-    voxels = np.count_nonzero(present)
+    voxels = int(np.count_nonzero(present))
     best, total = engine.visible_weights(state, _pruning_rays(hits, hit_count, voxels))
     keep = np.zeros(present.shape, bool)
-    keep[present] = best[1:] > _threshold(best, total, plan.keep_weight)
+    keep[present] = worth_keeping(best, total, plan.keep_weight)[1:]
     if not keep.any():
         return state  # nothing is visible yet: too early to prune
     keep = dilate(keep) & present
@@ -80,12 +80,15 @@ def _pruning_rays(hits: np.ndarray, hit_count: int, voxels: int) -> np.ndarray:
     return ray_ids(hits, np.sort(np.random.default_rng(1).integers(0, hit_count, count)))
 
 
-def _threshold(best: np.ndarray, total: np.ndarray, keep_weight: float) -> float:
-    """Of visible weights: keep_weight, or less where voxels below it still make up more than MOST_FAINT of what is seen, as
-    they do early, when everything is mist."""
+def worth_keeping(best: np.ndarray, total: np.ndarray, keep_weight: float) -> np.ndarray:
+    """bool [V]: voxels whose largest visible weight, best [V], is above keep_weight; or above less, where voxels below it still
+    make up more than MOST_FAINT of what is seen, total [V], as they do early, when everything is mist."""
     order = np.argsort(best)
-    share = np.cumsum(total[order], dtype=np.float64) / max(total.sum(dtype=np.float64), 1e-9)
-    return min(keep_weight, float(best[order][np.searchsorted(share, MOST_FAINT)]))
+    share = np.cumsum(total[order], dtype=np.float64)
+    faint = np.searchsorted(share, MOST_FAINT * share[-1], side="right")  # so many may go; all where nothing is seen
+    if faint == len(order) or best[order[faint]] > keep_weight:
+        return best > keep_weight
+    return best >= best[order[faint]]  # what is as bright as the first that stays, stays
 
 
 def _rays_that_meet(engine: Engine, state: Any, hits: np.ndarray, hit_count: int) -> tuple[np.ndarray, int]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from console import UserError
 from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.marching.layout import depth_where
@@ -116,7 +117,16 @@ def schedule(by_kind: KindSettings, steps: int, resolutions: tuple[int, ...]) ->
     Longer runs spend what they have more on the finest stage.
     """
     starts = by_kind.stage_starts
-    if len(resolutions) == len(starts) + 1 > 2:
+    split = len(resolutions) == len(starts) + 1 > 2
+    if len(resolutions) != len(starts) and not split:
+        raise UserError(
+            "not one resolution for each stage",
+            where="--voxels.resolutions",
+            expected=f"{len(starts)} or {len(starts) + 1}" if len(starts) > 1 else f"{len(starts)}",
+            found=f"{len(resolutions)}",
+            remedy="give --voxels.stage-starts as many, too",
+        )
+    if split:
         starts = (0.0, 0.5 * starts[1], 1.5 * starts[1], *(start + 0.05 for start in starts[2:]))
     coarse = min(steps, COARSE_IN_STEPS_OF)
     begins = [max(round(start * coarse), stage * SETTLING_STEPS) for stage, start in enumerate(starts)]

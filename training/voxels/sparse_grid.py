@@ -139,7 +139,7 @@ def coarse_occupancy(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     for axis in range(3):
         count = -(-shape[axis] // COARSE)
         wide = np.pad(coarse, [(COARSE, 3 * COARSE) if other == axis else (0, 0) for other in range(3)])
-        coarse = np.uint8(0)
+        coarse = np.zeros(1, np.uint8)
         for first in range(COARSE // 2, 2 * COARSE + COARSE // 2 + 1):
             some = (slice(None),) * axis + (slice(first, first + COARSE * (count - 1) + 1, COARSE),)
             coarse = np.maximum(coarse, wide[some])

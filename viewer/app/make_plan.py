@@ -18,9 +18,9 @@ from typing import Literal
 
 from console import Notice, UserError
 from console.json_text import read_json_file
-from training.presets import PRESETS
 from training.scenes import Scene, load_scene
 from training.scenes.downscale import suggested_downscale
+from training.scenes.presets import PRESETS
 from viewer.app.files import why_not_writable
 
 Subject = Literal["scene", "run"]

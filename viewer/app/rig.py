@@ -320,4 +320,5 @@ def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera
         height,
         near,
         camera.distortion,
+        camera.ray_near,
     )

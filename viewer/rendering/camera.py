@@ -26,7 +26,7 @@ class ViewCamera:
 
     grid_T_camera: float64 [4, 4]. fx, fy, cx, cy: pixels of a picture of width × height. near: nothing closer than this
     along the optical axis is shown, in units of the grid frame. distortion: OpenCV's k1, k2, p1, p2 on normalised image
-    coordinates, y down, as in training.scenes.scene.Camera.
+    coordinates, y down, as in training.scenes.scene.Camera. ray_near: rays begin so far from the camera (Pack.near).
     """
 
     grid_T_camera: np.ndarray
@@ -38,6 +38,7 @@ class ViewCamera:
     height: int
     near: float = 0.0
     distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    ray_near: float = 0.0
 
     @classmethod
     def look_at(
@@ -76,10 +77,10 @@ class ViewCamera:
 
     @classmethod
     def from_scene_camera(cls, pack: Pack, camera: Camera, near: float = 0.0) -> ViewCamera:
-        """The view of a photograph's camera, distorted as its lens did."""
+        """The view of a photograph's camera, distorted as its lens did; its rays begin where those of training did."""
         grid_T_camera = np.linalg.inv(pack.worldspace_T_opengl) @ np.asarray(camera.world_T_camera, np.float64)
         size = int(camera.width), int(camera.height)
-        return cls(grid_T_camera, camera.fx, camera.fy, camera.cx, camera.cy, *size, near, camera.distortion)
+        return cls(grid_T_camera, camera.fx, camera.fy, camera.cx, camera.cy, *size, near, camera.distortion, pack.near)
 
     @classmethod
     def orbit(

@@ -63,7 +63,7 @@ class RayFrame:
         """Values by uniform name; lengths in voxels, except in NDC packs, where the camera is in training units."""
         pack = self.pack
         box_min, box_max = self.box(settings)
-        near = max(camera.near, settings.near)
+        near, voxels = max(camera.near, settings.near), 1.0 if pack.ndc else 1.0 / pack.voxel_size
         position = (camera.position - pack.min_xyz) / pack.voxel_size
         training_T_camera = self.training_T_grid @ camera.grid_T_camera
         return {
@@ -74,7 +74,8 @@ class RayFrame:
             "grid_R_camera": camera.grid_T_camera[:3, :3],
             "camera_R_grid": np.linalg.inv(camera.grid_T_camera[:3, :3]),
             "camera_position": position,
-            "near_plane": near if pack.ndc else near / pack.voxel_size,
+            "near_plane": near * voxels,
+            "ray_near": camera.ray_near * voxels,
             "box_min": box_min,
             "box_max": box_max,
             "training_R_camera": training_T_camera[:3, :3],

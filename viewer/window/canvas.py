@@ -315,5 +315,5 @@ def _scaled(camera: ViewCamera, scale: float) -> tuple[int, int]:
 def _key(camera: ViewCamera, settings: RenderSettings, rest_scale: float) -> tuple[object, ...]:
     """What makes two pictures the same one."""
     numbers = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near)
-    numbers += camera.distortion
+    numbers += (camera.ray_near, *camera.distortion)
     return camera.grid_T_camera.tobytes(), numbers, settings, rest_scale

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,10 +21,14 @@ from tests.viewer.rendering.shapes import shapes_pack
 from training.scenes import Scene, picture_stems
 from viewer.rendering.gpu_scene import Limits
 
+Spoil = Callable[[np.ndarray], np.ndarray]
 
-def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+
+def showing(scene: Scene, width: Callable[[str], int], spoil: Spoil = lambda right: right) -> Callable[..., Any]:
+    """Stands in for evaluation.shown_by: each held-out photograph, spoilt, in the rectangle that its subject fills.
+
+    width: of the rectangle, in pixels, by the subject's name; outside of it, all is white.
+    """
     held_out = {id(p.camera): p.load() for p in scene.splits["test"]}
 
     @contextmanager
@@ -30,15 +36,21 @@ def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(
         def show(camera, mode):
             rgba = held_out[id(camera)]
             opaque = np.zeros(rgba.shape[:2], np.float32)
-            opaque[12:36, 12:36] = 1  # the subject ends here, well inside of what was photographed
+            opaque[12:36, 12 : 12 + width(subject.name)] = 1  # well inside of what was photographed
             if mode == "alpha":
                 return opaque
-            shown = evaluation.over_background(rgba, scene.background)
+            shown = spoil(evaluation.over_background(rgba, scene.background))
             return np.where(opaque[..., None] > 0, shown, 1.0).astype(np.float32)
 
         yield evaluation.Drawn(show)
 
-    monkeypatch.setattr(evaluation, "shown_by", shown_by)
+    return shown_by
+
+
+def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evaluation, "shown_by", showing(scene, lambda name: 24))
     assert evaluate(Path("pack"), scene, "test", by_alpha=True)["psnr"] > 100
     assert evaluate(Path("pack"), scene, "test")["psnr"] < 40
 
@@ -60,22 +72,10 @@ def test_a_scene_is_read_as_the_run_or_the_pack_read_it(tmp_path: Path) -> None:
 def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    held_out = {id(p.camera): p.load() for p in scene.splits["test"]}
+    def wrong_in_the_right_half(right: np.ndarray) -> np.ndarray:
+        return np.where((np.arange(48) >= 24)[None, :, None], 0.0, right)
 
-    @contextmanager
-    def shown_by(subject: Path, allow_half: bool):
-        def show(camera, mode):
-            rgba = held_out[id(camera)]
-            opaque = np.zeros(rgba.shape[:2], np.float32)
-            opaque[12:36, 12 : 24 if subject.name == "narrow" else 36] = 1
-            if mode == "alpha":
-                return opaque
-            right = evaluation.over_background(rgba, scene.background)
-            wrong = np.where((np.arange(48) >= 24)[None, :, None], 0.0, right)  # in the right half of the picture
-            return np.where(opaque[..., None] > 0, wrong, 1.0).astype(np.float32)
-
-        yield evaluation.Drawn(show)
-
+    shown_by = showing(scene, lambda name: 12 if name == "narrow" else 24, wrong_in_the_right_half)
     monkeypatch.setattr(evaluation, "shown_by", shown_by)
     narrow, wide = Path("narrow"), Path("wide")
     assert evaluate(wide, scene, "test", by_alpha=True)["psnr"] < 40

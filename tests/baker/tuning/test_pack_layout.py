@@ -14,7 +14,7 @@ from baker.tuning.joint_loop import JointConfig, joint_tune
 from baker.tuning.pack_layout import accumulate, pack_layout, pack_sizes, pack_voxels
 from scenepack import check_pack
 from tests.scenepack.random_packs import random_pack, random_view_mlp
-from training.marching.rays import in_grid_frame, unbounded
+from training.marching.rays import in_grid_frame
 from training.scenes import Camera
 from viewer.rendering.camera import ViewCamera
 
@@ -22,12 +22,15 @@ pytestmark = pytest.mark.slow
 
 
 def rays_of(dataset, pack, camera: Camera):
-    rays = unbounded(dataset.view_rays(camera))
+    rays = dataset.view_rays(camera)
+    rays = rays._replace(near=jnp.full_like(rays.near, pack.near))
     return in_grid_frame(rays, jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32))
 
 
-@pytest.mark.parametrize(("seed", "block_size"), [(0, 14), (1, 30), (2, 14)])
-def test_accumulated_colour_features_and_transmittance_match_the_reference(dataset, seed: int, block_size: int) -> None:
+@pytest.mark.parametrize(("seed", "block_size", "near"), [(0, 14, 0.0), (1, 30, 0.0), (2, 14, 1.5)])
+def test_accumulated_colour_features_and_transmittance_match_the_reference(
+    dataset, seed: int, block_size: int, near: float
+) -> None:
     pack = random_pack(
         np.random.default_rng(seed),
         block_size=block_size,
@@ -36,8 +39,10 @@ def test_accumulated_colour_features_and_transmittance_match_the_reference(datas
         style="blob",
     )
     middle = pack.worldspace_T_opengl[:3, :3] @ (0.5 * (pack.min_xyz + pack.max_xyz))
+    across = np.linalg.norm(pack.max_xyz - pack.min_xyz)
+    pack = pack.with_metadata(near=near * across)
     pose = np.eye(4)
-    pose[:3, 3] = middle + np.array([0, 0, 1.6 * np.linalg.norm(pack.max_xyz - pack.min_xyz)])
+    pose[:3, 3] = middle + np.array([0, 0, 1.6 * across])
     camera = Camera(pose, 40, 40, 55.0, 55.0, 20.0, 20.0)
     layout, voxels = pack_layout(pack), pack_voxels(pack)
     sums, complete = accumulate(layout, voxels, rays_of(dataset, pack, camera), pack_sizes(pack, 65536))
@@ -55,10 +60,11 @@ def test_accumulated_colour_features_and_transmittance_match_the_reference(datas
 def test_fine_tuning_brings_a_spoilt_view_mlp_closer_to_the_photographs(scene, dataset) -> None:
     pack = random_pack(np.random.default_rng(7), block_size=14, grid_blocks=(3, 3, 3))
     size = np.array(pack.grid_size) * 0.05
-    pack = replace(pack, voxel_size=0.05, min_xyz=-0.5 * size, view_mlp=random_view_mlp(np.random.default_rng(8)))
+    spoilt = random_view_mlp(np.random.default_rng(8))
+    pack = replace(pack, voxel_size=0.05, min_xyz=-0.5 * size, view_mlp=spoilt)
     tuned, before, after = fine_tune(pack, dataset, epochs=1500)
     assert after > before + 0.5
-    assert tuned.view_mlp is not None and not np.array_equal(tuned.view_mlp.weights[0], pack.view_mlp.weights[0])
+    assert tuned.view_mlp is not None and not np.array_equal(tuned.view_mlp.weights[0], spoilt.weights[0])
     assert tuned.atlas_rgba is pack.atlas_rgba, "the grid is left as it is"
 
 

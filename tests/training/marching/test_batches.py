@@ -14,7 +14,7 @@ from training.marching import batches
 from training.marching.batches import rays_that_meet, until_complete
 from training.marching.layout import segments_across
 from training.marching.march import MarchSizes, march
-from training.marching.rays import GridFrameRays, in_grid_frame, to_grid, unbounded
+from training.marching.rays import GridFrameRays, to_grid
 from training.method import Rays
 from training.voxels.sparse_grid import build_layout
 
@@ -71,7 +71,7 @@ def test_a_ray_that_never_fits_is_passed_over() -> None:
     assert ends == [1, 2, 3]
 
 
-def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_at_the_camera() -> None:
+def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_where_they_did() -> None:
     turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     grid_T_training = np.eye(4)
     grid_T_training[:3, :3], grid_T_training[:3, 3] = turn, [1.0, -2.0, 0.5]
@@ -80,7 +80,16 @@ def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_at_the_camera() -> N
     points = np.asarray(rays.origins) + 1.7 * np.asarray(rays.directions)
     expected = points @ turn.T + grid_T_training[:3, 3]
     np.testing.assert_allclose(moved.origins + 1.7 * moved.directions, expected, atol=1e-5)
-    assert np.all(np.asarray(moved.near) == 0) and np.all(np.isinf(np.asarray(moved.far)))
+    assert np.array_equal(moved.near, rays.near) and np.all(np.isinf(np.asarray(moved.far)))
     assert np.array_equal(moved.viewdirs, rays.viewdirs), "the view MLP knows the training frame"
-    kept = in_grid_frame(rays, jnp.asarray(grid_T_training, jnp.float32))
-    assert np.array_equal(kept.near, rays.near) and np.array_equal(unbounded(kept).origins, moved.origins)
+
+
+def test_a_ray_begins_at_near_and_ends_with_the_box() -> None:
+    layout = build_layout(np.ones((14, 14, 14), bool), ORIGIN, VOXEL)
+    middle = jnp.asarray(ORIGIN + 0.7, jnp.float32)
+    along = jnp.asarray([[1.0, 0, 0]] * 3)
+    ones = jnp.ones(3)
+    rays = Rays(middle - 2 * along, along, along, jnp.asarray([0.0, 1.5, 3.0]), jnp.inf * ones)
+    found = to_grid(layout, rays)
+    np.testing.assert_allclose(found.start * VOXEL, [1.3, 1.5, 3.0], atol=1e-5)
+    np.testing.assert_allclose(found.end * VOXEL, 2.7 * ones, atol=1e-5)

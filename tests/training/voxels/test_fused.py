@@ -20,6 +20,7 @@ from training.scenes.pictures import over_background
 from training.voxels.config import VoxelConfig
 from training.voxels.field import render_samples
 from training.voxels.method import VoxelMethod
+from training.voxels.smoothness import WINDOW
 from training.voxels.sparse_grid import (
     Occupancy,
     build_layout,
@@ -33,6 +34,7 @@ from training.voxels.step import adam, draw, loss_and_gradient, marched_batch
 
 pytest.importorskip("numba", reason="the fused engine needs Numba: pip install 'snerg[train]'")
 
+from training.voxels.fused import engine as fused_engine
 from training.voxels.fused import step as fused_step
 from training.voxels.fused.bricks import build_bricks, support_of
 from training.voxels.fused.engine import FusedEngine, FusedState
@@ -259,6 +261,21 @@ def test_a_step_asks_for_no_more_memory_than_its_samples_may_take(both: Both) ->
     assert stepper.mean_samples(both.fused.values, rays) == 0.0
     asked = sum(array.nbytes for part in [stepper._work, *stepper.scratch] for array in part)
     assert asked < 1e9, "untouched memory is refused, too, where a system does not overcommit"
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5])
+def test_a_step_looks_at_the_variation_of_a_share_of_the_voxels_but_of_few_for_its_samples(
+    procedural_path: Path, monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    few = dataclasses.replace(VOXELS, samples_per_step=4096, variation_share=share)
+    method = VoxelMethod(dataclasses.replace(CONFIG, voxels=few), make_dataset(load_scene(procedural_path)))
+    state = method.start(jax.random.key(0))
+    asked, most = share * present_voxels(method.engine.end(state).layout).sum(), 4096 / 4
+    assert (asked > most) == (share == 0.5), "one is bounded by the samples, the other is not"
+    picked, windows = [], fused_engine.windows
+    monkeypatch.setattr(fused_engine, "windows", lambda *given: picked.append(windows(*given)) or picked[-1])
+    method.step(state, 0)
+    assert min(asked, most) - WINDOW <= len(picked[0]) <= min(asked, most)
 
 
 def test_dense_tables_are_given_up_while_steps_are_made(both: Both) -> None:

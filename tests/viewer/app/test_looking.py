@@ -105,6 +105,19 @@ def test_cameras_that_make_no_sense_are_left_out(pack):
     assert shots_of(pack.with_metadata(cameras="none")) == [] and len(Photographs(pack)) == 0
 
 
+def test_at_a_photographs_camera_rays_begin_where_they_did_in_training_and_flying_on_they_do_not(
+    app, pack, pack_folder
+):
+    camera = {"name": "a", "split": "train", "world_T_camera": np.eye(4).tolist(), "width": 4, "height": 4}
+    camera |= {"fx": 5, "fy": 5, "cx": 2, "cy": 2}
+    app.stage = FakeStage()
+    app.show(pack.with_metadata(cameras=[camera], near=1.25), pack_folder)
+    app.scene.rig.hold(shots_of(app.scene.pack)[0].view)
+    assert app.camera().ray_near == 1.25
+    app.scene.rig.orbit(0.2, 0.0)
+    assert app.scene.rig.held is None and app.camera().ray_near == 0.0
+
+
 def test_psnr_is_the_fields():
     a = np.zeros((4, 4, 3), np.uint8)
     assert psnr(a, a) == float("inf")

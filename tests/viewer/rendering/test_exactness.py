@@ -117,6 +117,7 @@ def test_crop_box_near_plane_and_background_keep_it_exact(make: Make, pack: Pack
     wanted = RenderSettings(crop=crop, near=float(rng.uniform(0, 1.5)), background=(0.2, 0.0, 0.7))
     camera = forward_facing_camera(rng) if pack.ndc else random_camera(rng, pack)
     assert_exact(make(pack), camera, wanted)
+    assert_exact(make(pack), replace(camera, ray_near=float(rng.uniform(0, 1.5))), replace(wanted, near=0.0))
 
 
 @pytest.mark.parametrize("block_size", [5, 14, 15, 30])

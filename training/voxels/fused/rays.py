@@ -71,8 +71,8 @@ def empty_batch(rays: int, coloured: bool = True) -> Batch:
     def room(*shape: int) -> np.ndarray:
         return np.empty((rays, *shape), np.float32)
 
-    colours = [np.empty((rays if coloured else 0, 3), np.float32) for _ in range(3)]
-    return Batch(room(3), room(3), room(), room(), room(), *colours, room())
+    viewdirs, target, background = (np.empty((rays if coloured else 0, 3), np.float32) for _ in range(3))
+    return Batch(room(3), room(3), room(), room(), room(), viewdirs, target, background, room())
 
 
 @njit(nogil=True, cache=True)

@@ -1,6 +1,7 @@
 """The presets by name: what each is for, and what it does to photographs before training and to the grid after it.
 
-Their training settings are training.config.PRESETS. No JAX here, so that the viewer can offer them.
+Their training settings are training.config.PRESETS. They stand with the photographs, where no JAX is, so that the viewer can
+offer them.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ PRESETS: Mapping[PresetName, Preset] = {
     "cpu": Preset(
         "minutes on two cores",
         "Quick",
-        "Minutes on any computer, from photographs shrunk to 256 pixels. Lego took 4 on two CPU cores.",
+        "Minutes on any computer, from photographs shrunk to 256 pixels. Lego took 3 on two CPU cores.",
         longest_side=256,
         resolution=512,
     ),

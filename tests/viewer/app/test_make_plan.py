@@ -1,0 +1,184 @@
+"""What is asked before a scene is made: what is there, what can be chosen, where it goes, which command it becomes."""
+
+import functools
+import json
+import sys
+from pathlib import Path
+from typing import get_args
+
+import pytest
+from imgui_bundle import imgui
+from PIL import Image
+
+from tests.training.reconstructions import around, ball, write_colmap
+from tests.viewer.app.test_application import FakeStage
+from tests.viewer.waiting import until
+from training.scenes.presets import BakeablePreset
+from viewer.app import make_plan
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.app.make_plan import Plan
+
+
+def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
+    app = App(stage=FakeStage())
+    app.drop([scene])
+    plan = app.making.plan
+    assert plan.subject == "scene" and plan.out == scene.parent / "still-snerg"
+    until(lambda: plan.survey.finished)
+    assert plan.survey.text.startswith("5 photographs of 24 × 24") and "Blender" in plan.survey.text
+    assert plan.problem() is None
+    plan.downscale, plan.preset = 2, "fast"
+    assert plan.survey.size("fast", 2) == (12, 12)
+    app.making.copy_command(app)
+    assert app.clipboard.get() == f"snerg-make {scene} --out {plan.out} --preset fast --downscale 2"
+    assert "--no-view" in plan.command()
+    run(app, "escape")
+    assert app.making.plan is None and not app.messages.dialogs
+
+
+@pytest.mark.parametrize("folder", ["sparse/0", "sparse"])
+def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
+    app = App(stage=FakeStage())
+    app.drop([write_colmap(tmp_path / "shrine", around(), ball(), folder=folder)])
+    survey = app.making.plan.survey
+    until(lambda: survey.finished)
+    assert survey.text == "10 photographs of 48 × 36, 360°  (COLMAP)" and app.making.plan.problem() is None
+
+
+def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monkeypatch):
+    from baker.commands import bake, make
+
+    made = Plan("scene", scene, tmp_path, "fast", downscale=2, spherify=True, masks=True, steps=5, resolution=96)
+    for plan, module, name in ((made, make, "snerg_make"), (Plan("run", scene, tmp_path / "p"), bake, "snerg_bake")):
+        assert plan.command()[:3] == [sys.executable, "-m", module.__name__]
+        called = {}
+        real = getattr(module, name)
+        stand_in = functools.wraps(real)(lambda *words, **options: called.update(options))  # noqa: B023
+        monkeypatch.setattr(module, name, stand_in)
+        assert module.main(plan.command()[3:]) == 0
+        assert called["out"] == plan.out
+        if plan.subject == "scene":
+            assert called["no_view"] and called["masks"] and called["spherify"] and called["preset"] == "fast"
+            assert (called["downscale"], called["steps"], called["resolution"]) == (2, 5, 96)
+    monkeypatch.undo()
+    assert set(make_plan.OFFERED) <= set(get_args(BakeablePreset))
+
+
+def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):
+    (tmp_path / "transforms_train.json").write_text('{"frames": []}')
+    app = App(stage=FakeStage())
+    app.drop([tmp_path])
+    until(lambda: app.making.plan.survey.finished)
+    assert str(tmp_path) in app.making.plan.problem()
+    app.making.start(app)
+    assert app.making.job is None and app.making.plan is not None
+
+
+def test_the_viewer_alone_says_what_is_missing(scene, monkeypatch, tmp_path):
+    monkeypatch.setattr(make_plan.importlib.util, "find_spec", lambda name: None)
+    assert "pip install 'snerg[train]'" in Plan("scene", scene, tmp_path).problem()
+
+
+def test_pictures_without_poses_are_told_what_they_need(tmp_path):
+    Image.new("RGB", (4, 4)).save(tmp_path / "IMG_1.JPG", format="JPEG")
+    app = App(stage=FakeStage())
+    app.drop([tmp_path])
+    assert "COLMAP" in app.messages.dialogs[0].text and app.loading is None
+
+
+def unfinished(folder: Path, scene: Path) -> Path:
+    """What snerg-make leaves when it is stopped."""
+    (folder / "run" / "checkpoints").mkdir(parents=True)
+    (folder / "run" / "config.json").write_text(json.dumps({"scene": str(scene), "config": {"steps": 6000}}))
+    (folder / "run" / "checkpoints" / "step_00001000.safetensors").touch()
+    return folder
+
+
+def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
+    folder = unfinished(tmp_path / "lego-snerg", scene)
+    app = App(stage=FakeStage())
+    app.drop([folder])
+    plan = app.making.plan
+    assert (plan.subject, plan.source, plan.out) == ("scene", scene, folder)
+    assert "at step 1,000 of 6,000" in plan.attempt_text() and plan.problem() is None
+    app.drop([folder / "run"])
+    assert app.making.plan.subject == "run" and app.making.plan.out == folder / "pack"
+    (folder / "run" / "checkpoints" / "step_00006000.safetensors").touch()
+    assert "It is baked" in Plan.of("run", folder).attempt_text()
+    other = Plan("scene", tmp_path / "elsewhere", folder)
+    assert "another scene" in other.problem()
+
+
+@pytest.mark.parametrize("text", ["{}", '{"scene": 3, "config": 4}', '{"scene": "", "config": {}}', "[1]", "{"])
+def test_an_attempt_whose_description_is_broken_is_told_or_baked(tmp_path, text):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "config.json").write_text(text)
+    app = App(stage=FakeStage())
+    app.drop([tmp_path])
+    told = bool(app.messages.dialogs) and "config.json" in app.messages.dialogs[0].text
+    assert told != (app.making.plan is not None and app.making.plan.source == tmp_path / "run")
+
+
+@pytest.mark.parametrize("place", ["file/pack", "/proc/nope/pack"])
+def test_a_folder_that_cannot_be_written_is_told_before_anything_begins(offscreen, app, tmp_path, place):
+    (tmp_path / "file").touch()
+    ui = offscreen(app, size=(700, 500))
+    app.making.plan = Plan("run", tmp_path / "run", tmp_path / place)
+    ui.settle()
+    ui.key(imgui.Key.enter)
+    plan = app.making.plan
+    assert app.making.job is None and plan is not None and not app.messages.dialogs
+    assert f"{(tmp_path / place).parent} cannot be written" in plan.place_problem
+    plan.choose(tmp_path / "elsewhere" / "pack")
+    assert plan.place_problem is None and not (tmp_path / "elsewhere").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_change_begins_at_the_folder_of_now(offscreen, app, tmp_path):
+    (tmp_path / "something").touch()
+    app.making.plan = Plan("run", tmp_path / "run", tmp_path / "not there yet" / "pack")
+    app.making.ask_where(app)
+    assert app.file_request.start == tmp_path
+    ui = offscreen(app)
+    ui.settle()
+    ui.key(imgui.Key.enter)  # the line that is there, as it is
+    assert app.file_request is None and app.making.plan.out == tmp_path / "pack"
+
+
+@pytest.fixture
+def masked(tmp_path) -> Path:
+    """A capture with a mask for each photograph."""
+    scene = write_colmap(tmp_path / "shrine", around(), ball())
+    (scene / "masks").mkdir()
+    for picture in (scene / "images").rglob("*.png"):
+        mask = scene / "masks" / picture.relative_to(scene / "images")
+        mask.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("L", Image.open(picture).size, 255).save(mask)
+    return scene
+
+
+def surveyed(path: Path) -> Plan:
+    app = App(stage=FakeStage())
+    app.drop([path])
+    until(lambda: app.making.plan.survey.finished)
+    return app.making.plan
+
+
+def test_cut_out_is_on_where_there_is_a_mask_for_each_photograph(masked):
+    plan = surveyed(masked)
+    assert plan.masked and plan.cut_out and "--masks" in plan.command()
+    plan.masks = False
+    assert "--masks" not in plan.command()
+
+
+def test_cut_out_is_not_offered_where_a_mask_is_missing(masked):
+    next((masked / "masks").rglob("*.png")).unlink()
+    plan = surveyed(masked)
+    assert plan.survey.masks and not plan.masked and not plan.cut_out and "--masks" not in plan.command()
+
+
+def test_a_folder_of_pictures_inside_a_scene_leads_to_the_scene(masked, scene):
+    assert surveyed(masked / "images").source == masked
+    assert surveyed(masked / "images" / "left").source == masked
+    assert surveyed(scene / "train").source == scene
