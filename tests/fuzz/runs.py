@@ -1,0 +1,57 @@
+"""Runs: config.json, checkpoints, journals; what is spoilt, and all that going on with one does before its first step.
+
+Needs JAX, so its workers are never forked from one another.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from tests.fuzz.words import require_words
+from training.commands.train import FREE, changed_settings
+from training.curves import draw_curves
+from training.journal import Journal
+from training.run import Run, load_run, read_description
+
+OLDER = Path(__file__).parents[1] / "data" / "older"
+BASES = ("nerf", "voxels")
+SCENE = "scene"
+
+
+def write_base(name: str, folder: Path) -> None:
+    """A run of an older version, with two checkpoints."""
+    shutil.copytree(OLDER / name, folder)
+    newest = max((folder / "checkpoints").glob("*.safetensors"))
+    shutil.copy(newest, newest.with_name("step_00000300.safetensors"))
+
+
+def prepare(place: Path) -> Path:
+    """The photographs of all runs; where they lie."""
+    if not (place / SCENE).is_dir():
+        shutil.copytree(OLDER / SCENE, place / SCENE)
+    return place / SCENE
+
+
+def open_it(path: Path, base: str, scene: Path) -> None:
+    """Reads it as `snerg-train --resume`, `snerg-bake` and the viewer's plots do; makes one step where it is as configured."""
+    description = read_description(path)
+    require_words(str(description.scene), 5000)
+    run = load_run(path, scene_path=scene)
+    journal = Journal(path / "metrics.jsonl", run.step)
+    if not np.isfinite([journal.seconds, journal.training_seconds]).all():
+        raise AssertionError("the run took no time that could be told")
+    draw_curves(journal.records, path / "curves.png", "fuzz")
+    if not changed_settings(read_description(OLDER / base).config, description.config, leave_out=FREE):
+        _one_step(run)
+
+
+def _one_step(run: Run) -> None:
+    """What a state that makes no sense would break: compiled loops, which check no index."""
+    run.method.may_hold(run.state, np.zeros((1, 3)), np.ones((1, 3)))
+    state, metrics = run.method.step(run.state, run.step + 1, 0.5)
+    jax.block_until_ready(metrics)
+    run.method.save(state)
