@@ -93,6 +93,8 @@ class FolderFiles:
         return self._bytes(name, count, None)
 
     def _bytes(self, name: str, count: int, most: int | None) -> bytes:
+        if name not in self.sizes:  # also where it is a pipe, whose writer we would wait for
+            raise UserError("is missing", where=self.path / name)
         try:
             with open(self.path / name, "rb") as file:
                 data = file.read(count)
@@ -124,7 +126,7 @@ class ZipFiles:
         entries = {
             info.filename.replace("\\", "/").removeprefix("./"): info
             for info in self._zip.infolist()
-            if not info.is_dir() and "__MACOSX" not in info.filename
+            if info.filename and not info.is_dir() and "__MACOSX" not in info.filename
         }
         tops = {name.rpartition("/")[0] for name in entries if name.rpartition("/")[2] == PARAMS_NAME}
         tops = {top for top in tops if "/" not in top}

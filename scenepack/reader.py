@@ -24,6 +24,7 @@ import numpy as np
 from console import UserError
 from console.atomic import recover_interrupted_write
 from console.json_text import MOST_BYTES
+from console.streams import one_line
 from scenepack.blocks import grid_block_counts
 from scenepack.budget import require_memory
 from scenepack.coarse import coarse_pack, order_of_groups
@@ -294,7 +295,7 @@ class PackReader:
                 f"{self.files.path}: {stored} rgba images, atlas_depth needs {needed}; the rest is ignored"
             )
         if claimed != needed:
-            found = "missing" if claimed is None else claimed
+            found = "missing" if claimed is None else one_line(str(claimed), 40)
             self._notes.append(
                 f"{where}: num_slices is {found}, atlas_depth needs {needed} images; atlas_depth is trusted"
             )
@@ -372,7 +373,7 @@ class PackReader:
 
 
 def _triple(values: list[Any]) -> str:
-    return f"({', '.join(str(value) for value in values)})"
+    return f"({', '.join(one_line(str(value), 40) for value in values)})"
 
 
 def _group(atlas: np.ndarray, group: int) -> np.ndarray:
