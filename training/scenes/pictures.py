@@ -7,9 +7,11 @@ invisible RGB of transparent pixels does not bleed into edges.
 
 from __future__ import annotations
 
+import io
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +24,8 @@ from console.contents import HEAD_BYTES, told
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
 # Pillow goes by a file's content, and knows formats that start other programs (Ghostscript for PostScript).
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+# Of a mask that is all white, as DEFLATE stores it; photographs have a few. Pictures up to the latter size need not tell.
+MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
 _EXPECTED = "PNG, JPEG, WebP, TIFF or BMP"
 
@@ -83,8 +87,24 @@ def as_bytes(picture: np.ndarray) -> np.ndarray:
     return picture if picture.dtype == np.uint8 else np.rint(picture * 255.0).astype(np.uint8)
 
 
-def _opened(path: Path) -> Image.Image:
-    return Image.open(path, formats=FORMATS)
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """The picture, its pixels not decoded yet. OSError where its header claims more of them than its bytes can hold."""
+    with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=FORMATS) as image:
+        most = MOST_PIXELS_PER_BYTE * os.path.getsize(path) * (8 if image.mode == "1" else 1)
+        if image.width * image.height > max(most, UNDOUBTED_PIXELS):
+            raise OSError(
+                f"its header claims {times(image.size)} pixels, more than {os.path.getsize(path)} bytes can hold"
+            )
+        yield image
+
+
+class _Bounded(io.BufferedReader):
+    """A file that is never asked for more than it has: room for all that is asked for would be made at once."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(os.fstat(self.fileno()).st_size - self.tell(), 0)
+        return super().read(left if size is None or size < 0 else min(size, left))
 
 
 def _head(path: Path) -> bytes:

@@ -10,11 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from console import UserError
 from training.scenes import blender, colmap, llff, transforms
 from training.scenes.box import checked_box, with_box
+from training.scenes.rays import camera_rays
 from training.scenes.scene import Scene, SceneOptions
 
+PROBES = 5  # pixels along each side of a picture whose rays are tried
 AS_IT_IS = SceneOptions()
 LAYOUTS = (blender, llff, transforms, colmap)  # COLMAP last: others keep its files beside their own
 
@@ -35,6 +39,7 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
     for layout in LAYOUTS:
         if layout.recognises(path):
             scene = layout.read(path, options)
+            _require_rays(scene)
             return scene if options.aabb is None else with_box(scene, options.aabb)
     raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
 
@@ -45,6 +50,25 @@ def _checked(options: SceneOptions) -> SceneOptions:
     if isinstance(downscale, bool) or int(downscale) != downscale or downscale < 1:
         raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
     return replace(options, downscale=int(downscale), aabb=None if options.aabb is None else checked_box(options.aabb))
+
+
+def _require_rays(scene: Scene) -> None:
+    """UserError unless the scene has an extent and the pixels of its cameras, here and there, have rays: numbers that make
+    sense one by one may not together."""
+    if not (
+        np.isfinite(scene.aabb).all() and (scene.aabb[0] < scene.aabb[1]).all() and 0 <= scene.near < scene.far < np.inf
+    ):
+        raise UserError(
+            "the poses and depths leave no room for a scene", where=scene.path, found=f"a box of {scene.aabb.tolist()}"
+        )
+    for photograph in (one for photographs in scene.splits.values() for one in photographs):
+        camera = photograph.camera
+        x, y = (side * np.linspace(0, 1, PROBES) for side in (camera.width, camera.height))
+        with np.errstate(all="ignore"):
+            directions = camera_rays(camera, *np.meshgrid(x, y))[1]
+        if not np.isfinite(directions).all():
+            raise UserError("the camera's lens leads to no rays", where=f"{scene.path}: {photograph.name}",
+                            found=f"fx {camera.fx:g}, fy {camera.fy:g}, distortion {camera.distortion}")  # fmt: skip
 
 
 def _looked_for() -> str:
