@@ -24,7 +24,9 @@ from tests.fuzz.workers import Worker
 class Campaign:
     """counts: by class and kind of outcome. causes: how often each was found."""
 
-    def __init__(self, bases: Path, subjects: tuple[str, ...], seed: int, until: float, most: int | None, kept: bool) -> None:
+    def __init__(
+        self, bases: Path, subjects: tuple[str, ...], seed: int, until: float, most: int | None, kept: bool
+    ) -> None:
         self.bases, self.until, self.kept = bases, until, kept
         self.sources = [Source(subject, bases, seed) for subject in subjects]
         self.counts: Counter[tuple[str, str]] = Counter()
@@ -38,7 +40,9 @@ class Campaign:
     def work(self) -> None:
         """Goes on until the time or the recipes are used up; any number of threads may."""
         for source in self.sources:
-            share = time.monotonic() + (self.until - time.monotonic()) / (len(self.sources) - self.sources.index(source))
+            share = time.monotonic() + (self.until - time.monotonic()) / (
+                len(self.sources) - self.sources.index(source)
+            )
             with Worker(source.subject, self.bases) as worker:
                 while time.monotonic() < share:
                     with self._lock:
@@ -80,7 +84,9 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=10.0, help="how long (default 10)")
     parser.add_argument("--count", type=int, help="so many files of each kind at most")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", choices=SUBJECTS, action="append", help="one kind of files; may be given several times")
+    parser.add_argument(
+        "--only", choices=SUBJECTS, action="append", help="one kind of files; may be given several times"
+    )
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--no-keep", action="store_true", help="print findings, but keep none")
     given = parser.parse_args()

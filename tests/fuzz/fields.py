@@ -6,7 +6,21 @@ import struct
 from collections.abc import Callable, Iterator
 
 Field = tuple[int, int, str]
-_HOLDERS = {b"moov", b"trak", b"mdia", b"minf", b"stbl", b"meta", b"iprp", b"ipco", b"dinf", b"edts", b"stsd", b"avc1", b"av01"}
+_HOLDERS = {
+    b"moov",
+    b"trak",
+    b"mdia",
+    b"minf",
+    b"stbl",
+    b"meta",
+    b"iprp",
+    b"ipco",
+    b"dinf",
+    b"edts",
+    b"stsd",
+    b"avc1",
+    b"av01",
+}
 _SKIPPED = {b"meta": 4, b"stsd": 8, b"avc1": 78, b"av01": 78}  # before the boxes within
 _MOST_WORDS = 24  # of one box, chunk or segment
 
@@ -81,7 +95,9 @@ def words(data: bytes) -> list[Field]:
 
 def header(data: bytes) -> list[Field]:
     """The first bytes of anything."""
-    return [(at, size, order) for at in range(min(len(data), 40)) for size in (1, 2, 4, 8) for order in ("big", "little")]
+    return [
+        (at, size, order) for at in range(min(len(data), 40)) for size in (1, 2, 4, 8) for order in ("big", "little")
+    ]
 
 
 def _words(start: int, end: int, size: int, order: str, most: int = _MOST_WORDS) -> list[Field]:

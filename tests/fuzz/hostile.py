@@ -27,7 +27,28 @@ _LARGE = {
     "@wide": "[" + ",".join(["[]"] * 20_000) + "]",
     "@keys": "{" + ",".join(f'"k{i}":0' for i in range(10_000)) + "}",
 }
-WHOLE = (0, 1, 2, 3, 127, 128, 255, 256, 1023, 4096, 32767, 32768, 65535, 65536, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 2**63, 2**64 - 1)
+WHOLE = (
+    0,
+    1,
+    2,
+    3,
+    127,
+    128,
+    255,
+    256,
+    1023,
+    4096,
+    32767,
+    32768,
+    65535,
+    65536,
+    2**24,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**63,
+    2**64 - 1,
+)
 FLOATS = (0.0, -1.0, 1e-300, 1e30, 1e300, float("inf"), float("-inf"), float("nan"))
 
 
@@ -45,9 +66,11 @@ def value_for(random: random.Random, old: Any) -> str:
         return json.dumps(random.choice(changed))
     if isinstance(old, str):
         half = len(old) // 2
-        return json.dumps(random.choice([old[:half], old + "x", old.upper(), old * 3, f"../{old}", f"/{old}", old[half:]]))
+        return json.dumps(
+            random.choice([old[:half], old + "x", old.upper(), old * 3, f"../{old}", f"/{old}", old[half:]])
+        )
     if isinstance(old, list) and old:
-        several = [old[:-1], old[1:], old + old, old + [old[0]], [old], old[0], list(reversed(old)), old * 40]
+        several = [old[:-1], old[1:], old + old, [*old, old[0]], [old], old[0], list(reversed(old)), old * 40]
         return json.dumps(random.choice(several))
     return random.choice(RAW)
 
@@ -74,7 +97,7 @@ def contents() -> dict[str, bytes]:
         "PDF": b"%PDF-1.4\n1 0 obj<<>>endobj\n",
         "GIF": b"GIF89a\x01\0\x01\0\0\0\0;",
         "BMP": b"BM" + struct.pack("<IHHIIiiHHIIiiII", 70, 0, 0, 54, 40, 2**30, 2**30, 1, 24, 0, 0, 0, 0, 0, 0),
-        "TIFF": b"II*\0\x08\0\0\0\x03\0\0\x01\x03\0\x01\0\0\0\xff\xff\0\0\x01\x01\x03\0\x01\0\0\0\xff\xff\0\0\x11\x01\x04\0\x01\0\0\0",
+        "TIFF": b"II*\0\x08\0\0\0\x03\0\0\x01\x03\0\x01\0\0\0\xff\xff\0\0\x01\x01\x03\0\x01\0\0\0\xff\xff\0\0\x11\x01",
         "SDP": b"v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=x\r\nc=IN IP4 127.0.0.1\r\nt=0 0\r\nm=video 5004 RTP/AVP 96\r\n",
         "playlist": b"#EXTM3U\n#EXTINF:1,\nfile:///etc/passwd\n",
         "concat": b"ffconcat version 1.0\nfile /etc/passwd\n",

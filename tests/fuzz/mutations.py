@@ -42,7 +42,16 @@ def _do(tree: Tree, step: Step) -> None:
     elif isinstance(data := tree.get(file), bytes):
         try:
             tree[file] = _FILE[name](data, *arguments)
-        except (ValueError, LookupError, TypeError, AttributeError, OverflowError, struct.error, zlib.error, RecursionError):
+        except (
+            ValueError,
+            LookupError,
+            TypeError,
+            AttributeError,
+            OverflowError,
+            struct.error,
+            zlib.error,
+            RecursionError,
+        ):
             return
 
 
@@ -136,10 +145,8 @@ def _edited(data: bytes, path: list[Any], change: Callable[[Any, Any], None], ra
     for key in (whole := [0, *path])[:-1]:
         inner = inner[key]
     change(inner, whole[-1])
-    if lines:
-        text = "".join(json.dumps(line) + "\n" for line in holder[0])
-    else:
-        text = json.dumps(holder[0]) if holder else ""
+    texts = [json.dumps(value) for value in (holder[0] if lines else holder)]
+    text = "\n".join(texts)
     again = json.dumps(path[-1]) if path else ""
     return text.replace(f'"{_AGAIN}"', again).replace(f'"{_PLACE}"', raw_json(raw)).encode("utf-8", "surrogatepass")
 
@@ -208,7 +215,7 @@ def _tensor_header(data: bytes, path: list[Any], raw: str) -> bytes:
 
 
 def _tensor(data: bytes, name: str, change: str, argument: Any) -> bytes:
-    """One array changed, checksum and offsets right. change: "remove", "rename", "reshape", "cut", "more", "type", "set", "fill"."""
+    """One array removed, renamed or changed (see _changed); checksum and offsets are right."""
     from safetensors.numpy import load
 
     from training.checkpoints import _checksum, _serialised

@@ -16,7 +16,8 @@ from tests.fuzz.trees import ARCHIVE, SPECIAL, Tree
 _HOW_MANY = (1, 1, 1, 1, 2, 2, 3)
 _DTYPES = ("float64", "float16", "int64", "int32", "uint8", "bool")
 _FILLS = (0, 1, -1, 1e30, float("nan"), float("inf"), 2**31 - 1, -(2**31), 2**40)
-_NPY_WORDS = (("<f8", "|O"), ("<f8", "<U9"), ("<f8", "<i8"), ("<f8", "<c16"), ("<f8", ">f8"), ("<f8", "V8"), ("<f8", "|S99999999"),
+_NPY_WORDS = (("<f8", "|O"), ("<f8", "<U9"), ("<f8", "<i8"), ("<f8", "<c16"), ("<f8", ">f8"), ("<f8", "V8"),
+              ("<f8", "|S99999999"),
               ("False", "True"), ("17", "0"), ("17", "17000000000"), ("17", "-17"), ("17", "1" * 400), ("shape", "shapf"),
               ("{", "[" * 400), ("}", ""), ("(", "(9, "), ("17", "17, 1"), ("descr", "\0escr"))  # fmt: skip
 
@@ -38,7 +39,11 @@ def _of_archive(random: Random, tree: Tree) -> Step:
     from tests.fuzz.trees import zipped
 
     data = zipped(tree)
-    return _of_fields(random, ARCHIVE, data, fields.archive(data)) if random.random() < 0.7 else _of_bytes(random, ARCHIVE, data)
+    return (
+        _of_fields(random, ARCHIVE, data, fields.archive(data))
+        if random.random() < 0.7
+        else _of_bytes(random, ARCHIVE, data)
+    )
 
 
 def _of_file(random: Random, tree: Tree) -> Step:
@@ -122,9 +127,26 @@ def _of_png(random: Random, file: str, data: bytes) -> Step:
     chunks = png_chunks(data)
     chunk = random.choice([0, 0, random.randrange(len(chunks))])
     payload = chunks[chunk][1]
-    kinds = ["IHDR", "PLTE", "tRNS", "acTL", "fcTL", "iCCP", "zTXt", "iTXt", "eXIf", "gAMA", "sBIT", "IDAT", "IEND", "AAAA"]
+    kinds = [
+        "IHDR",
+        "PLTE",
+        "tRNS",
+        "acTL",
+        "fcTL",
+        "iCCP",
+        "zTXt",
+        "iTXt",
+        "eXIf",
+        "gAMA",
+        "sBIT",
+        "IDAT",
+        "IEND",
+        "AAAA",
+    ]
     size = random.choice((1, 4, 4))
-    at = random.randrange(0, max(len(payload) - size + 1, 1)) if chunk else random.choice((0, 0, 4, 4, 8, 9, 10, 11, 12))
+    at = (
+        random.randrange(0, max(len(payload) - size + 1, 1)) if chunk else random.choice((0, 0, 4, 4, 8, 9, 10, 11, 12))
+    )
     number = hostile.number_of(random, 1 if chunk == 0 and at >= 8 else size)
     old = int.from_bytes(payload[at : at + 4], "big") if chunk == 0 and at < 8 else None
     if old is not None:
@@ -149,7 +171,11 @@ def _of_tensors(random: Random, file: str, data: bytes) -> Step:
     shape = described[name]["shape"]
     if random.random() < 0.15:
         step = _of_json(random, file, described)
-        return ["tensor header", file, step[2], step[3]] if step[0] == "json set" else ["cut", file, random.randrange(len(data))]
+        return (
+            ["tensor header", file, step[2], step[3]]
+            if step[0] == "json set"
+            else ["cut", file, random.randrange(len(data))]
+        )
     size = 1
     for side in shape:
         size *= side

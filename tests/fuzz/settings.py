@@ -46,7 +46,10 @@ def open_it(path: Path, base: str) -> None:
     if base == "preferences":
         found = preferences.load(file)
         found.recent_packs()
-        if not all(0 <= side < 2**31 for side in found.window) or not np.isfinite([*found.background, found.target_fps]).all():
+        if (
+            not all(0 <= side < 2**31 for side in found.window)
+            or not np.isfinite([*found.background, found.target_fps]).all()
+        ):
             raise AssertionError("no window is of that size")
         preferences.save(found, path / "again.json", preferences.Preferences())
     elif base == "progress":

@@ -15,7 +15,16 @@ from pathlib import Path
 
 Tree = dict[str, bytes | str]
 ARCHIVE = "@zip"
-SPECIAL = ("folder", "fifo", "loop", "dangling link", "link to /dev/zero", "link to /dev/null", "link to ..", "link to a file")
+SPECIAL = (
+    "folder",
+    "fifo",
+    "loop",
+    "dangling link",
+    "link to /dev/zero",
+    "link to /dev/null",
+    "link to ..",
+    "link to a file",
+)
 _LINKS = {
     "dangling link": "nowhere/at/all", "link to /dev/zero": "/dev/zero", "link to /dev/null": "/dev/null", "link to ..": "..",
     "link to a file": "/etc/passwd",

@@ -6,6 +6,7 @@ A child opens many files, one after another; one that dies or hangs is replaced.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
@@ -100,10 +101,8 @@ class Worker:
 
     def _end(self) -> None:
         if self._child is not None:
-            try:
+            with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._child.pid, signal.SIGKILL)
-            except ProcessLookupError:
-                pass
             self._child.wait()
             self._child.stdin.close()  # type: ignore[union-attr]
             self._child.stdout.close()  # type: ignore[union-attr]

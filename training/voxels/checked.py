@@ -14,6 +14,11 @@ from console import UserError
 from scenepack.constants import VIEW_MLP_WIDTHS
 from training.voxels.sparse_grid import CHANNELS
 
+# Of each array: its shape, -1 standing for any length, and its type (see _require).
+SHAPES = (
+    ("origin", (3,), "f"), ("voxel", (3,), "f"), ("dims", (3,), "i"), ("updates", (), "i"), ("sizes", (5,), "i"),
+    ("cells", (-1,), "i"), ("hits", (-1,), "i"), ("depths", (-1,), "u"),
+)  # fmt: skip
 PARTS = ("trainable", "first", "second")
 # Cells of the grid for each voxel, at most: 135 is usual at 512³. What is beyond would be gigabytes out of a small file.
 CELLS_PER_VOXEL, FEWEST_CELLS = 4096, 1 << 20
@@ -24,8 +29,7 @@ MOST_RAYS, LONGEST_LIST = 1 << 22, 1 << 26  # of a step
 def require_fitting(arrays: Mapping[str, np.ndarray], rays: int) -> None:
     """UserError, naming the array, unless they make up a state of a scene with so many training rays. KeyError where one is
     missing."""
-    for name, shape, kind in (("origin", (3,), "f"), ("voxel", (3,), "f"), ("dims", (3,), "i"), ("updates", (), "i"),
-                              ("sizes", (5,), "i"), ("cells", (-1,), "i"), ("hits", (-1,), "i"), ("depths", (-1,), "u")):  # fmt: skip
+    for name, shape, kind in SHAPES:
         _require(arrays, name, shape, kind)
     rows = len(arrays["cells"])
     with_head = "trainable.weight0" in arrays
