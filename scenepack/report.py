@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from console.streams import one_line
 from scenepack.blocks import block_copy
 from scenepack.check import Finding
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles
@@ -168,10 +169,10 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
         if isinstance(value, Mapping) and len(prefix.split(".")) < 3:
             rows += _flat(value, f"{name}.")
         elif isinstance(value, Mapping | list) and len(value) > 4:
-            rows.append((name, f"{len(value)} entries"))
+            rows.append((one_line(name, 200), f"{len(value)} entries"))
         else:
             text = f"{value:.6g}" if isinstance(value, float) else str(value)
-            rows.append((name, text if len(text) <= 200 else text[:199] + "…"))
+            rows.append((one_line(name, 200), one_line(text, 200)))
     return rows
 
 

@@ -48,6 +48,8 @@ def open_it(path: Path) -> None:
         pack = reader.read(on_preview=skip_grid_of)
         print_facts(pack_facts(reader.files, pack), paper)
     print_findings(check_pack(pack), paper)
+    for line in paper.file.getvalue().split("\n"):  # type: ignore[attr-defined]
+        require_words(line)
     skip_grid_of(pack)
     rig = rig_for(pack)
     if not np.isfinite(rig.matrix).all():
