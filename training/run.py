@@ -27,6 +27,7 @@ from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
 from training.method import Method
 from training.methods import make_method, settled
+from training.plausible import require_plausible
 from training.scenes import Scene, SceneOptions, load_scene
 from training.scenes.box import checked_box
 
@@ -212,17 +213,19 @@ def read_description(path: Path) -> RunDescription:
         return RunDescription(
             config,
             Path(document["scene"]),
-            _scene_options(document["scene_options"]),
+            _scene_options(document["scene_options"], str(file)),
             dict(document.get("provenance", {})),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError("the run's description is damaged", where=file, found=str(error)[:100]) from error
 
 
-def _scene_options(values: dict[str, Any]) -> SceneOptions:
+def _scene_options(values: dict[str, Any], where: str) -> SceneOptions:
     """Options from JSON, which knows no tuples; those that an older run lacks have their defaults."""
     box = values.get("aabb")
-    return SceneOptions(**{**values, "aabb": None if box is None else checked_box(box)})
+    options = SceneOptions(**{**values, "aabb": None})
+    require_plausible(options, where)
+    return replace(options, aabb=None if box is None else checked_box(box))
 
 
 def _provenance() -> dict[str, Any]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import struct
 from pathlib import PurePosixPath
 from random import Random
 from typing import Any
 
-from tests.fuzz import fields, hostile
+from tests.fuzz import claims, fields, hostile
 from tests.fuzz.mutations import Step, documents, png_chunks, tensors
 from tests.fuzz.trees import ARCHIVE, SPECIAL, Tree
 
@@ -28,11 +27,24 @@ def propose(random: Random, tree: Tree, archived: bool) -> list[Step]:
     for _ in range(random.choice(_HOW_MANY)):
         if archived and random.random() < 0.35:
             steps.append(_of_archive(random, tree))
+        elif claims.PARAMS in tree and random.random() < 0.15:
+            steps.append(_claim(random))
         else:
             steps.append(_of_file(random, tree))
     if archived and all(step[1] != ARCHIVE for step in steps):
         steps.append(["cut", ARCHIVE, 2**40])  # which leaves it whole
     return steps
+
+
+def _claim(random: Random) -> Step:
+    axis, factor = random.randrange(3), random.choice(claims.FACTORS)
+    axes = random.choice([[axis], [0, 1, 2]])
+    block = random.choice([[0, 0, 0], [0, 0, 0], [255, 255, 255], [0, 0, 1], [9, 0, 0]])
+    return random.choice([
+        ["claim grid", claims.PARAMS, axes, factor, block], ["claim atlas", claims.PARAMS, axes, factor],
+        ["claim atlas", claims.PARAMS, axes, factor], ["claim blocks", claims.PARAMS, random.choice((1, 2, 6, 62, 1022, 1024))],
+        ["claim planes", claims.PARAMS, random.choice((1, 6, 12, 126, 600, 6000))],
+    ])  # fmt: skip
 
 
 def _of_archive(random: Random, tree: Tree) -> Step:
@@ -197,8 +209,3 @@ def _of_npy(random: Random, file: str, data: bytes) -> Step:
     start = 10 + struct.unpack_from("<H", data, 8)[0]
     at = start + 8 * random.randrange(max((len(data) - start) // 8, 1))
     return ["put", file, at, struct.pack("<d", random.choice(hostile.FLOATS)).hex()]
-
-
-def recipe_text(steps: list[Step]) -> str:
-    """Steps on one line, for people."""
-    return json.dumps(steps)

@@ -13,6 +13,7 @@ import numpy as np
 from console import UserError
 from console.json_text import read_json_file
 
+LEAST_ANGLE = 1e-6  # radians
 FARTHEST = 1e9  # from the origin, whatever the unit
 
 
@@ -47,6 +48,14 @@ def number(document: dict[str, Any], key: str, path: Path, default: float | None
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
         raise UserError(f'"{key}" is not a number', where=path, found="nothing" if value is None else repr(value)[:60])
     return float(value)
+
+
+def field_of_view(document: dict[str, Any], key: str, path: Path) -> float:
+    """Radians under a key, more than 0 and less than pi. UserError for anything else."""
+    angle = number(document, key, path)
+    if not LEAST_ANGLE < angle < np.pi - LEAST_ANGLE:
+        raise UserError(f"{key} is not a field of view", where=path, expected="0 to pi", found=angle)
+    return angle
 
 
 def pose(matrix: Any, where: str) -> np.ndarray:

@@ -6,6 +6,7 @@ downscale).
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -48,7 +49,7 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
 def _checked(options: SceneOptions) -> SceneOptions:
     """The options as whole and finite numbers. UserError where they are none."""
     downscale = options.downscale
-    if isinstance(downscale, bool) or int(downscale) != downscale or downscale < 1:
+    if isinstance(downscale, bool) or not 1 <= downscale < math.inf or int(downscale) != downscale:
         raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
     return replace(options, downscale=int(downscale), aabb=None if options.aabb is None else checked_box(options.aabb))
 
