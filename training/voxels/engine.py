@@ -1,8 +1,8 @@
 """The seam between the fast method and what computes its steps, so that one field can be trained by several programs.
 
-Between steps everything is shared: the dense start, pruning, refining, whole pictures, checkpoints. These work on a
-VoxelState, plain arrays; an engine keeps what it makes of one in a form of its own, from `begin` to `end`. What they ask of
-many rays or voxels, the engine answers.
+Between steps everything is shared: the dense start, what is pruned and when a grid grows finer, whole pictures, checkpoints.
+A run begins with a VoxelState, plain arrays, and its checkpoints are such; an engine keeps what it makes of one in a form of its
+own, from `begin` to `end`. What is asked of many rays or voxels, and the move to another grid, are the engine's.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from training.method import FieldOutput, Rays, RenderOutput
-from training.voxels.sparse_grid import GridLayout
+from training.voxels.sparse_grid import Occupancy
 from training.voxels.state import VoxelState
 
 
@@ -43,17 +43,34 @@ class Engine(Protocol):
         """The state whose layout knows the cells' optical depths as they are now, by which marches terminate early."""
         ...
 
-    def meeting(self, layout: GridLayout, ids: np.ndarray) -> np.ndarray:
-        """bool [N]: which of the training rays int [N] may have samples with support in a layout; False only without any."""
+    def occupancy(self, state: Any) -> Occupancy:
+        """Where a state's voxels are. Rows of a state's values below are numbered as its present voxels are, from 1."""
+        ...
+
+    def drawn(self, state: Any) -> tuple[np.ndarray, int]:
+        """The ids of the rays that steps draw from, int32, and how many these are; no ids where every ray is meant."""
+        ...
+
+    def meeting(self, state: Any, ids: np.ndarray) -> np.ndarray:
+        """bool [N]: which of the training rays int [N] may have samples with support; False only without any."""
         ...
 
     def visible_weights(self, state: Any, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """float32 [V + 1] twice, by row of the layout: the largest weight of a sample in each voxel, over training rays int [N],
-        and the sum of all."""
+        """float32 [V + 1] twice, by row: the largest weight of a sample in each voxel, over training rays int [N], and the sum
+        of all."""
         ...
 
-    def raw_at(self, state: Any, points: np.ndarray) -> np.ndarray:
-        """Raw values float32 [N, 8] of a state at world points float32 [N, 3]."""
+    def regrid(self, state: Any, occupancy: Occupancy, kept: np.ndarray | None) -> Any:
+        """A state over other voxels, which takes the place of `state`: give it the rays that it draws from (draw_from) before
+        any step.
+
+        kept int [V' + 1]: the row that each voxel had, moments included; None where values are interpolated at the voxels'
+        centres, and their moments begin anew.
+        """
+        ...
+
+    def draw_from(self, state: Any, hits: np.ndarray, hit_count: int) -> Any:
+        """The state whose steps draw from other rays, told as by `drawn`."""
         ...
 
     def query(self, state: Any, points: jax.Array) -> FieldOutput:

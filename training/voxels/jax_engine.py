@@ -18,8 +18,8 @@ from training.voxels.field import query, remember_depths
 from training.voxels.lists import fitting_sizes, rays_with_content
 from training.voxels.render import render_all
 from training.voxels.settings import Plan, Settings
-from training.voxels.sparse_grid import GridLayout
-from training.voxels.state import VoxelState
+from training.voxels.sparse_grid import CHANNELS, Occupancy, build_layout, occupancy_of, voxel_centres
+from training.voxels.state import Trainable, VoxelState, state_over
 from training.voxels.step import compiled_update
 from training.voxels.survey import raw_at, visible_weights
 
@@ -61,14 +61,34 @@ class JaxEngine:
         remember = compiled_remembering(self.dataset.mesh)
         return state._replace(layout=remember(state.trainable.rows, state.layout, self.settings))
 
-    def meeting(self, layout: GridLayout, ids: np.ndarray) -> np.ndarray:
-        return rays_with_content(self.geometry, layout, ids, self.settings.step_voxels)
+    def occupancy(self, state: VoxelState) -> Occupancy:
+        return occupancy_of(here(state.layout))
+
+    def drawn(self, state: VoxelState) -> tuple[np.ndarray, int]:
+        ended = self.end(state)
+        return np.asarray(ended.hits), int(ended.hit_count)
+
+    def meeting(self, state: VoxelState, ids: np.ndarray) -> np.ndarray:
+        return rays_with_content(self.geometry, here(state.layout), ids, self.settings.step_voxels)
 
     def visible_weights(self, state: VoxelState, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return visible_weights(self.end(state), self.geometry, ids, self.settings)
 
-    def raw_at(self, state: VoxelState, points: np.ndarray) -> np.ndarray:
-        return raw_at(self.end(state), points)
+    def regrid(self, state: VoxelState, occupancy: Occupancy, kept: np.ndarray | None) -> VoxelState:
+        before = self.end(state)
+        old = before.trainable, before.first, before.second
+        if kept is not None:
+            values, first, second = (Trainable(part.rows[kept], part.head) for part in old)
+        else:
+            absent = np.zeros((1, CHANNELS), np.float32)
+            rows = jnp.asarray(np.concatenate([absent, raw_at(before, voxel_centres(*occupancy))]))
+            values = Trainable(rows, before.trainable.head)
+            first, second = (Trainable(jnp.zeros_like(rows), part.head) for part in old[1:])
+        return state_over(build_layout(*occupancy), (values, first, second), before.updates, self.dataset.count)
+
+    def draw_from(self, state: VoxelState, hits: np.ndarray, hit_count: int) -> VoxelState:
+        ended = self.end(state)
+        return self.begin(ended._replace(hits=jnp.asarray(hits), hit_count=jnp.int32(hit_count), sizes=None, rays=0))
 
     def query(self, state: VoxelState, points: jax.Array) -> FieldOutput:
         return query(state.trainable.rows, state.layout, points, self.settings)

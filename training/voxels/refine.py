@@ -17,15 +17,8 @@ from training.method import ViewMlpParams
 from training.voxels.coverage import views_that_see
 from training.voxels.engine import Engine
 from training.voxels.settings import Plan
-from training.voxels.sparse_grid import (
-    CHANNELS,
-    GridLayout,
-    build_layout,
-    dilate,
-    present_voxels,
-    voxel_centres,
-)  # fmt: skip
-from training.voxels.state import Trainable, VoxelState, ray_ids
+from training.voxels.sparse_grid import CHANNELS, Occupancy, build_layout, dilate
+from training.voxels.state import Trainable, VoxelState, ray_ids, state_over
 
 # How many rays tell which voxels stay. A surface is several voxels thick, so that one ray for two voxels is a few for each that
 # can be seen, however fine the grid; with a fixed number, one in ten visible voxels at 512³ was met by none and lost.
@@ -49,40 +42,33 @@ def dense_start(plan: Plan, geometry: RayDataset, head: ViewMlpParams | None) ->
         present = views_that_see(geometry, layout) >= plan.least_views
         layout = build_layout(present, plan.box[0], voxel)
     rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
-    hits = np.zeros(0, np.int32), geometry.count  # every ray
     blank, blank_too = (Trainable(jnp.zeros_like(rows), jax.tree.map(jnp.zeros_like, head)) for _ in range(2))
-    return _stage_of(layout, [Trainable(rows, head), blank, blank_too], jnp.int32(0), *hits)
+    return state_over(layout, (Trainable(rows, head), blank, blank_too), jnp.int32(0), geometry.count)
 
 
 def refine(engine: Engine, state: Any, resolution: int, plan: Plan) -> Any:
     """An engine's state without the voxels that no pixel sees, in a box that fits the rest, resampled at `resolution` where
     that is finer; Adam's moments of voxels begin anew only there."""
-    before = engine.end(state)
-    hits, cells = (np.asarray(before.hits), int(before.hit_count)), np.asarray(before.cells)
-    best, total = engine.visible_weights(state, _pruning_rays(*hits, len(cells) - 1))
-    present = present_voxels(before.layout)
+    hits, hit_count = engine.drawn(state)
+    present, origin, voxel = engine.occupancy(state)
+    voxels = np.count_nonzero(present)
+    best, total = engine.visible_weights(state, _pruning_rays(hits, hit_count, voxels))
     keep = np.zeros(present.shape, bool)
     keep[present] = best[1:] > _threshold(best, total, plan.keep_weight)
     if not keep.any():
         return state  # nothing is visible yet: too early to prune
     keep = dilate(keep) & present
     kept = np.concatenate([[0], 1 + np.flatnonzero(keep[present])])
-    origin, voxel = np.asarray(before.layout.origin, np.float64), np.asarray(before.layout.voxel, np.float64)
     low, high = _bounds(keep)
     origin, keep = origin + low * voxel, keep[tuple(slice(a, b) for a, b in zip(low[::-1], high[::-1], strict=True))]
     finest_asked = min(plan.extent, ((high - low) * voxel).max()) / resolution
-    if finest_asked < 0.75 * voxel[0]:
+    if finer := finest_asked < 0.75 * voxel[0]:
         keep, voxel = _resample(keep, voxel, finest_asked * plan.shape)
-        absent = np.zeros((1, CHANNELS), np.float32)
-        rows = jnp.asarray(np.concatenate([absent, engine.raw_at(state, voxel_centres(keep, origin, voxel))]))
-        parts = [Trainable(rows, before.trainable.head)]
-        parts += [Trainable(jnp.zeros_like(rows), part.head) for part in (before.first, before.second)]
-    else:
-        parts = [Trainable(part.rows[kept], part.head) for part in (before.trainable, before.first, before.second)]
-    layout = build_layout(keep, origin, voxel)
-    if not plan.always_hit and (voxel[0] < before.layout.voxel[0] or len(kept) < FEWER * len(cells)):
-        hits = _rays_that_meet(engine, layout, *hits)
-    return engine.begin(_stage_of(layout, parts, before.updates, *hits))
+    del present, best, total  # hundreds of megabytes at 512³, before as much is asked for
+    state = engine.regrid(state, Occupancy(keep, origin, voxel), None if finer else kept)
+    if not plan.always_hit and (finer or len(kept) < FEWER * (voxels + 1)):
+        hits, hit_count = _rays_that_meet(engine, state, hits, hit_count)
+    return engine.draw_from(state, hits, hit_count)
 
 
 def _pruning_rays(hits: np.ndarray, hit_count: int, voxels: int) -> np.ndarray:
@@ -101,27 +87,16 @@ def _threshold(best: np.ndarray, total: np.ndarray, keep_weight: float) -> float
     return min(keep_weight, float(best[order][np.searchsorted(share, MOST_FAINT)]))
 
 
-def _rays_that_meet(engine: Engine, layout: GridLayout, hits: np.ndarray, hit_count: int) -> tuple[np.ndarray, int]:
-    """Of the rays that a stage drew from, those that may meet content in a layout, some at a time."""
+def _rays_that_meet(engine: Engine, state: Any, hits: np.ndarray, hit_count: int) -> tuple[np.ndarray, int]:
+    """Of the rays that a stage drew from, those that may meet content in a state, some at a time."""
     kept = []
     for low in range(0, hit_count, LISTED_TOGETHER):
         ids = ray_ids(hits, np.arange(low, min(low + LISTED_TOGETHER, hit_count), dtype=np.int32))
-        kept.append(ids[engine.meeting(layout, ids)])
+        kept.append(ids[engine.meeting(state, ids)])
     found = np.concatenate(kept)
     if not len(found):
         found = ray_ids(hits, np.zeros(1, np.int32))  # a step needs something to draw
     return (hits, hit_count) if len(found) == hit_count else (found, len(found))
-
-
-def _stage_of(
-    layout: GridLayout, parts: list[Trainable], updates: jax.Array, hits: np.ndarray, hit_count: int
-) -> VoxelState:
-    """A state around new voxels. parts: the trainable values and their two moments."""
-    (cells,) = np.nonzero(np.asarray(layout.lookup))
-    return VoxelState(
-        *parts, updates=updates, layout=layout, cells=jnp.asarray(np.concatenate([[0], cells]).astype(np.int32)),
-        hits=jnp.asarray(hits), hit_count=jnp.int32(hit_count), sizes=None, rays=0,
-    )  # fmt: skip
 
 
 def _bounds(volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

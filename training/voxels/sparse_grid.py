@@ -17,9 +17,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from training.arrays import aligned
 from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, blend, coarse_cell, flat_index, trilinear_weights
 
 CHANNELS = 8  # raw density, rgb, 4 features
+
+
+class Occupancy(NamedTuple):
+    """Which voxels are present: bool [Dz, Dy, Dx], in a box that begins at `origin`; voxel: sides; [3], world units, float64."""
+
+    present: np.ndarray
+    origin: np.ndarray
+    voxel: np.ndarray
 
 
 class GridLayout(NamedTuple):
@@ -83,14 +92,10 @@ def build_layout(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | fl
     voxel: sides (x, y, z), or one side for all.
     """
     depth, height, width = present.shape
-    padded = np.zeros((depth + 2, height + 2, width + 2), np.int32)
+    padded = aligned((depth + 2, height + 2, width + 2), np.int32)
     padded[1:-1, 1:-1, 1:-1][present] = np.arange(1, np.count_nonzero(present) + 1, dtype=np.int32)
-    support = (padded > 0).astype(np.uint8)
-    for axis in range(3):  # cell c is interpolated from voxels c and c + 1 along each axis
-        ahead = np.zeros_like(support)
-        ahead[(slice(None),) * axis + (slice(None, -1),)] = support[(slice(None),) * axis + (slice(1, None),)]
-        support = np.maximum(support, ahead)
-    coarse = _coarse_occupancy(support, present.shape)
+    support = cell_support(present)
+    coarse = coarse_occupancy(support, present.shape)
     return GridLayout(
         origin=jnp.asarray(origin, jnp.float32),
         voxel=jnp.asarray(np.broadcast_to(voxel, 3), jnp.float32),
@@ -100,6 +105,17 @@ def build_layout(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | fl
         coarse=jnp.asarray(coarse.ravel()),
         coarse_dims=jnp.asarray(coarse.shape[::-1], jnp.int32),
     )
+
+
+def cell_support(present: np.ndarray) -> np.ndarray:
+    """uint8 [Dz + 2, Dy + 2, Dx + 2]: 1 in the padded cells that a voxel of `present` [Dz, Dy, Dx] helps to interpolate."""
+    support = aligned(tuple(n + 2 for n in present.shape), np.uint8)
+    support[1:-1, 1:-1, 1:-1] = present
+    for axis in range(3):  # cell c is interpolated from voxels c and c + 1 along each axis
+        here, ahead = [slice(None)] * 3, [slice(None)] * 3
+        here[axis], ahead[axis] = slice(None, -1), slice(1, None)
+        support[tuple(here)] |= support[tuple(ahead)]
+    return support
 
 
 def cell_means(layout: GridLayout, values: jax.Array) -> jax.Array:
@@ -117,17 +133,23 @@ def with_depths(layout: GridLayout, tau: jax.Array) -> GridLayout:
     return layout._replace(support=jnp.where(layout.support > 0, code, 0).astype(jnp.uint8))
 
 
-def _coarse_occupancy(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def coarse_occupancy(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """uint8 [Cz, Cy, Cx]: cell c answers for samples at g in [4c - 2, 4c + 6), whose padded cells are 4c - 2 ... 4c + 6."""
-    around = range(-COARSE // 2, COARSE + COARSE // 2 + 1)
     coarse = support
     for axis in range(3):
         count = -(-shape[axis] // COARSE)
         wide = np.pad(coarse, [(COARSE, 3 * COARSE) if other == axis else (0, 0) for other in range(3)])
-        coarse = np.maximum.reduce(
-            [np.take(wide, COARSE + COARSE * np.arange(count) + shift, axis=axis) for shift in around]
-        )
+        coarse = np.uint8(0)
+        for first in range(COARSE // 2, 2 * COARSE + COARSE // 2 + 1):
+            some = (slice(None),) * axis + (slice(first, first + COARSE * (count - 1) + 1, COARSE),)
+            coarse = np.maximum(coarse, wide[some])
     return coarse
+
+
+def occupancy_of(layout: GridLayout) -> Occupancy:
+    """Where the voxels of a layout are."""
+    origin, voxel = np.asarray(layout.origin, np.float64), np.asarray(layout.voxel, np.float64)
+    return Occupancy(present_voxels(layout), origin, voxel)
 
 
 def present_voxels(layout: GridLayout) -> np.ndarray:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 
 from training.marching.march import MarchSizes
 from training.method import ViewMlpParams
@@ -75,3 +77,14 @@ class VoxelState(NamedTuple):
     def after(self, step: Optimised) -> VoxelState:
         """The state with what a step has changed."""
         return self._replace(**step._asdict())
+
+
+def state_over(
+    layout: GridLayout, parts: tuple[Trainable, Trainable, Trainable], updates: jax.Array, rays: int
+) -> VoxelState:
+    """A state that no engine has looked at yet, which draws from all of so many rays. parts: values and their two moments."""
+    (cells,) = np.nonzero(np.asarray(layout.lookup))
+    return VoxelState(
+        *parts, updates=updates, layout=layout, cells=jnp.asarray(np.concatenate([[0], cells]).astype(np.int32)),
+        hits=jnp.zeros(0, jnp.int32), hit_count=jnp.int32(rays), sizes=None, rays=0,
+    )  # fmt: skip

@@ -20,8 +20,15 @@ from training.scenes.pictures import over_background
 from training.voxels.config import VoxelConfig
 from training.voxels.field import render_samples
 from training.voxels.method import VoxelMethod
-from training.voxels.sparse_grid import build_layout, interpolate, present_voxels, voxel_centres
-from training.voxels.state import VoxelState
+from training.voxels.sparse_grid import (
+    Occupancy,
+    build_layout,
+    interpolate,
+    occupancy_of,
+    present_voxels,
+    voxel_centres,
+)
+from training.voxels.state import Trainable, VoxelState, state_over
 from training.voxels.step import adam, draw, loss_and_gradient, marched_batch
 
 pytest.importorskip("numba", reason="the fused engine needs Numba: pip install 'snerg[train]'")
@@ -29,6 +36,7 @@ pytest.importorskip("numba", reason="the fused engine needs Numba: pip install '
 from training.voxels.fused import step as fused_step
 from training.voxels.fused.bricks import build_bricks, support_of
 from training.voxels.fused.engine import FusedEngine, FusedState
+from training.voxels.fused.grid import grid_of
 from training.voxels.fused.rays import Batch, empty_batch, photographs_of
 
 pytestmark = pytest.mark.slow
@@ -243,7 +251,7 @@ def test_a_step_asks_for_no_more_memory_than_its_samples_may_take(both: Both) ->
     dims = np.array([1000, 1000, 3])
     cells, support = np.array([0, 1_500_000]), np.zeros(int(np.prod(dims + 2)), np.uint8)
     support[1_500_000] = 1
-    grid = fused_step.grid_of(cells, support, dims, np.zeros(3), np.ones(3))
+    grid = grid_of(cells, support, dims, np.zeros(3), np.ones(3))
     stepper = fused_step.Stepper(grid, both.method.settings, both.method.engine.workers)
     rays = empty_batch(32_768)
     for array in rays:
@@ -256,7 +264,7 @@ def test_a_step_asks_for_no_more_memory_than_its_samples_may_take(both: Both) ->
 def test_dense_tables_are_given_up_while_steps_are_made(both: Both) -> None:
     state = FusedState(both.plain)
     state.unpack(both.method.settings, both.method.engine.workers)
-    assert state.plain is None and state.stage.layout.lookup is None and state.stage.trainable is None
+    assert state.plain is None
     again = state.pack()
     for ours, theirs in zip(jax.tree.leaves(again), jax.tree.leaves(both.plain), strict=True):
         np.testing.assert_array_equal(np.asarray(ours), np.asarray(theirs))
@@ -305,23 +313,23 @@ def test_a_diffuse_model_has_no_head_to_learn(procedural_path: Path) -> None:
     assert found.metrics["loss"] <= float(loss) and rough[0] > 0
 
 
-def test_what_happens_between_steps_is_asked_of_either_engine_alike(both: Both) -> None:
-    ours, theirs, dataset = both.method.engine, both.jax_method.engine, both.method.dataset
-    ids = np.arange(0, dataset.count, 7, dtype=np.int32)
-    # fog with denser parts, in half of the box: something of every weight, and rays that meet nothing
-    random = np.random.default_rng(0)
-    layout = both.plain.layout
+def foggy(both: Both) -> VoxelState:
+    """Fog with denser parts, in half of the box: something of every weight, and rays that meet nothing."""
+    random, layout = np.random.default_rng(0), both.plain.layout
     present = present_voxels(layout) & (np.arange(int(layout.dims[2])) < int(layout.dims[2]) // 2)[:, None, None]
     layout = build_layout(present, np.asarray(layout.origin), np.asarray(layout.voxel))
-    rows = random.normal(0.0, 2.0, (present.sum() + 1, 8)).astype(np.float32)
+    shape = present.sum() + 1, 8
+    rows, first, second = (random.normal(0.0, 2.0, shape).astype(np.float32) for _ in range(3))
     rows[:, 0] += 6.0
-    rows[0] = 0.0
-    blank = both.plain.first._replace(rows=jnp.zeros_like(rows))
-    cells = np.concatenate([[0], np.nonzero(np.asarray(layout.lookup))[0]]).astype(np.int32)
-    plain = both.plain._replace(
-        trainable=both.plain.trainable._replace(rows=jnp.asarray(rows)), first=blank, second=blank, layout=layout,
-        cells=jnp.asarray(cells), sizes=None,
-    )  # fmt: skip
+    rows[0] = first[0] = second[0] = 0.0
+    heads = (part.head for part in (both.plain.trainable, both.plain.first, both.plain.second))
+    parts = tuple(Trainable(jnp.asarray(part), head) for part, head in zip((rows, first, second), heads, strict=True))
+    return state_over(layout, parts, both.plain.updates, both.method.dataset.count)
+
+
+def test_what_happens_between_steps_is_asked_of_either_engine_alike(both: Both) -> None:
+    ours, theirs, dataset = both.method.engine, both.jax_method.engine, both.method.dataset
+    ids, plain = np.arange(0, dataset.count, 7, dtype=np.int32), foggy(both)
     state, jax_state = ours.remember(ours.begin(plain)), theirs.remember(theirs.begin(plain))
 
     (weights, total), (expected, sums) = ours.visible_weights(state, ids), theirs.visible_weights(jax_state, ids)
@@ -329,16 +337,14 @@ def test_what_happens_between_steps_is_asked_of_either_engine_alike(both: Both) 
     off = np.abs(weights - expected) > 2e-3
     assert off.mean() < 2e-3, "a sample on the border of two voxels may count for either"
     assert total.sum() == pytest.approx(sums.sum(), rel=1e-3) and np.corrcoef(total, sums)[0, 1] > 0.999
-    centres = voxel_centres(present, np.asarray(layout.origin), np.asarray(layout.voxel))
-    points = (centres + random.uniform(-1, 1, centres.shape) * np.asarray(layout.voxel)).astype(np.float32)
-    found, known = ours.raw_at(state, points), theirs.raw_at(jax_state, points)
-    np.testing.assert_allclose(found, known, rtol=1e-3, atol=1e-3 * np.abs(known).max())
-    beyond = points * 1.2  # some without support, some outside the box
+    centres = voxel_centres(*occupancy_of(plain.layout))
+    jitter = np.random.default_rng(0).uniform(-1, 1, centres.shape) * np.asarray(plain.layout.voxel)
+    beyond = (centres + jitter).astype(np.float32) * np.float32(1.2)  # some without support, some outside the box
     for name, values in theirs.query(jax_state, jnp.asarray(beyond))._asdict().items():
         np.testing.assert_allclose(
             getattr(ours.query(state, beyond), name), values, rtol=2e-3, atol=1e-3 * np.abs(values).max(), err_msg=name
         )
-    meets, may = ours.meeting(layout, ids), theirs.meeting(layout, ids)
+    meets, may = ours.meeting(state, ids), theirs.meeting(jax_state, ids)
     assert not (meets & ~may).any() and meets.sum() > 0.6 * may.sum(), "the reference asks coarser cells"
     assert not meets.all()
 
@@ -348,3 +354,29 @@ def test_what_happens_between_steps_is_asked_of_either_engine_alike(both: Both) 
     for name, picture in theirs._asdict().items():
         off = np.abs(np.asarray(getattr(ours, name)) - picture) > 2e-3 * max(np.abs(picture).max(), 1.0)
         assert off.mean() < 2e-3, f"{name}: but for rays that begin a step apart by rounding"
+
+
+@pytest.mark.parametrize("finer", [False, True])
+def test_a_state_moves_to_another_grid_alike_in_either_engine(both: Both, finer: bool) -> None:
+    ours, theirs, plain = both.method.engine, both.jax_method.engine, foggy(both)
+    present, origin, voxel = occupancy_of(plain.layout)
+    keep = present & (np.random.default_rng(1).random(present.shape) < 0.3)
+    kept = None if finer else np.concatenate([[0], 1 + np.flatnonzero(keep[present])])
+    there = Occupancy(keep, origin + 0.4 * voxel, 0.8 * voxel) if finer else Occupancy(keep, origin, voxel)
+    hits = np.arange(3, 500, 5, dtype=np.int32)
+    moved = []
+    for engine in (ours, theirs):
+        state = engine.draw_from(engine.regrid(engine.begin(plain), there, kept), hits, len(hits))
+        where, (drawn, count) = engine.occupancy(state), engine.drawn(state)
+        np.testing.assert_array_equal(where.present, keep)
+        np.testing.assert_allclose((where.origin, where.voxel), (there.origin, there.voxel), rtol=1e-6)
+        assert count == len(hits) and np.array_equal(drawn, hits)
+        moved.append(engine.end(state))
+    for name in ("trainable", "first", "second"):
+        found, known = (np.asarray(getattr(state, name).rows) for state in moved)
+        np.testing.assert_allclose(found, known, rtol=1e-3, atol=1e-3, err_msg=name)
+        assert known.any() == (name == "trainable" or not finer), "moments begin anew where voxels do"
+        assert not known[0].any()
+    for name in ("lookup", "coarse", "dims"):
+        np.testing.assert_array_equal(getattr(moved[0].layout, name), getattr(moved[1].layout, name), err_msg=name)
+    np.testing.assert_array_equal(moved[0].layout.support > 0, moved[1].layout.support > 0)

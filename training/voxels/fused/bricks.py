@@ -136,6 +136,14 @@ def support_of(bricks: Bricks) -> np.ndarray:
     return flat
 
 
+def present_of(bricks: Bricks) -> np.ndarray:
+    """bool [Dz, Dy, Dx]: which voxels are present."""
+    present = np.zeros(bricks.dims[::-1], bool)
+    x, y, z = (bricks.coordinates[1:] - np.int16(1)).T
+    present[z, y, x] = True
+    return present
+
+
 def _flatten(x: np.ndarray, y: np.ndarray, z: np.ndarray, shape: np.ndarray) -> np.ndarray:
     return (z * shape[1] + y) * shape[0] + x
 

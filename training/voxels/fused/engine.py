@@ -17,14 +17,15 @@ from training.arrays import aligned
 from training.dataset import RayDataset
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.voxels.field import finished, shade
-from training.voxels.fused.bricks import support_of
+from training.voxels.fused.bricks import present_of
+from training.voxels.fused.grid import Grid, grid_of, grid_over, layout_of
 from training.voxels.fused.rays import Batch, photographs_of
-from training.voxels.fused.step import PROBE_RAYS, Grid, Stepper, Values, grid_of
+from training.voxels.fused.step import PROBE_RAYS, Stepper, Values
 from training.voxels.fused.survey import WEIGHT_UNITS
 from training.voxels.fused.workers import Workers
 from training.voxels.settings import Plan, Settings
 from training.voxels.smoothness import WINDOW
-from training.voxels.sparse_grid import GridLayout
+from training.voxels.sparse_grid import Occupancy
 from training.voxels.state import Trainable, VoxelState, ray_ids
 
 SURVEYED_TOGETHER = 16_384  # rays that are looked at together between steps
@@ -33,17 +34,16 @@ RAYS_TOGETHER = 64  # the number of rays of a step is a multiple of this
 
 
 class FusedState:
-    """A VoxelState in the order of the fused loops, which change it in place; made of `plain` when the first step asks.
+    """A VoxelState in the order of the fused loops, which change it in place; made of `plain` when somebody first asks.
 
     plain: the same as plain arrays, as far as they are known; None once a step has changed something.
     """
 
     def __init__(self, plain: VoxelState) -> None:
         self.plain: VoxelState | None = plain
-        self.stage, self.rays = plain._replace(trainable=None, first=None, second=None), plain.rays  # type: ignore[arg-type]
-        self.stepper: Stepper | None = None
-        self.updates = int(plain.updates)
+        self.updates, self.rays = int(plain.updates), plain.rays
         self.hits, self.hit_count = np.asarray(plain.hits)[: int(plain.hit_count)], int(plain.hit_count)
+        self.stepper: Stepper | None = None
 
     def unpack(self, settings: Settings, workers: Workers) -> Stepper:
         """Takes the plain arrays over; later calls return the same loops."""
@@ -51,26 +51,36 @@ class FusedState:
             assert self.plain is not None
             layout = self.plain.layout
             grid = grid_of(self.plain.cells, layout.support, layout.dims, layout.origin, layout.voxel)
-            # the dense tables are made again where somebody asks; each part is given up when it is copied
-            self.stage = self.stage._replace(layout=layout._replace(lookup=None, support=None))  # type: ignore[arg-type]
             parts = [self.plain.second, self.plain.first, self.plain.trainable]
             self.plain = None
             self.values, self.first, self.second = (_values(parts.pop(), grid.order) for _ in range(3))
             self.stepper = Stepper(grid, settings, workers)
         return self.stepper
 
+    def move(self, grid: Grid, source: np.ndarray | None, settings: Settings, workers: Workers) -> None:
+        """Goes over to another grid. source int [V + 1]: the row of this one that each row of it has, moments included; None
+        where values are interpolated and their moments begin anew. Old arrays are given up as new ones take their place."""
+        stepper = self.unpack(settings, workers)
+        self.plain = None
+        rows = stepper.resampled(self.values, grid) if source is None else self.values.rows[source]
+        self.values = self.values._replace(rows=rows)
+        del stepper
+        self.stepper = None
+        for name in ("first", "second"):
+            moment: Values = getattr(self, name)
+            setattr(self, name, moment._replace(rows=np.zeros_like(rows) if source is None else moment.rows[source]))
+        self.stepper = Stepper(grid, settings, workers)
+
     def pack(self) -> VoxelState:
         """The state as plain arrays, in the layout's own order."""
         if self.plain is None:
             assert self.stepper is not None
             grid = self.stepper.grid
-            support, cells = support_of(grid.bricks), np.asarray(self.stage.cells)
-            lookup = aligned((support.size,), np.int32)
-            lookup[cells[1:]] = np.arange(1, len(cells))
-            layout = self.stage.layout._replace(support=jnp.asarray(support), lookup=jnp.asarray(lookup))
-            self.plain = self.stage._replace(
-                trainable=_trainable(self.values, grid), first=_trainable(self.first, grid),
-                second=_trainable(self.second, grid), updates=jnp.int32(self.updates), layout=layout, rays=self.rays,
+            layout, cells = layout_of(grid)
+            self.plain = VoxelState(
+                *(_trainable(part, grid) for part in (self.values, self.first, self.second)),
+                updates=jnp.int32(self.updates), layout=layout, cells=cells, hits=jnp.asarray(self.hits),
+                hit_count=jnp.int32(self.hit_count), sizes=None, rays=self.rays,
             )  # fmt: skip
         return self.plain
 
@@ -121,9 +131,15 @@ class FusedEngine:
         state.plain = None
         return state
 
-    def meeting(self, layout: GridLayout, ids: np.ndarray) -> np.ndarray:
-        grid = grid_of(np.zeros(1, np.int64), layout.support, layout.dims, layout.origin, layout.voxel)
-        stepper = Stepper(grid, self.settings, self.workers)
+    def occupancy(self, state: FusedState) -> Occupancy:
+        grid = state.unpack(self.settings, self.workers).grid
+        return Occupancy(present_of(grid.bricks), grid.origin, grid.voxel)
+
+    def drawn(self, state: FusedState) -> tuple[np.ndarray, int]:
+        return state.hits, state.hit_count
+
+    def meeting(self, state: FusedState, ids: np.ndarray) -> np.ndarray:
+        stepper = state.unpack(self.settings, self.workers)
         meets = np.zeros(len(ids), bool)
         for low in range(0, len(ids), SURVEYED_TOGETHER):
             some = ids[low : low + SURVEYED_TOGETHER]
@@ -140,8 +156,19 @@ class FusedEngine:
         by_row[:, stepper.grid.order] = best.max(0), total.sum(0) / WEIGHT_UNITS
         return by_row[0], by_row[1]
 
-    def raw_at(self, state: FusedState, points: np.ndarray) -> np.ndarray:
-        return state.unpack(self.settings, self.workers).interpolate(state.values, points)
+    def regrid(self, state: FusedState, occupancy: Occupancy, kept: np.ndarray | None) -> FusedState:
+        old, grid = state.unpack(self.settings, self.workers).grid, grid_over(occupancy)
+        source = None
+        if kept is not None:
+            row_of_old = np.empty(len(old.order), np.int32)
+            row_of_old[old.order] = np.arange(len(old.order), dtype=np.int32)
+            source = row_of_old[kept[grid.order]]
+        state.move(grid, source, self.settings, self.workers)
+        return state
+
+    def draw_from(self, state: FusedState, hits: np.ndarray, hit_count: int) -> FusedState:
+        state.hits, state.hit_count, state.plain = np.asarray(hits), hit_count, None
+        return state
 
     def query(self, state: FusedState, points: jax.Array | np.ndarray) -> FieldOutput:
         values = state.unpack(self.settings, self.workers).query(state.values, np.asarray(points))

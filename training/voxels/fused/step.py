@@ -9,11 +9,10 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from scenepack.constants import TRANSMITTANCE_SHADED
 from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, segments_across
-from training.voxels.fused.bricks import Bricks, build_bricks
+from training.voxels.fused.grid import Grid
 from training.voxels.fused.head import (
     COLOUR,
     PARAMETERS,
@@ -37,16 +36,8 @@ from training.voxels.smoothness import WINDOW
 NEVER = 2**62  # an optical depth that no ray reaches
 CHUNKS_AT_ONCE = 4  # that a worker claims
 ROOM = 64  # samples a ray that a chunk has room for, before one of them needs more
+POINTS_TOGETHER = 1 << 20  # of voxels, whose values are interpolated together
 PROBE_RAYS = 4096  # whose sample counts tell how many rays fill a step
-
-
-class Grid(NamedTuple):
-    """Where the voxels are: bricks, order; origin, voxel [3] world units, float64."""
-
-    bricks: Bricks
-    order: np.ndarray
-    origin: np.ndarray
-    voxel: np.ndarray
 
 
 class Values(NamedTuple):
@@ -235,6 +226,16 @@ class Stepper:
         self.workers.share(-(-len(points) // size), look)
         return raw
 
+    def resampled(self, values: Values, grid: Grid) -> np.ndarray:
+        """Raw values float32 [V' + 1, 8] at the centres of another grid's voxels, by its rows."""
+        coordinates = grid.bricks.coordinates
+        rows = np.zeros((len(coordinates), 8), np.float32)
+        for low in range(1, len(rows), POINTS_TOGETHER):
+            padded = coordinates[low : low + POINTS_TOGETHER]
+            centres = (padded - np.float32(0.5)) * grid.voxel.astype(np.float32) + grid.origin.astype(np.float32)
+            rows[low : low + POINTS_TOGETHER] = self.interpolate(values, centres)
+        return rows
+
     def query(self, values: Values, points: np.ndarray) -> np.ndarray:
         """float32 [N, 8] at world points float32 [N, 3]: density (0 without support), colours and features in [0, 1]."""
         field, size, grid, numbers = np.empty((len(points), 8), np.float32), 4096, self.grid, self.numbers
@@ -320,9 +321,3 @@ class Stepper:
         inner = np.quantile(drawn, np.arange(1, count) / count) if drawn.size else np.zeros(count - 1)
         bounds = np.concatenate([[0], np.minimum(np.round(inner / 64) * 64, rows // 64 * 64), [rows]])
         return bounds.astype(np.int64)
-
-
-def grid_of(cells: ArrayLike, support: ArrayLike, dims: ArrayLike, origin: ArrayLike, voxel: ArrayLike) -> Grid:
-    """The bricks of a layout, from its arrays: cells [V + 1] padded flat index of each row, the first for row 0."""
-    bricks, order = build_bricks(np.asarray(cells)[1:], np.asarray(support), np.asarray(dims))
-    return Grid(bricks, order, np.asarray(origin, np.float64), np.asarray(voxel, np.float64))
