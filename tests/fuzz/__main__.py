@@ -63,7 +63,7 @@ class Campaign:
             self.causes[outcome.key] += outcome.kind == FINDING
         if new:
             recipe = smaller(recipe, lambda fewer: worker.outcome(fewer).key == outcome.key)
-            kept = self.kept and not is_expected(outcome.key)
+            kept = self.kept and not is_expected(recipe, outcome.key)
             place = keep(recipe, outcome.key, outcome.line).name if kept else str(recipe)
             print(f"{recipe['subject']} {number}: {outcome.key}: {outcome.line}\n    {place}", flush=True)
 

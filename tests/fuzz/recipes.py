@@ -64,10 +64,10 @@ def smaller(recipe: Recipe, same: Callable[[Recipe], bool]) -> Recipe:
     return recipe
 
 
-def is_expected(key: str) -> bool:
+def is_expected(recipe: Recipe, key: str) -> bool:
     """Whether a finding of that cause is kept already, as one that is not mended yet."""
     kept = (json.loads(file.read_text(encoding="utf-8")) for file in findings())
-    return any("expected" in recipe and recipe["found"].startswith(key) for recipe in kept)
+    return any("expected" in one and one["base"] == recipe["base"] and one["found"].startswith(key) for one in kept)
 
 
 def keep(recipe: Recipe, key: str, line: str) -> Path:

@@ -26,13 +26,12 @@ FARTHEST = 1e6  # from the origin, in voxels: float32 tells no halves of them be
 MOST_RAYS, LONGEST_LIST = 1 << 22, 1 << 26  # of a step
 
 
-def require_fitting(arrays: Mapping[str, np.ndarray], rays: int) -> None:
+def require_fitting(arrays: Mapping[str, np.ndarray], rays: int, *, with_head: bool) -> None:
     """UserError, naming the array, unless they make up a state of a scene with so many training rays. KeyError where one is
-    missing."""
+    missing. with_head: a view MLP is trained, too."""
     for name, shape, kind in SHAPES:
         _require(arrays, name, shape, kind)
     rows = len(arrays["cells"])
-    with_head = "trainable.weight0" in arrays
     for part in PARTS:
         _require(arrays, f"{part}.rows", (rows, CHANNELS), "f")
         for layer, (inputs, outputs) in enumerate(pairwise(VIEW_MLP_WIDTHS)) if with_head else ():

@@ -74,5 +74,5 @@ class VoxelMethod:
         return save(self.engine.end(state))
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
-        require_fitting(arrays, self.dataset.count)
+        require_fitting(arrays, self.dataset.count, with_head=self.config.voxels.view_dependence)
         return self.engine.begin(restore(arrays))
