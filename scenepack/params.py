@@ -150,9 +150,13 @@ class _Checker:
 
     def frame(self) -> np.ndarray:
         matrix = self.array("worldspace_T_opengl", (4, 4), np.float64)
+        if np.max(np.abs(matrix)) > LARGEST_VOXEL:
+            raise UserError(
+                "worldspace_T_opengl is out of range", where=self.where, expected=f"at most {LARGEST_VOXEL:g}"
+            )
         # Relative to the lengths of its rows, so that a scaled frame is not taken for a singular one.
-        volume = abs(np.linalg.det(matrix[:3, :3])) if np.max(np.abs(matrix)) < LARGEST_VOXEL else 0.0
-        if volume <= 1e-9 * np.prod(np.linalg.norm(matrix[:3, :3], axis=1)) or matrix[3, 3] == 0:
+        lengths = np.linalg.norm(matrix[:3, :3], axis=1)
+        if abs(np.linalg.det(matrix[:3, :3])) <= 1e-9 * np.prod(lengths) or matrix[3, 3] == 0:
             raise UserError("worldspace_T_opengl is singular", where=self.where, expected="a rotation, 4×4")
         return matrix
 
