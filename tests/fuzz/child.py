@@ -28,6 +28,7 @@ from tests.fuzz.words import Unfit, require_words
 ROOT = Path(__file__).parents[2]
 LEEWAY = 1 << 30  # bytes above what valid files need
 OPENED, REFUSED, FINDING = "opened", "refused", "finding"
+UNSEEN = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)  # Python shows none of them
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 _CHANGING = {"os.remove", "os.rename", "os.rmdir", "os.mkdir", "shutil.rmtree", "os.truncate", "os.link", "os.symlink"}
 _STARTING = {"os.system", "os.exec", "os.posix_spawn", "os.startfile", "socket.connect", "socket.bind", "ctypes.dlopen"}
@@ -129,6 +130,8 @@ def _of_warnings(caught: list[warnings.WarningMessage]) -> Outcome | None:
     """A finding where a warning is not fit to be shown, or is one that tells a user nothing."""
     for warning in caught:
         text = str(warning.message)
+        if issubclass(warning.category, UNSEEN):
+            continue
         if not issubclass(warning.category, Notice):
             place = Path(warning.filename).name
             if "/PIL/" in warning.filename:  # of what it reads past; commands do not show it
