@@ -8,7 +8,6 @@ pack wherever that goes, as a folder, in a .zip, or into another codec; who does
 from __future__ import annotations
 
 import base64
-import binascii
 import io
 from collections.abc import Mapping
 from typing import Any
@@ -51,5 +50,7 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
             if max(opened.size) > LARGEST_SIDE:
                 return None
             return np.asarray(opened.convert("RGB"))
-    except (OSError, ValueError, SyntaxError, binascii.Error, Image.DecompressionBombError):
+    except MemoryError:
+        raise
+    except Exception:  # Pillow raises a dozen unrelated types
         return None

@@ -10,6 +10,8 @@ from __future__ import annotations
 import io
 import math
 import os
+import struct
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,6 +29,11 @@ FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 # Of a mask that is all white, as DEFLATE stores it; photographs have a few. Pictures up to the latter size need not tell.
 MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
+# What Pillow raises for damaged files; its readers were not written with one error in mind.
+UNREADABLE = (
+    OSError, SyntaxError, ValueError, AssertionError, LookupError, TypeError, ArithmeticError, AttributeError, EOFError,
+    struct.error, zlib.error,
+)  # fmt: skip
 _EXPECTED = "PNG, JPEG, WebP, TIFF or BMP"
 
 
@@ -40,7 +47,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     except UnidentifiedImageError as error:
         found = told(_head(path))
         raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=found) from error
-    except (OSError, SyntaxError, ValueError) as error:
+    except UNREADABLE as error:
         raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=_short(error)) from error
 
 
@@ -68,7 +75,7 @@ def decoded(path: Path) -> np.ndarray:
                 return np.repeat(np.asarray(image, np.float32)[..., None] / 65535.0, 3, axis=-1)
             mode = "RGBA" if image.has_transparency_data else "RGB"
             return np.asarray(image if image.mode == mode else image.convert(mode))
-    except (OSError, SyntaxError, ValueError) as error:
+    except UNREADABLE as error:
         raise UserError(
             "the picture cannot be decoded",
             where=path,
@@ -216,7 +223,7 @@ class PictureLoader:
             small = _small(self.path, side, "RGBA")
             if self.mask is not None:
                 small.putalpha(_small(self.mask, side, "L").resize(small.size))
-        except (OSError, SyntaxError, ValueError) as error:
+        except UNREADABLE as error:
             raise UserError("the picture cannot be decoded", where=self.path, found=_short(error)) from error
         return small
 
@@ -257,4 +264,4 @@ def times(size: Sequence[int]) -> str:
 
 def _short(error: Exception) -> str:
     """The first sentence of a decoder's complaint, without the path that we print already."""
-    return str(error).split("\n")[0][:120]
+    return str(error).split("\n")[0][:120] or type(error).__name__
