@@ -19,7 +19,7 @@ from training.scenes.box import checked_box, with_box
 from training.scenes.rays import camera_rays
 from training.scenes.scene import Scene, SceneOptions
 
-MOST_DISTORTION = 1e6  # of each coefficient; beyond, some pixels have no ray
+MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some pixels have no ray
 PROBES = 5  # pixels along each side of a picture whose rays are tried
 AS_IT_IS = SceneOptions()
 LAYOUTS = (blender, llff, transforms, colmap)  # COLMAP last: others keep its files beside their own
@@ -68,9 +68,11 @@ def _require_rays(scene: Scene) -> None:
         x, y = (side * np.linspace(0, 1, PROBES) for side in (camera.width, camera.height))
         with np.errstate(all="ignore"):
             directions = camera_rays(camera, *np.meshgrid(x, y))[1]
-        if not np.isfinite(directions).all() or np.abs(camera.distortion).max() > MOST_DISTORTION:
+        numbers = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
+        if not np.isfinite(directions).all() or not (np.abs(numbers) < MOST_OF_A_LENS).all():
             raise UserError("the camera's lens leads to no rays", where=f"{scene.path}: {photograph.name}",
-                            found=f"fx {camera.fx:g}, fy {camera.fy:g}, distortion {camera.distortion}")  # fmt: skip
+                            expected=f"fx, fy, cx, cy, k1, k2, p1, p2 below {MOST_OF_A_LENS:g}",
+                            found=", ".join(f"{number:g}" for number in numbers))  # fmt: skip
 
 
 def _looked_for() -> str:
