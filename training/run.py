@@ -106,12 +106,24 @@ def resume_run(path: Path, description: RunDescription, scene_path: Path, config
 
     config: its own, but for settings that may change (more steps, say); it is stored, as is where the photographs are now.
     """
+    with together():
+        _require_own_files(path)
     description = replace(description, config=config, scene=scene_path.resolve())
     checkpoint = _newest_checkpoint(path) if list_checkpoints(path / "checkpoints") else None
     run = _assemble(path, description, scene_path, checkpoint)
     with together():
         write_description(path, description)
     return run
+
+
+def _require_own_files(path: Path) -> None:
+    """UserError where something else stands in the place of a file of the run: going on would write through a link into
+    another file of the user's, or wait for a pipe's reader."""
+    for folder in (path, path / "validation", path / "report", path / "checkpoints"):
+        for file in folder.iterdir() if folder.is_dir() else ():
+            if not file.is_dir() and (file.is_symlink() or not file.is_file()):
+                raise UserError("is no file of the run but a link, a pipe or a device", where=file,
+                                remedy="put a copy of the file in its place, or remove it")  # fmt: skip
 
 
 def _assemble(

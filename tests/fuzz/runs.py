@@ -15,7 +15,7 @@ from training.commands.train import FREE, changed_settings
 from training.curves import draw_curves
 from training.journal import Journal, read_journal
 from training.report import write_report
-from training.run import Run, load_run, read_description
+from training.run import Run, read_description, resume_run
 
 OLDER = Path(__file__).parents[1] / "data" / "older"
 BASES = ("nerf", "voxels")
@@ -40,7 +40,7 @@ def open_it(path: Path, base: str, scene: Path) -> None:
     """Reads it as `snerg-train --resume`, `snerg-bake` and the viewer's plots do; makes one step where it is as configured."""
     description = read_description(path)
     moved = description.scene == read_description(OLDER / base).scene
-    run = load_run(path, scene_path=scene if moved else None)
+    run = resume_run(path, description, scene if moved else description.scene, description.config)
     journal = Journal(path / "metrics.jsonl", run.step)
     if not np.isfinite([journal.seconds, journal.training_seconds]).all():
         raise AssertionError("the run took no time that could be told")

@@ -14,7 +14,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -24,6 +23,7 @@ from tests.fuzz.trees import clear
 
 SECONDS = 20.0  # of the processor, or without doing anything
 PATIENCE = 120.0  # at most, however busy the machine
+LOOK_EVERY = 0.5
 START_SECONDS = 600.0
 _TICKS = os.sysconf("SC_CLK_TCK")
 
@@ -79,15 +79,16 @@ class Worker:
         """The child's next line; "" where it died, None where it took too long: on the processor, or doing nothing."""
         child = self._child
         assert child is not None and child.stdout is not None
-        begun = worked_at = time.monotonic()
         first = last = _processor_seconds(child.pid)
+        waited = idle = 0.0
         while True:
-            if select.select([child.stdout], [], [], 0.5)[0]:
+            if select.select([child.stdout], [], [], LOOK_EVERY)[0]:
                 return child.stdout.readline()
-            now, used = time.monotonic(), _processor_seconds(child.pid)
-            if used > last:
-                last, worked_at = used, now
-            if used - first > seconds or now - worked_at > seconds or now - begun > patience:
+            used, stopped = _processor_seconds(child.pid), _is_stopped(child.pid)
+            waited += 0.0 if stopped else LOOK_EVERY  # counted, not measured: we may have been stopped ourselves
+            idle = 0.0 if used > last or stopped else idle + LOOK_EVERY
+            last = used
+            if used - first > seconds or idle > seconds or waited > patience:
                 return None
 
     def _death(self) -> Outcome:
@@ -108,6 +109,13 @@ class Worker:
             self._child.stdout.close()  # type: ignore[union-attr]
             self._complaints.close()
         self._child = None
+
+
+def _is_stopped(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
+    except OSError:
+        return False
 
 
 def _processor_seconds(process: int) -> float:
