@@ -13,7 +13,7 @@ from training.dataset import RayDataset
 from training.marching.layout import depth_where
 from training.voxels.config import KindSettings, settings_for
 
-SETTLING_STEPS = 80  # before this nothing is visible enough to tell content from air, however short the run
+SETTLING_STEPS = 80  # of a stage, at least: before this too little is visible to tell content from air, however short the run
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
 NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
 ADAM_BETAS = (0.9, 0.99)
@@ -21,6 +21,9 @@ COARSEST, FINEST = 64, (96, 512)  # voxels along the longest side: of the first 
 VOXELS_PER_PIXEL = 1.15  # of the photographs' longer side
 MOST_FINER = 2.3  # how much finer a stage may be than the one before: a surface's shell grows thicker by as much
 SAMPLES, FINE_FOR_SAMPLES = 65_536, 256  # samples a step of grids up to this fine
+# Coarse stages last no longer than in a run of so many steps. Left alone, a coarse grid ends as a thin crisp shell that is
+# wrong by a coarse voxel, and what pruning took around it does not come back: a lego of 24,000 steps ended 1 dB lower.
+COARSE_IN_STEPS_OF = 6000
 MOST_RAYS = 8  # times the config's batch size: where few samples have support, rays are drawn up to this many
 
 
@@ -108,16 +111,16 @@ def schedule(by_kind: KindSettings, steps: int, resolutions: tuple[int, ...]) ->
     """step -> resolution of the grid from then on; a step that keeps the resolution only prunes.
 
     Where there is one resolution more than starts, the second of these is split in two, and the finest stage waits longer.
+    Longer runs spend what they have more on the finest stage.
     """
-    events: dict[int, int] = {}
     starts = by_kind.stage_starts
     if len(resolutions) == len(starts) + 1 > 2:
         starts = (0.0, 0.5 * starts[1], 1.5 * starts[1], *(start + 0.05 for start in starts[2:]))
-    for share in sorted({*starts, *by_kind.prunings}):
-        stage = max(i for i, start in enumerate(starts) if start <= share)
-        step = round(share * steps)
-        events[max(step, SETTLING_STEPS) if step else 0] = resolutions[stage]
-    return events
+    coarse = min(steps, COARSE_IN_STEPS_OF)
+    begins = [max(round(start * coarse), stage * SETTLING_STEPS) for stage, start in enumerate(starts)]
+    prunings = (max(round(share * steps), SETTLING_STEPS) for share in by_kind.prunings)
+    stages = {step: sum(begin <= step for begin in begins) - 1 for step in sorted({*begins, *prunings})}
+    return {step: resolutions[stage] for step, stage in stages.items()}
 
 
 def settings_of(config: TrainConfig, dataset: RayDataset, plan: Plan) -> Settings:
