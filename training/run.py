@@ -8,6 +8,7 @@ state, from the newest checkpoint.
 from __future__ import annotations
 
 import json
+import os
 import platform
 import time
 from dataclasses import dataclass, replace
@@ -221,6 +222,7 @@ def read_description(path: Path) -> RunDescription:
         document = read_json_file(file)
         if document["format"] != FORMAT:
             raise UserError("made by another version of snerg", where=file, expected=FORMAT, found=document["format"])
+        os.fsencode(document["scene"])  # ValueError where it could be no path
         config = from_json(TrainConfig, document["config"], str(file))
         return RunDescription(
             config,
