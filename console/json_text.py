@@ -6,9 +6,12 @@ range), so that whoever asks whether a number is finite need not know of integer
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 from typing import Any
+
+from console.atomic import is_stream
 
 MOST_BYTES = 16 << 20  # a thousand cameras take one of them
 MOST_LEVELS = 64
@@ -36,7 +39,9 @@ def parse_json(text: bytes | str) -> Any:
 
 
 def read_json_file(path: Path) -> Any:
-    """The value in the file `path`. ValueError as parse_json, OSError where it cannot be read."""
+    """The value in the file `path`. ValueError as parse_json, OSError where it cannot be read, or is a pipe: nobody may write."""
+    if is_stream(path):
+        raise OSError(errno.EINVAL, "a device or a pipe, not a file", str(path))
     with open(path, "rb") as file:
         return parse_json(file.read(MOST_BYTES + 1))
 

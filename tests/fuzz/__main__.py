@@ -59,8 +59,10 @@ class Campaign:
                 outcome = again if again.kind == FINDING else Outcome(FINDING, f"once: {outcome.key}", outcome.line)
         with self._lock:
             self.counts[class_of(recipe), outcome.kind] += 1
-            new = outcome.kind == FINDING and outcome.key not in self.causes
-            self.causes[outcome.key] += outcome.kind == FINDING
+            told = outcome.key.startswith(("hang", "death"))  # which do not say where
+            cause = f"{outcome.key}, {class_of(recipe)}" if told else outcome.key
+            new = outcome.kind == FINDING and cause not in self.causes
+            self.causes[cause] += outcome.kind == FINDING
         if new:
             recipe = smaller(recipe, lambda fewer: worker.outcome(fewer).key == outcome.key)
             kept = self.kept and not is_expected(recipe, outcome.key)
