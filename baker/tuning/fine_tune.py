@@ -16,22 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from baker.tuning.pack_layout import (
-    PackLayout,
-    accumulate,
-    over_background,
-    pack_layout,
-    pack_rays,
-    pack_sizes,
-    pack_voxels,
-)
+from baker.tuning.marcher import Accumulated, make_marcher
+from baker.tuning.pack_layout import over_background
 from baker.view_mlp import from_params, to_params
 from scenepack.constants import TRANSMITTANCE_SHADED
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.marching.batches import until_complete
-from training.marching.march import MarchSizes
-from training.marching.rays import GridFrameRays
 from training.method import ViewMlpParams
 from training.view_mlp import apply_view_mlp
 
@@ -39,7 +29,6 @@ LEARNING_RATE = 3e-4
 EPOCHS = 100
 BATCH = 16_384
 MAX_PIXELS = 1_000_000  # training pixels marched at most, an even random share: ample for 850 weights
-CHUNK_RAYS, CHUNK_SAMPLES = 4096, 131_072
 
 
 class Pixels(NamedTuple):
@@ -87,36 +76,24 @@ def shaded_pixels(
     pack: Pack, dataset: RayDataset, seed: int, on_share: Callable[[float, str], None] | None
 ) -> Pixels | None:
     """Marches the training pixels through the pack and keeps those that the viewer shades (T <= 254/255)."""
-    layout, voxels = pack_layout(pack), pack_voxels(pack)
-    rays, sizes = pack_rays(pack, dataset), pack_sizes(pack, CHUNK_SAMPLES)
     ids = np.random.default_rng(seed).permutation(dataset.count)[:MAX_PIXELS].astype(np.int32)
-
-    def march_some(places: np.ndarray) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
-        *made, complete = _march_pixels(layout, voxels, dataset, rays, jnp.asarray(ids[places]), sizes, pack.ndc)
-        return (made[0], made[1]), complete
-
-    kept = []
-    for start, end, (values, shaded) in until_complete(len(ids), CHUNK_RAYS, march_some):
-        kept.append(np.asarray(values)[: end - start][np.asarray(shaded)[: end - start]])
-        if on_share:
-            on_share(0.5 * end / len(ids), "marching training pixels")
-    table = np.concatenate(kept)
-    if len(table) == 0:
+    ids.sort()  # neighbours read the same memory
+    sums = make_marcher(pack, dataset).accumulate(
+        ids, on_share and (lambda share: on_share(0.5 * share, "marching training pixels"))
+    )
+    shaded = np.asarray(sums.transmittance) <= TRANSMITTANCE_SHADED
+    if not shaded.any():
         return None
-    return Pixels(*(jnp.asarray(part) for part in np.split(table, [3, 7, 10, 13], axis=1)))
+    sums = Accumulated(*(jnp.asarray(part[shaded]) for part in sums))
+    return _pixels(sums, dataset, jnp.asarray(ids[shaded]), pack.ndc)
 
 
-@partial(jax.jit, static_argnames=("sizes", "ndc"))
-def _march_pixels(
-    layout: PackLayout, voxels: jax.Array, dataset: RayDataset, source: GridFrameRays, ids: jax.Array,
-    sizes: MarchSizes, ndc: bool,
-) -> tuple[jax.Array, jax.Array, jax.Array]:  # fmt: skip
-    """[N, 14] diffuse, features, viewdirs, target, opacity of pixels `ids`; which are shaded; which were marched whole."""
-    rays, target = source.geometry_at(ids), dataset.colours_at(ids)
-    sums, complete = accumulate(layout, voxels, rays, sizes)
+@partial(jax.jit, static_argnames="ndc")
+def _pixels(sums: Accumulated, dataset: RayDataset, ids: jax.Array, ndc: bool) -> Pixels:
+    """What is accumulated along rays `ids`, ready for the view MLP, and what the photographs show there."""
     diffuse, features, behind = over_background(sums, dataset.background, ndc)
-    table = jnp.concatenate([diffuse, features, rays.viewdirs, target, 1 - behind[:, None]], axis=-1)
-    return table, behind <= TRANSMITTANCE_SHADED, complete
+    viewdirs, target = dataset.geometry_at(ids).viewdirs, dataset.colours_at(ids)
+    return Pixels(diffuse, features, viewdirs, target, 1 - behind[:, None])
 
 
 def _squared_error(params: ViewMlpParams, pixels: Pixels) -> jax.Array:

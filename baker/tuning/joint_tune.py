@@ -22,7 +22,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from baker.tuning.pack_layout import MAX_ALPHA, Accumulated, PackLayout, composite, over_background
+from baker.tuning.marcher import Accumulated
+from baker.tuning.pack_layout import MAX_ALPHA, PackLayout, composite, over_background
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP
 from training.dataset import RayDataset
 from training.marching.layout import blend

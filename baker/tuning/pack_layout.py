@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from baker.tuning.marcher import Accumulated
 from scenepack.blocks import block_copy
 from scenepack.constants import ALPHA_CONTRIBUTES, FEATURES, TRANSMITTANCE_STOP, UNPREMULTIPLY_GAIN
 from scenepack.pack import Pack
@@ -86,14 +87,6 @@ class PackLayout(NamedTuple):
         side = self.block_size + 2
         offsets = jnp.stack([(dz * side + dy) * side + dx for dz in (0, 1) for dy in (0, 1) for dx in (0, 1)])
         return self._flat(slot, lower)[:, None] + offsets, trilinear_weights(fraction)
-
-
-class Accumulated(NamedTuple):
-    """What the march leaves of N rays: colour [N, 3] and features [N, 4], premultiplied; T [N] behind the last sample."""
-
-    colour: jax.Array
-    features: jax.Array
-    transmittance: jax.Array
 
 
 def over_background(

@@ -19,27 +19,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.pack_layout import pack_layout, pack_rays, pack_sizes
-from baker.tuning.sighting import Sight, Sighted, lines_of_sight, see
+from baker.tuning.marcher import make_marcher
+from baker.tuning.sighting import lines_of_sight
 from scenepack.blocks import block_copy, fill_atlas
-from scenepack.constants import TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.dataset import RayDataset
-from training.marching.batches import until_complete
-from training.marching.layout import depth_where
-from training.marching.march import MarchSizes
 
 TAU_WEIGHT = 0.0085  # on a lego at 512³ this empties one voxel in seven and costs 0.04 dB
 HIDDEN, DEEP, DENSER = 0.3, 0.02, 20.0  # from transmittance HIDDEN down to DEEP, density grows to DENSER times itself
-EARLY_TERMINATION = 1e-4  # T at which marches end; depths are estimates, so far behind the last T that counts
-CHUNK_RAYS, CHUNK_SAMPLES = 16_384, 524_288
 
 
 @dataclass(frozen=True)
@@ -129,52 +120,16 @@ class Light:
 
 def light_of(pack: Pack, dataset: RayDataset, seed: int, on_share: Callable[[float], None] | None) -> Light | None:
     """The light that arrives at the voxels of a pack in the training photographs; None where they do not see it."""
-    blocks = [tuple(block) for block in np.argwhere(pack.occupied)]
-    size, side = pack.block_size, pack.padded_block_size
-    layout, rays, sizes = pack_layout(pack), pack_rays(pack, dataset), pack_sizes(pack, CHUNK_SAMPLES)
-    alpha = np.zeros((max(len(blocks), 1), side, side, side), np.uint8)
-    for slot, block in enumerate(blocks):
-        alpha[slot] = block_copy(pack, pack.atlas_rgba, block)[..., 3]
-    scene = Sighted(layout, rays, jnp.asarray(alpha.reshape(-1)))
-    sight = lines_of_sight(scene, dataset, sizes, seed)
+    size, side, marcher = pack.block_size, pack.padded_block_size, make_marcher(pack, dataset)
+    sight = lines_of_sight(marcher, dataset, seed)
     if sight is None:
         return None
-    copies = np.asarray(_transmittance_of_copies(scene, sight, sizes, on_share)).reshape(alpha.shape)
+    copies = marcher.light(sight.ids, sight.away, on_share)
     # A voxel is in the copies of up to eight macroblocks; a sample touches one of them.
     margin = max(sight.reach, 1)
     best = np.zeros([n * size + 2 * margin for n in pack.occupied.shape], np.uint8)
-    for slot, block in enumerate(blocks):
+    for slot, block in enumerate(np.argwhere(pack.occupied)):
         at = best[tuple(slice(b * size + margin - 1, b * size + margin - 1 + side) for b in block)]
         np.maximum(at, copies[slot], out=at)
     cut = margin - sight.reach
     return Light(best[(slice(cut, -cut or None),) * 3], size, sight.reach) if best.any() else None
-
-
-def _transmittance_of_copies(
-    scene: Sighted, sight: Sight, sizes: MarchSizes, on_share: Callable[[float], None] | None
-) -> jax.Array:
-    """uint8 [slots B³]: the transmittance of voxels of the padded copies."""
-    best = jnp.zeros(scene.alpha.size, jnp.uint8)
-
-    def march_some(places: np.ndarray) -> tuple[None, jax.Array]:
-        nonlocal best
-        some = jnp.asarray(sight.ids[places]), jnp.asarray(sight.away[places])
-        best, complete = _raise_transmittance(best, scene, *some, sizes)
-        return None, complete
-
-    for _, done, _ in until_complete(len(sight.ids), CHUNK_RAYS, march_some):
-        if on_share:
-            on_share(done / len(sight.ids))
-    return best
-
-
-@partial(jax.jit, static_argnames="sizes", donate_argnums=0)
-def _raise_transmittance(
-    best: jax.Array, scene: Sighted, ids: jax.Array, away: jax.Array, sizes: MarchSizes
-) -> tuple[jax.Array, jax.Array]:
-    """Raises `best` by what rays `ids`, moved by `away` [N, 2] pixels, see; also which rays were marched whole."""
-    seen = see(scene, ids, away, sizes, depth_where(EARLY_TERMINATION))
-    arrives = (seen.before > TRANSMITTANCE_STOP) & (seen.alpha > 0)
-    at = jnp.where(arrives[:, None] & (seen.shares > 0), seen.corners, best.size)
-    value = jnp.ceil(255 * seen.before).astype(jnp.uint8)
-    return best.at[at].max(jnp.broadcast_to(value[:, None], at.shape), mode="drop"), seen.samples.complete

@@ -10,7 +10,6 @@ no content are not marched. Their number grows with the surface in view alone, a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from math import ceil, sqrt
 from typing import NamedTuple
 
@@ -18,11 +17,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.pack_layout import MAX_ALPHA, PackLayout
-from scenepack.constants import ALPHA_CONTRIBUTES
+from baker.tuning.marcher import Box, PackMarcher
 from training.dataset import RayDataset
-from training.marching.batches import rays_that_meet
-from training.marching.march import MarchSizes, Samples, march, transmittance
 from training.marching.rays import GridFrameRays, to_grid
 
 SPACING = 3.0  # voxels between neighbouring rays
@@ -30,14 +26,6 @@ MOST_RAYS = 8_000_000  # that meet content
 PILOTS = 16_384  # rays that tell how many voxels wide pixels are
 FEW_WIDER = 0.9  # share of the pilots whose pixels are no wider than what is taken for the width
 LOOKED_AT = 1_048_576  # places at once that are tested for content
-
-
-class Sighted(NamedTuple):
-    """A pack to look at: where its voxels are, the training rays in its frame, alpha uint8 [slots B³] of padded copies."""
-
-    layout: PackLayout
-    rays: GridFrameRays
-    alpha: jax.Array
 
 
 class Sight(NamedTuple):
@@ -48,67 +36,52 @@ class Sight(NamedTuple):
     reach: int
 
 
-class Seen(NamedTuple):
-    """Samples of rays: T before each [S], its alpha [S], corners int32 [S, 8] and shares [S, 8] as PackLayout.corners."""
-
-    samples: Samples
-    before: jax.Array
-    alpha: jax.Array
-    corners: jax.Array
-    shares: jax.Array
-
-
-def lines_of_sight(scene: Sighted, dataset: RayDataset, sizes: MarchSizes, seed: int) -> Sight | None:
+def lines_of_sight(marcher: PackMarcher, dataset: RayDataset, seed: int) -> Sight | None:
     """The rays; None where no photograph sees anything."""
     rng = np.random.default_rng(seed)
     pilots = rng.integers(0, dataset.count, max(8 * PILOTS, 1), np.int32)
-    meets = rays_that_meet(scene.layout, scene.rays, pilots, sizes.segments)
+    meets = marcher.meets(pilots)
     if not meets.any():
         return None
-    width = _pixel_width(scene, np.resize(pilots[meets], PILOTS), sizes)
+    width = _pixel_width(marcher, np.resize(pilots[meets], PILOTS))
     if width is None:
         return None
     step, expected = SPACING / width, meets.mean() * dataset.count * (width / SPACING) ** 2
     wider = sqrt(max(expected / MOST_RAYS, 1.0))
     ids, away = [], []
     for places, moved in _lattices(dataset, step * wider, rng):
-        chosen = rays_that_meet(scene.layout, scene.rays, places, sizes.segments, away=moved)
+        chosen = marcher.meets(places, moved)
         ids.append(places[chosen])
         away.append(moved[chosen])
     reach = ceil(SPACING * wider - 2)
     return Sight(np.concatenate(ids), np.concatenate(away), reach)
 
 
-def _pixel_width(scene: Sighted, ids: np.ndarray, sizes: MarchSizes) -> float | None:
-    """How many voxels apart the rays of neighbouring pixels are where they meet surfaces, for all but the widest pixels."""
-    chunk = PILOTS // 4
-    widths = np.concatenate(
-        [np.asarray(_widths(scene, jnp.asarray(ids[at : at + chunk]), sizes)) for at in range(0, len(ids), chunk)]
-    )
-    met = widths[np.isfinite(widths) & (widths > 0)]
-    return float(np.quantile(met, FEW_WIDER)) if len(met) else None
+def _pixel_width(marcher: PackMarcher, ids: np.ndarray) -> float | None:
+    """How many voxels apart the rays of neighbouring pixels are where they meet surfaces, for all but the widest pixels: at
+    the last sample with half of the light or more."""
+    depths = marcher.half_depths(ids)
+    met = depths > 0
+    if not met.any():
+        return None
+    widths = np.asarray(_widths(marcher.box, marcher.rays, jnp.asarray(ids), jnp.asarray(depths)))[met]
+    return float(np.quantile(widths, FEW_WIDER))
 
 
-@partial(jax.jit, static_argnames="sizes")
-def _widths(scene: Sighted, ids: jax.Array, sizes: MarchSizes) -> jax.Array:
-    """float32 [N]: voxels from a ray to those of the next column and row, the wider of both, at its last sample with half
-    of the light or more; 0 where a ray has no sample.
-    """
-    count = ids.shape[0]
-    centre = jnp.zeros((count, 2))
-    seen = see(scene, ids, centre, sizes)
-    half = (seen.alpha > 0) & (seen.before >= 0.5)
-    depth = jnp.zeros(count).at[seen.samples.ray].max(jnp.where(half, seen.samples.t, 0.0))
+@jax.jit
+def _widths(box: Box, source: GridFrameRays, ids: jax.Array, depths: jax.Array) -> jax.Array:
+    """float32 [N]: voxels from a ray to those of the next column and row, the wider of both, at depths [N] in voxels."""
+    centre = jnp.zeros((ids.shape[0], 2))
+    here = to_grid(box, source.geometry_at(ids, centre))
 
     def point(away: jax.Array) -> jax.Array:
-        rays = to_grid(scene.layout, scene.rays.geometry_at(ids, away))
-        t = depth / here.scale * rays.scale
+        rays = to_grid(box, source.geometry_at(ids, away))
+        t = depths / here.scale * rays.scale
         return rays.origins + t[:, None] * rays.directions
 
-    here = to_grid(scene.layout, scene.rays.geometry_at(ids, centre))
     at = point(centre)
     steps = [jnp.linalg.norm(point(centre + jnp.asarray(one)) - at, axis=-1) for one in ((1.0, 0.0), (0.0, 1.0))]
-    return jnp.where(depth > 0, jnp.maximum(*steps), 0.0)
+    return jnp.maximum(*steps)
 
 
 def _lattices(dataset: RayDataset, step: float, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -127,15 +100,3 @@ def _lattices(dataset: RayDataset, step: float, rng: np.random.Generator) -> Ite
         if held >= LOOKED_AT or view + 1 == dataset.views:
             yield np.concatenate(ids), np.concatenate(away)
             ids, away, held = [], [], 0
-
-
-def see(scene: Sighted, ids: jax.Array, away: jax.Array, sizes: MarchSizes, last_depth: int | None = None) -> Seen:
-    """The samples of rays `ids`, moved by `away` [N, 2] pixels, as the viewer takes them; alpha is 0 where none counts."""
-    count = ids.shape[0]
-    rays = to_grid(scene.layout, scene.rays.geometry_at(ids, away))
-    samples = march(scene.layout, rays, jnp.full(count, 0.5), sizes, 1.0, last_depth)
-    corners, shares = scene.layout.corners(samples.g)
-    alpha = (shares * scene.alpha[corners].astype(jnp.float32)).sum(-1) * (1 / 255)
-    alpha = jnp.where(samples.valid & (alpha > ALPHA_CONTRIBUTES), alpha, 0.0)
-    before, _ = transmittance(samples, -jnp.log1p(-jnp.minimum(alpha, MAX_ALPHA)), count, sizes.per_ray)
-    return Seen(samples, before, alpha, corners, shares)

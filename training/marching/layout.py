@@ -19,8 +19,8 @@ DEPTH_UNITS = 16.0  # a cell's optical depth is counted in sixteenths, up to DEE
 DEEPEST = 254
 
 
-class Layout(Protocol):
-    """Where the voxels of a grid are. origin [3], voxel [] or [3] in world units, dims int32 [3] = (x, y, z) voxels."""
+class Boxed(Protocol):
+    """Where a grid is. origin [3], voxel [] or [3] in world units, dims int32 [3] = (x, y, z) voxels."""
 
     @property
     def origin(self) -> jax.Array: ...
@@ -30,6 +30,10 @@ class Layout(Protocol):
 
     @property
     def dims(self) -> jax.Array: ...
+
+
+class Layout(Boxed, Protocol):
+    """Where the voxels of a grid are."""
 
     def near_content(self, g: jax.Array) -> jax.Array:
         """bool [...]: whether anything stored may lie within COARSE/2 voxels of g [..., 3]; False only where none does."""

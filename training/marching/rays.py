@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 
-from training.marching.layout import Layout
+from training.marching.layout import Boxed
 from training.method import Rays
 
 
@@ -62,7 +62,7 @@ def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
     return rays._replace(origins=turned(rays.origins) + grid_T_training[:3, 3], directions=turned(rays.directions))
 
 
-def to_grid(layout: Layout, rays: Rays) -> GridRays:
+def to_grid(layout: Boxed, rays: Rays) -> GridRays:
     """Clips rays, given in the grid's frame, to the grid's box and measures them in voxels."""
     origins = (rays.origins - layout.origin) / layout.voxel
     directions = rays.directions / layout.voxel

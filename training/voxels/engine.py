@@ -32,6 +32,10 @@ class Engine(Protocol):
         """The inverse of begin; the state stays as it is."""
         ...
 
+    def arrays(self, state: Any) -> dict[str, np.ndarray]:
+        """A state's checkpoint: what training.voxels.saving.restore takes."""
+        ...
+
     def step(self, state: Any, step: int, progress: float) -> tuple[Any, dict[str, Any]]:
         """One update of the trainable values and their moments, and its metrics (see training.method.Method.step).
 

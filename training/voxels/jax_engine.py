@@ -17,6 +17,7 @@ from training.method import FieldOutput, Rays, RenderOutput
 from training.voxels.field import query, remember_depths
 from training.voxels.lists import fitting_sizes, rays_with_content
 from training.voxels.render import render_all
+from training.voxels.saving import save
 from training.voxels.settings import Plan, Settings
 from training.voxels.sparse_grid import CHANNELS, Occupancy, build_layout, occupancy_of, voxel_centres
 from training.voxels.state import Trainable, VoxelState, state_over
@@ -49,6 +50,9 @@ class JaxEngine:
     def end(self, state: VoxelState) -> VoxelState:
         state = here(state)
         return state._replace(hits=state.hits[: int(state.hit_count)])
+
+    def arrays(self, state: VoxelState) -> dict[str, np.ndarray]:
+        return save(self.end(state))
 
     def step(self, state: VoxelState, step: int, progress: float) -> tuple[VoxelState, dict[str, jax.Array]]:
         optimised, metrics = compiled_update(self.dataset.mesh)(

@@ -23,7 +23,7 @@ from training.view_mlp import init_view_mlp
 from training.voxels.checked import require_fitting
 from training.voxels.engines import make_engine
 from training.voxels.refine import dense_start, refine
-from training.voxels.saving import restore, save
+from training.voxels.saving import restore
 from training.voxels.settings import plan_of, settings_of
 from training.voxels.sparse_grid import boxes_with_voxels
 
@@ -71,7 +71,7 @@ class VoxelMethod:
         return self.engine.end(state).trainable.head
 
     def save(self, state: Any) -> dict[str, np.ndarray]:
-        return save(self.engine.end(state))
+        return self.engine.arrays(state)
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
         require_fitting(arrays, self.dataset.count, with_head=self.config.voxels.view_dependence)

@@ -18,9 +18,10 @@ UNKNOWN = MarchSizes(0, 0, 0, 0)  # sizes that no engine has asked for yet
 
 def save(state: VoxelState) -> dict[str, np.ndarray]:
     """Named arrays: what `restore` cannot derive."""
+    support = np.asarray(state.layout.support)
     arrays = {
         "origin": state.layout.origin, "voxel": state.layout.voxel, "dims": state.layout.dims,
-        "depths": np.asarray(state.layout.support)[np.asarray(state.layout.support) > 0],
+        "depths": support[support > 0],
         "cells": state.cells, "hits": state.hits[: int(state.hit_count)], "hit_count": state.hit_count,
         "updates": state.updates,
         "sizes": np.array([*(state.sizes or UNKNOWN), state.rays], np.int32),

@@ -13,7 +13,9 @@ from training.dataset import RayDataset
 from training.marching.layout import depth_where
 from training.voxels.config import KindSettings, settings_for
 
-SETTLING_STEPS = 80  # of a stage, at least: before this too little is visible to tell content from air, however short the run
+SETTLING_STEPS = (
+    80  # of a stage, at least: before this too little is visible to tell content from air, however short the run
+)
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
 NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
 ADAM_BETAS = (0.9, 0.99)

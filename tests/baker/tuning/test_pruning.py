@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
-from baker.tuning import pruning, sighting
-from baker.tuning.pack_layout import pack_layout, pack_rays, pack_sizes, pack_voxels
+from baker.tuning import jax_marcher, pruning, sighting
+from baker.tuning.marcher import make_marcher
 from baker.tuning.pruning import closing_gain, light_of, prune
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
@@ -86,19 +85,20 @@ def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None
 def test_early_termination_changes_nothing_but_the_work(dataset, monkeypatch) -> None:
     pack, _ = hazy_ball(dataset)
     taken = []
-    march = sighting.march
+    march = jax_marcher.march
 
     def counting(*arguments):
         samples = march(*arguments)
         jax.debug.callback(lambda valid: taken.append(int(valid.sum())), samples.valid)
         return samples
 
-    monkeypatch.setattr(sighting, "march", counting)
+    monkeypatch.setattr(pruning, "make_marcher", jax_marcher.marcher_of)
+    monkeypatch.setattr(jax_marcher, "march", counting)
     monkeypatch.setattr(sighting, "PILOTS", 64)  # whose marches end late, for they measure
-    monkeypatch.setattr(pruning, "CHUNK_RAYS", 256)  # the last chunk is filled up with one ray
+    monkeypatch.setattr(jax_marcher, "LIGHT_RAYS", 256)  # the last chunk is filled up with one ray
     found = []
-    for depth_where in (pruning.depth_where, lambda transmittance: None):
-        monkeypatch.setattr(pruning, "depth_where", depth_where)
+    for depth_where in (jax_marcher.depth_where, lambda transmittance: None):
+        monkeypatch.setattr(jax_marcher, "depth_where", depth_where)
         jax.clear_caches()
         taken.clear()
         light = light_of(pack, dataset, 0, None)
@@ -148,14 +148,9 @@ def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_fin
 
 
 def sight_of(pack: Pack, dataset) -> sighting.Sight:
-    scene = sighting.Sighted(pack_layout(pack), pack_rays(pack, dataset), jnp.asarray(alpha_of(pack)))
-    sight = sighting.lines_of_sight(scene, dataset, pack_sizes(pack, 65_536), seed=0)
+    sight = sighting.lines_of_sight(make_marcher(pack, dataset), dataset, seed=0)
     assert sight is not None
     return sight
-
-
-def alpha_of(pack: Pack) -> np.ndarray:
-    return np.asarray(pack_voxels(pack))[:, 3]
 
 
 def test_rays_are_as_many_as_the_surface_in_view_asks_for_and_beyond_the_most_each_reaches_further(

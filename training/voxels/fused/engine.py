@@ -23,6 +23,7 @@ from training.voxels.fused.rays import Batch, photographs_of
 from training.voxels.fused.step import PROBE_RAYS, Stepper, Values
 from training.voxels.fused.survey import WEIGHT_UNITS
 from training.voxels.fused.workers import Workers
+from training.voxels.saving import save
 from training.voxels.settings import Plan, Settings
 from training.voxels.smoothness import WINDOW
 from training.voxels.sparse_grid import Occupancy
@@ -74,15 +75,22 @@ class FusedState:
     def pack(self) -> VoxelState:
         """The state as plain arrays, in the layout's own order."""
         if self.plain is None:
-            assert self.stepper is not None
-            grid = self.stepper.grid
-            layout, cells = layout_of(grid)
-            self.plain = VoxelState(
-                *(_trainable(part, grid) for part in (self.values, self.first, self.second)),
-                updates=jnp.int32(self.updates), layout=layout, cells=cells, hits=jnp.asarray(self.hits),
-                hit_count=jnp.int32(self.hit_count), sizes=None, rays=self.rays,
-            )  # fmt: skip
+            self.plain = self._packed(dense=True)
         return self.plain
+
+    def to_save(self) -> VoxelState:
+        """The same without the dense tables of the layout that a checkpoint does not hold: hundreds of megabytes at 512³."""
+        return self.plain or self._packed(dense=False)
+
+    def _packed(self, dense: bool) -> VoxelState:
+        assert self.stepper is not None
+        grid = self.stepper.grid
+        layout, cells = layout_of(grid, dense)
+        return VoxelState(
+            *(_trainable(part, grid) for part in (self.values, self.first, self.second)),
+            updates=jnp.int32(self.updates), layout=layout, cells=cells, hits=jnp.asarray(self.hits),
+            hit_count=jnp.int32(self.hit_count), sizes=None, rays=self.rays,
+        )  # fmt: skip
 
 
 class FusedEngine:
@@ -99,6 +107,9 @@ class FusedEngine:
 
     def end(self, state: FusedState) -> VoxelState:
         return state.pack()
+
+    def arrays(self, state: FusedState) -> dict[str, np.ndarray]:
+        return save(state.to_save())
 
     def step(self, state: FusedState, step: int, progress: float) -> tuple[FusedState, dict[str, Any]]:
         *_, (_, made) = self.parts(state, step, progress)

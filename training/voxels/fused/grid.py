@@ -40,16 +40,21 @@ def grid_over(occupancy: Occupancy) -> Grid:
     return grid_of(cells, cell_support(present).ravel(), present.shape[::-1], *place)
 
 
-def layout_of(grid: Grid) -> tuple[GridLayout, jax.Array]:
-    """The layout of a grid, with the depths that its bricks remember, and the padded cell int32 [V + 1] of each of its rows."""
+def layout_of(grid: Grid, dense: bool = True) -> tuple[GridLayout, jax.Array]:
+    """The layout of a grid, with the depths that its bricks remember, and the padded cell int32 [V + 1] of each of its rows.
+
+    dense: with lookup and coarse occupancy; these are empty otherwise.
+    """
     dims = grid.bricks.dims.astype(np.int64)
     x, y, z = grid.bricks.coordinates.astype(np.int32).T
     cells = aligned((len(grid.order),), np.int32)
     cells[grid.order] = (z * np.int32(dims[1] + 2) + y) * np.int32(dims[0] + 2) + x
     support = support_of(grid.bricks)
-    lookup = aligned((support.size,), np.int32)
-    lookup[cells[1:]] = np.arange(1, len(cells))
-    coarse = coarse_occupancy((support > 0).astype(np.uint8).reshape(dims[::-1] + 2), tuple(dims[::-1]))
+    lookup, coarse = np.zeros(0, np.int32), np.zeros((0, 0, 0), np.uint8)
+    if dense:
+        lookup = aligned((support.size,), np.int32)
+        lookup[cells[1:]] = np.arange(1, len(cells))
+        coarse = coarse_occupancy((support > 0).astype(np.uint8).reshape(dims[::-1] + 2), tuple(dims[::-1]))
     layout = GridLayout(
         origin=jnp.asarray(grid.origin, jnp.float32), voxel=jnp.asarray(grid.voxel, jnp.float32),
         dims=jnp.asarray(dims, jnp.int32), lookup=jnp.asarray(lookup), support=jnp.asarray(support),
