@@ -2,13 +2,16 @@
 #   make view     the viewer with the demo scene      make test   all tests
 #   make install  viewer, trainer and baker           make lint   ruff and pyright
 #   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
+#   make fuzz     spoilt files until one breaks something; MINUTES=10, SEED=0, FUZZ="--only packs"
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
+MINUTES ?= 10
+SEED ?= 0
 DEMO := viewer/demo/demo.zip
 
-.PHONY: view install test bench lint demo clean gl
+.PHONY: view install test fuzz bench lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -19,6 +22,9 @@ install: $(VENV)/.trainer gl
 
 test: $(VENV)/.developer gl
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
+
+fuzz: $(VENV)/.developer
+	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --seed $(SEED) $(FUZZ)
 
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import signal
 import sys
@@ -84,6 +85,8 @@ def read_report(file: Path) -> Report | None:
         values = read_json_file(file)
         title, note = str(values["title"]), str(values["note"])
         done, total, seconds, begun = (float(values[name]) for name in ("done", "total", "seconds", "begun"))
+        if not all(map(math.isfinite, (done, total, seconds, begun))):
+            return None
         return Report(
             title, done, total, note, seconds,
             stage=str(values["stage"]), metrics={str(k): float(v) for k, v in values["metrics"].items()},

@@ -5,6 +5,10 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
+from console.streams import one_line
+
+LONGEST_PART = 300  # characters of a part of an error; names and values in it may come from anybody
+
 # What the machine refuses is not a bug of ours, wherever it surfaces.
 _REFUSED = {errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE}
 
@@ -40,7 +44,7 @@ class UserError(Exception):
 
     what: the thing that is wrong ("the picture cannot be decoded"). where: file, key or argument.
     expected / found: the two sides of the mismatch. remedy: what to do about it.
-    Printed as one line; parts left out are left out of the line.
+    Printed as one line, fit for terminals and labels: without control characters, the middle of long parts left out.
     """
 
     def __init__(
@@ -53,21 +57,24 @@ class UserError(Exception):
         remedy: str | None = None,
     ) -> None:
         self.what, self.where, self.expected, self.found, self.remedy = what, where, expected, found, remedy
-        line = what if where is None else f"{where}: {what}"
-        if expected is not None and found is not None:
-            line += f" (expected {expected}, found {found})"
-        elif expected is not None:
-            line += f" (expected {expected})"
-        elif found is not None:
-            line += f" (found {found})"
+        line = _part(what) if where is None else f"{_part(where)}: {_part(what)}"
+        sides = [
+            f"{name} {_part(side)}" for name, side in (("expected", expected), ("found", found)) if side is not None
+        ]
+        if sides:
+            line += f" ({', '.join(sides)})"
         if remedy is not None:
-            line += f"; {remedy}"
-        super().__init__(" ".join(line.split()))
+            line += f"; {_part(remedy)}"
+        super().__init__(line)
 
     def with_remedy(self, remedy: str) -> UserError:
         """The same error of the same kind with something else to do about it, after what it says already."""
         both = remedy if self.remedy is None else f"{self.remedy}, {remedy}"
         return type(self)(self.what, where=self.where, expected=self.expected, found=self.found, remedy=both)
+
+
+def _part(value: object) -> str:
+    return one_line(str(value), LONGEST_PART)
 
 
 def refusal(error: BaseException) -> str | None:

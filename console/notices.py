@@ -10,9 +10,14 @@ from typing import TextIO
 
 from console.streams import one_line
 
+LONGEST_NOTICE = 600  # characters
+
 
 class Notice(UserWarning):
-    """A warning meant for the user of a command: something was mended or left out, and work goes on."""
+    """A warning meant for the user of a command: something was mended or left out, and work goes on. One line, as errors are."""
+
+    def __init__(self, text: object) -> None:
+        super().__init__(one_line(str(text), LONGEST_NOTICE))
 
 
 @contextmanager
@@ -31,7 +36,7 @@ def plain_notices(prog: str) -> Iterator[None]:
             line: str | None = None,
         ) -> None:
             if issubclass(category, Notice):
-                print(f"{prog}: warning: {one_line(str(message))}", file=file or sys.stderr)
+                print(f"{prog}: warning: {message}", file=file or sys.stderr)
             else:
                 usual(message, category, filename, lineno, file, line)
 

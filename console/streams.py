@@ -14,10 +14,14 @@ LONGEST_LINE = 2000  # characters; names and values in it may come from anybody
 _GONE = {errno.EPIPE, errno.EIO, errno.ENXIO}  # `| head` has read enough; the terminal was closed
 
 
-def one_line(text: str) -> str:
-    """`text` in one line without control characters, which could move the cursor or colour what others print."""
-    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split()))
-    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE // 2]} … {line[-LONGEST_LINE // 2 :]}"
+def one_line(text: str, longest: int = LONGEST_LINE) -> str:
+    """`text` in one line without control characters, which could move the cursor or colour what others print.
+
+    longest: characters; of more, the middle is left out.
+    """
+    shown = text if len(text) <= 4 * longest else text[: 2 * longest] + text[-2 * longest :]
+    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(shown.split()))
+    return line if len(line) <= longest else f"{line[: longest // 2]} … {line[-longest // 2 :]}"
 
 
 @contextmanager

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from console import UserError
 
+# Voxels that an atlas may have whatever is in use, and how many for each in use: bakers fill theirs to the last rows.
+EMPTY_FREELY, EMPTY_AT_MOST = 1 << 26, 16
 _MEMORY = Path("/proc/meminfo")
 
 
@@ -28,4 +31,20 @@ def require_memory(needed: int, where: object) -> None:
             expected=f"at most {free / 1e9:.1f} GB, which are free",
             found=f"{needed / 1e9:.1f} GB",
             remedy="close other programs, or bake it at a lower resolution",
+        )
+
+
+def require_filled(atlas_size: tuple[int, int, int], used: int, where: str) -> None:
+    """UserError where an atlas is large and next to nothing in use: room for it is made, however few bytes are behind it.
+
+    used: voxels of the macroblocks in use, padding included.
+    """
+    held = math.prod(atlas_size)
+    if held > max(EMPTY_FREELY, EMPTY_AT_MOST * used):
+        raise UserError(
+            "the atlas is far larger than its content",
+            where=where,
+            expected=f"about {used:,} voxels, those of the macroblocks in use",
+            found=f"{held:,}",
+            remedy="copy the pack again, or bake it again",
         )

@@ -97,6 +97,8 @@ class FolderFiles:
         return self._bytes(name, count, None)
 
     def _bytes(self, name: str, count: int, most: int | None) -> bytes:
+        if name not in self.sizes:  # also where it is a pipe, whose writer we would wait for
+            raise UserError("is missing", where=self.path / name)
         try:
             if not (self.path / name).is_file():  # a pipe would be waited for
                 raise UserError("is missing", where=self.path / name)

@@ -19,9 +19,10 @@ from scenepack.constants import PLANES_PER_IMAGE, PUBLISHED_NDC_CAMERA, VIEW_MLP
 from scenepack.pack import Pack, ViewMlp
 
 MAX_GRID_SIDE = 32768  # voxels
+SMALLEST_VOXEL, LARGEST_VOXEL = 1e-9, 1e9  # world units, whatever these are; float32 squares such numbers
+FARTHEST = 1e9  # of the grid's corner from the origin, in voxels
 MAX_ATLAS_SIDE = 16384  # voxels; the largest 3D texture that any driver offers
 MAX_ATLAS_BYTES = 16 << 30  # of one part, decoded
-SMALLEST_VOXEL, FARTHEST = 1e-12, 1e15  # world units; beyond, cameras and single-precision shaders lose all digits
 AXES = ("width", "height", "depth")
 LAYERS = (0, 1, 2)
 INPUT_KEYS = ("input_width", "input_height", "input_focal")
@@ -84,12 +85,6 @@ class _Checker:
             raise self.wrong(key, "is not finite", "a finite number", value)
         return number
 
-    def place(self, key: str) -> float:
-        number = self.number(key)
-        if abs(number) > FARTHEST:
-            raise self.wrong(key, "is out of range", f"world units, within {FARTHEST:g}", number)
-        return number
-
     def whole(self, key: str, most: int) -> int:
         number = self.number(key)
         if number != int(number) or not 1 <= number <= most:
@@ -112,9 +107,11 @@ class _Checker:
 
     def params(self) -> Params:
         voxel_size = self.number("voxel_size")
-        if not SMALLEST_VOXEL <= voxel_size <= 1 / SMALLEST_VOXEL:
-            expected = f"world units, {SMALLEST_VOXEL:g} to {1 / SMALLEST_VOXEL:g}"
-            raise self.wrong("voxel_size", "is out of range", expected, voxel_size)
+        if not SMALLEST_VOXEL <= voxel_size <= LARGEST_VOXEL:
+            expected = f"world units, {SMALLEST_VOXEL:g} to {LARGEST_VOXEL:g}"
+            raise self.wrong(
+                "voxel_size", "is not positive" if voxel_size <= 0 else "is out of range", expected, voxel_size
+            )
         block_size = self.whole("block_size", 1024)
         x, y, z = (self.whole(f"grid_{axis}", MAX_GRID_SIDE) for axis in AXES)
         width, height, depth = (self.whole(f"atlas_{axis}", MAX_ATLAS_SIDE) for axis in AXES)
@@ -128,7 +125,7 @@ class _Checker:
         return Params(
             raw=self.raw,
             voxel_size=voxel_size,
-            min_xyz=np.array([self.place(f"min_{axis}") for axis in "xyz"]),
+            min_xyz=np.array([self.corner(f"min_{axis}", voxel_size) for axis in "xyz"]),
             grid_size=(x, y, z),
             block_size=block_size,
             atlas_size=(width, height, depth),
@@ -139,6 +136,12 @@ class _Checker:
             format=self.format(),
         )
 
+    def corner(self, key: str, voxel_size: float) -> float:
+        number = self.number(key)
+        if abs(number) > FARTHEST * voxel_size:
+            raise self.wrong(key, "is too far from the origin", f"at most {FARTHEST:g} voxels", number)
+        return number
+
     def ndc(self) -> bool:
         value = self.get("ndc")
         if not isinstance(value, bool) and value not in (0, 1):
@@ -147,9 +150,13 @@ class _Checker:
 
     def frame(self) -> np.ndarray:
         matrix = self.array("worldspace_T_opengl", (4, 4), np.float64)
+        if np.max(np.abs(matrix)) > LARGEST_VOXEL:
+            raise UserError(
+                "worldspace_T_opengl is out of range", where=self.where, expected=f"at most {LARGEST_VOXEL:g}"
+            )
         # Relative to the lengths of its rows, so that a scaled frame is not taken for a singular one.
-        volume = abs(np.linalg.det(matrix[:3, :3])) if np.max(np.abs(matrix)) < 1e30 else 0.0
-        if volume <= 1e-9 * np.prod(np.linalg.norm(matrix[:3, :3], axis=1)) or matrix[3, 3] == 0:
+        lengths = np.linalg.norm(matrix[:3, :3], axis=1)
+        if abs(np.linalg.det(matrix[:3, :3])) <= 1e-9 * np.prod(lengths) or matrix[3, 3] == 0:
             raise UserError("worldspace_T_opengl is singular", where=self.where, expected="a rotation, 4×4")
         return matrix
 

@@ -8,7 +8,6 @@ pack wherever that goes, as a folder, in a .zip, or into another codec; who does
 from __future__ import annotations
 
 import base64
-import binascii
 import io
 from collections.abc import Mapping
 from typing import Any
@@ -17,7 +16,7 @@ import numpy as np
 from PIL import Image
 
 from scenepack.codecs.apart import Decoders
-from scenepack.codecs.base import CodecError, Shape, decoding
+from scenepack.codecs.base import Shape, decoding
 
 PICTURE = "picture"
 FORMATS = ("AVIF", "WEBP", "JPEG", "PNG")
@@ -61,7 +60,9 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
         finally:
             decoders.stop()
         return rgba[0, ..., :3]
-    except (OSError, ValueError, SyntaxError, binascii.Error, Image.DecompressionBombError, CodecError):
+    except MemoryError:
+        raise
+    except Exception:  # Pillow raises a dozen unrelated types
         return None
 
 

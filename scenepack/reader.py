@@ -24,8 +24,9 @@ import numpy as np
 from console import UserError
 from console.atomic import recover_interrupted_write
 from console.json_text import MOST_BYTES
+from console.streams import one_line
 from scenepack.blocks import grid_block_counts
-from scenepack.budget import require_memory
+from scenepack.budget import require_filled, require_memory
 from scenepack.coarse import coarse_pack, order_of_groups
 from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, probe_png
 from scenepack.codecs.png import PNG_HEADER_BYTES, require_room
@@ -116,6 +117,8 @@ class PackReader:
             self._groups = -(-depth // PLANES_PER_IMAGE)
             self._image_shape = (PLANES_PER_IMAGE * height, width, 4)
             indices = self._indices()
+            used = np.count_nonzero(indices[..., 0] != EMPTY_BLOCK) * (self.params.block_size + 2) ** 3
+            require_filled(self.params.atlas_size, int(used), self._where(PARAMS_NAME))
             self._pieces: PieceFiles | None = None
             self._present: dict[str, list[int]] = {}
             self._note_blocks()
@@ -311,7 +314,7 @@ class PackReader:
                 f"{self.files.path}: {stored} rgba images, atlas_depth needs {needed}; the rest is ignored"
             )
         if claimed != needed:
-            found = "missing" if claimed is None else claimed
+            found = "missing" if claimed is None else one_line(str(claimed), 40)
             self._notes.append(
                 f"{where}: num_slices is {found}, atlas_depth needs {needed} images; atlas_depth is trusted"
             )
@@ -389,7 +392,7 @@ class PackReader:
 
 
 def _triple(values: list[Any]) -> str:
-    return f"({', '.join(str(value) for value in values)})"
+    return f"({', '.join(one_line(str(value), 40) for value in values)})"
 
 
 def _group(atlas: np.ndarray, group: int) -> np.ndarray:

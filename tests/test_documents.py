@@ -307,9 +307,9 @@ def test_the_tree_is_the_tree_on_disk() -> None:
         listed.add("/".join(above))
     on_disk = folders_on_disk()
     tests = {path for path in on_disk if path.startswith("tests/")}
-    own = {path for path in tests if path.split("/")[1] in ("data", "golden")}
+    own = {path for path in tests if path.split("/")[1] in ("data", "fuzz", "golden")}
     assert {path.removeprefix("tests/") for path in tests - own} <= on_disk, "a folder of tests for no folder of code"
-    assert not listed ^ (on_disk - tests | {"tests/data", "tests/golden"})
+    assert not listed ^ (on_disk - tests | {"tests/data", "tests/fuzz", "tests/golden"})
 
 
 def folders_on_disk() -> set[str]:

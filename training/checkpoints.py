@@ -41,7 +41,7 @@ def list_checkpoints(folder: Path) -> list[tuple[int, Path]]:
     found = []
     for path in folder.glob("step_*.safetensors") if folder.is_dir() else ():
         match = NAME.fullmatch(path.name)
-        if match:
+        if match and path.is_file():  # opening a pipe would wait for its writer
             found.append((int(match.group(1)), path))
     return sorted(found)
 

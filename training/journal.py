@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,8 @@ from console.json_text import parse_json
 from training.checkpoints import cannot_write
 
 TIMES = ("seconds", "training_seconds")
+TEXTS = ("view",)  # the rest are numbers
+LARGEST = 1e30  # far from where sums and axes end
 
 
 class Journal:
@@ -48,23 +49,32 @@ class Journal:
 
 
 def read_journal(path: Path) -> list[dict[str, Any]]:
-    """The records of a metrics.jsonl; lines that are no record (cut off by a kill) are left out."""
+    """The records of a metrics.jsonl. Lines that are no record (cut off by a kill) are left out, and of records whatever is
+    neither text nor a number that can be drawn."""
     records = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ():
         try:
             record = parse_json(line)
         except ValueError:
             continue
-        if (
-            isinstance(record, dict)
-            and type(record.get("step")) is int
-            and all(_is_time(name, record) for name in TIMES)
-        ):
-            records.append(record)
+        if isinstance(record, dict) and _is_step(record.get("step")) and all(_is_time(name, record) for name in TIMES):
+            records.append({name: value for name, value in record.items() if _is_plain(name, value)})
     return records
 
 
+def _is_step(value: Any) -> bool:
+    return type(value) is int and value >= 0
+
+
 def _is_time(name: str, record: dict[str, Any]) -> bool:
-    """Whether a record's time, if it has one, is a number."""
-    seconds = record.get(name, 0.0)
-    return type(seconds) in (int, float) and math.isfinite(seconds)
+    """Whether a record has this time and it is one; the second of TIMES may be missing."""
+    value = record.get(name, None if name == TIMES[0] else 0.0)
+    return _is_number(value) and value >= 0
+
+
+def _is_plain(name: str, value: Any) -> bool:
+    return isinstance(value, str) if name in TEXTS else _is_number(value)
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) < LARGEST

@@ -8,6 +8,7 @@ state, from the newest checkpoint.
 from __future__ import annotations
 
 import json
+import os
 import platform
 import time
 from dataclasses import dataclass, replace
@@ -27,6 +28,7 @@ from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
 from training.method import Method
 from training.methods import make_method, settled
+from training.plausible import require_plausible
 from training.scenes import Scene, SceneOptions, load_scene
 from training.scenes.box import checked_box, require_seen
 
@@ -110,12 +112,24 @@ def resume_run(path: Path, description: RunDescription, scene_path: Path, config
 
     config: its own, but for settings that may change (more steps, say); it is stored, as is where the photographs are now.
     """
+    with together():
+        _require_own_files(path)
     description = replace(description, config=config, scene=scene_path.resolve())
     checkpoint = _newest_checkpoint(path) if list_checkpoints(path / "checkpoints") else None
     run = _assemble(path, description, scene_path, checkpoint)
     with together():
         write_description(path, description)
     return run
+
+
+def _require_own_files(path: Path) -> None:
+    """UserError where something else stands in the place of a file of the run: going on would write through a link into
+    another file of the user's, or wait for a pipe's reader."""
+    for folder in (path, path / "validation", path / "report", path / "checkpoints"):
+        for file in folder.iterdir() if folder.is_dir() else ():
+            if not file.is_dir() and (file.is_symlink() or not file.is_file()):
+                raise UserError("is no file of the run but a link, a pipe or a device", where=file,
+                                remedy="put a copy of the file in its place, or remove it")  # fmt: skip
 
 
 def _assemble(
@@ -215,21 +229,24 @@ def read_description(path: Path) -> RunDescription:
         document = read_json_file(file)
         if document["format"] != FORMAT:
             raise UserError("made by another version of snerg", where=file, expected=FORMAT, found=document["format"])
+        os.fsencode(document["scene"])  # ValueError where it could be no path
         config = from_json(TrainConfig, document["config"], str(file))
         return RunDescription(
             config,
             Path(document["scene"]),
-            _scene_options(document["scene_options"]),
+            _scene_options(document["scene_options"], str(file)),
             dict(document.get("provenance", {})),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError("the run's description is damaged", where=file, found=str(error)[:100]) from error
 
 
-def _scene_options(values: dict[str, Any]) -> SceneOptions:
+def _scene_options(values: dict[str, Any], where: str) -> SceneOptions:
     """Options from JSON, which knows no tuples; those that an older run lacks have their defaults."""
     box = values.get("aabb")
-    return SceneOptions(**{**values, "aabb": None if box is None else checked_box(box)})
+    options = SceneOptions(**{**values, "aabb": None})
+    require_plausible(options, where)
+    return replace(options, aabb=None if box is None else checked_box(box))
 
 
 def _provenance() -> dict[str, Any]:

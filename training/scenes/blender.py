@@ -13,7 +13,7 @@ import numpy as np
 
 from console import UserError
 from training.scenes.pictures import PictureLoader, picture_size, shrunk_size
-from training.scenes.poses import frames_of, number, pose, read_json
+from training.scenes.poses import field_of_view, frames_of, pose, read_json
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions
 
 LOOKED_FOR = "transforms_train.json (Blender)"
@@ -52,9 +52,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
 def _read_split(path: Path, description: Path, downscale: int) -> tuple[Photograph, ...]:
     document = read_json(description)
     frames = frames_of(document, description)
-    angle = number(document, "camera_angle_x", description)
-    if not 0.0 < angle < np.pi:
-        raise UserError("camera_angle_x is not a field of view", where=description, expected="0 to pi", found=angle)
+    angle = field_of_view(document, "camera_angle_x", description)
     photographs, first_size = [], None
     for index, frame in enumerate(frames):
         world_T_camera = pose(frame.get("transform_matrix"), f"{description} frame {index}")

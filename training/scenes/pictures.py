@@ -7,9 +7,13 @@ invisible RGB of transparent pixels does not bleed into edges.
 
 from __future__ import annotations
 
+import io
 import math
 import os
-from collections.abc import Sequence
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +26,14 @@ from console.contents import HEAD_BYTES, told
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
 # Pillow goes by a file's content, and knows formats that start other programs (Ghostscript for PostScript).
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+# Of a mask that is all white, as DEFLATE stores it; photographs have a few. Pictures up to the latter size need not tell.
+MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
+# What Pillow raises for damaged files; its readers were not written with one error in mind.
+UNREADABLE = (
+    OSError, SyntaxError, ValueError, AssertionError, LookupError, TypeError, ArithmeticError, AttributeError, EOFError,
+    struct.error, zlib.error,
+)  # fmt: skip
 _EXPECTED = "PNG, JPEG, WebP, TIFF or BMP"
 
 
@@ -36,7 +47,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     except UnidentifiedImageError as error:
         found = told(_head(path))
         raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=found) from error
-    except (OSError, SyntaxError, ValueError) as error:
+    except UNREADABLE as error:
         raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=_short(error)) from error
 
 
@@ -61,7 +72,7 @@ def decoded(path: Path) -> np.ndarray:
                 return np.repeat(np.asarray(image, np.float32)[..., None] / 65535.0, 3, axis=-1)
             mode = "RGBA" if image.has_transparency_data else "RGB"
             return np.asarray(image if image.mode == mode else image.convert(mode))
-    except (OSError, SyntaxError, ValueError) as error:
+    except UNREADABLE as error:
         raise UserError(
             "the picture cannot be decoded",
             where=path,
@@ -87,8 +98,24 @@ def as_bytes(picture: np.ndarray) -> np.ndarray:
     return picture if picture.dtype == np.uint8 else np.rint(picture * 255.0).astype(np.uint8)
 
 
-def _opened(path: Path) -> Image.Image:
-    return Image.open(path, formats=FORMATS)
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """The picture, its pixels not decoded yet. OSError where its header claims more of them than its bytes can hold."""
+    with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=FORMATS) as image:
+        most = MOST_PIXELS_PER_BYTE * os.path.getsize(path) * (8 if image.mode == "1" else 1)
+        if image.width * image.height > max(most, UNDOUBTED_PIXELS):
+            raise OSError(
+                f"its header claims {times(image.size)} pixels, more than {os.path.getsize(path)} bytes can hold"
+            )
+        yield image
+
+
+class _Bounded(io.BufferedReader):
+    """A file that is never asked for more than it has: room for all that is asked for would be made at once."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(os.fstat(self.fileno()).st_size - self.tell(), 0)
+        return super().read(left if size is None or size < 0 else min(size, left))
 
 
 def _head(path: Path) -> bytes:
@@ -198,7 +225,7 @@ class PictureLoader:
             small = _small(self.path, side, "RGBA")
             if self.mask is not None:
                 small.putalpha(_small(self.mask, side, "L").resize(small.size))
-        except (OSError, SyntaxError, ValueError) as error:
+        except UNREADABLE as error:
             raise UserError("the picture cannot be decoded", where=self.path, found=_short(error)) from error
         return small
 
@@ -239,4 +266,4 @@ def times(size: Sequence[int]) -> str:
 
 def _short(error: Exception) -> str:
     """The first sentence of a decoder's complaint, without the path that we print already."""
-    return str(error).split("\n")[0][:120]
+    return str(error).split("\n")[0][:120] or type(error).__name__

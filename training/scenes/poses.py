@@ -13,6 +13,9 @@ import numpy as np
 from console import UserError
 from console.json_text import read_json_file
 
+LEAST_ANGLE = 1e-6  # radians
+FARTHEST = 1e9  # from the origin, whatever the unit
+
 
 def read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file. UserError where there is none, naming line and column."""
@@ -47,6 +50,14 @@ def number(document: dict[str, Any], key: str, path: Path, default: float | None
     return float(value)
 
 
+def field_of_view(document: dict[str, Any], key: str, path: Path) -> float:
+    """Radians under a key, more than 0 and less than pi. UserError for anything else."""
+    angle = number(document, key, path)
+    if not LEAST_ANGLE < angle < np.pi - LEAST_ANGLE:
+        raise UserError(f"{key} is not a field of view", where=path, expected="0 to pi", found=angle)
+    return angle
+
+
 def pose(matrix: Any, where: str) -> np.ndarray:
     """A checked world_T_camera from nested lists [4, 4] or [3, 4]; its axes are made unit length."""
     try:
@@ -60,6 +71,10 @@ def pose(matrix: Any, where: str) -> np.ndarray:
         raise UserError("the camera's matrix has another shape", where=where, expected="4x4", found=shape)
     if not np.all(np.isfinite(world_T_camera)):
         raise UserError("the camera's matrix has values that are not finite", where=where)
+    if np.abs(world_T_camera).max() > FARTHEST:
+        raise UserError(
+            "the camera's matrix has values that are too large", where=where, expected=f"at most {FARTHEST:g}"
+        )
     lengths = np.linalg.norm(world_T_camera[:3, :3], axis=0)
     if lengths.min() < 1e-9 or abs(np.linalg.det(world_T_camera[:3, :3] / lengths)) < 0.5:
         raise UserError("the camera's matrix is not a rotation and a position", where=where, found="dependent axes")

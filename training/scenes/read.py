@@ -6,6 +6,7 @@ downscale).
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,11 @@ import numpy as np
 from console import UserError
 from training.scenes import blender, colmap, llff, transforms
 from training.scenes.box import checked_box, with_box
+from training.scenes.rays import camera_rays
 from training.scenes.scene import Scene, SceneOptions
 
+MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some pixels have no ray
+PROBES = 5  # pixels along each side of a picture whose rays are tried
 AS_IT_IS = SceneOptions()
 LAYOUTS = (blender, llff, transforms, colmap)  # COLMAP last: others keep its files beside their own
 
@@ -39,6 +43,7 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
             with np.errstate(all="ignore"):  # what comes of numbers without a meaning is looked at below
                 scene = layout.read(path, options)
             _require_finite(scene)
+            _require_rays(scene)
             return scene if options.aabb is None else with_box(scene, options.aabb)
     raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
 
@@ -46,7 +51,7 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
 def _checked(options: SceneOptions) -> SceneOptions:
     """The options as whole and finite numbers. UserError where they are none."""
     downscale = options.downscale
-    if isinstance(downscale, bool) or int(downscale) != downscale or downscale < 1:
+    if isinstance(downscale, bool) or not 1 <= downscale < math.inf or int(downscale) != downscale:
         raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
     return replace(options, downscale=int(downscale), aabb=None if options.aabb is None else checked_box(options.aabb))
 
@@ -58,9 +63,24 @@ def _require_finite(scene: Scene) -> None:
             raise UserError("the camera cannot be placed", where=f"{scene.path}: {photograph.name}",
                             expected="cameras at some distance from one another", remedy="check the poses")  # fmt: skip
     numbers = np.array([scene.near, scene.far, *scene.aabb.ravel()])
-    if not np.isfinite(numbers).all() or (scene.aabb[0] >= scene.aabb[1]).any() or scene.near >= scene.far:
+    if not np.isfinite(numbers).all() or (scene.aabb[0] >= scene.aabb[1]).any() or not 0 <= scene.near < scene.far:
         raise UserError("the poses say nothing of where things are", where=scene.path, expected="a box and a range of depths",
                         found=f"{scene.near:.3g} to {scene.far:.3g}", remedy="check the poses")  # fmt: skip
+
+
+def _require_rays(scene: Scene) -> None:
+    """UserError unless the pixels of a scene's cameras, here and there, have rays: numbers that make sense one by one may not
+    together."""
+    for photograph in (one for photographs in scene.splits.values() for one in photographs):
+        camera = photograph.camera
+        x, y = (side * np.linspace(0, 1, PROBES) for side in (camera.width, camera.height))
+        with np.errstate(all="ignore"):
+            directions = camera_rays(camera, *np.meshgrid(x, y))[1]
+        numbers = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
+        if not np.isfinite(directions).all() or not (np.abs(numbers) < MOST_OF_A_LENS).all():
+            raise UserError("the camera's lens leads to no rays", where=f"{scene.path}: {photograph.name}",
+                            expected=f"fx, fy, cx, cy, k1, k2, p1, p2 below {MOST_OF_A_LENS:g}",
+                            found=", ".join(f"{number:g}" for number in numbers))  # fmt: skip
 
 
 def _looked_for() -> str:

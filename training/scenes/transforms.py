@@ -17,7 +17,16 @@ import numpy as np
 from console import Notice, UserError
 from training.scenes.blender import WORLDSPACE_T_OPENGL
 from training.scenes.pictures import PictureLoader, picture_size, shrunk_size
-from training.scenes.poses import focus_point, frames_of, number, pose, read_json, similarity, upright_axes
+from training.scenes.poses import (
+    field_of_view,
+    focus_point,
+    frames_of,
+    number,
+    pose,
+    read_json,
+    similarity,
+    upright_axes,
+)
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
 
 LOOKED_FOR = "transforms.json (nerfstudio, instant-ngp)"
@@ -122,8 +131,9 @@ def _focal_lengths(values: dict[str, Any], width: float, height: float, place: P
         fx = number(values, "fl_x", place)
         fy = number(values, "fl_y", place, fx)
     else:
-        fx = 0.5 * width / np.tan(0.5 * number(values, "camera_angle_x", place))
-        fy = 0.5 * height / np.tan(0.5 * number(values, "camera_angle_y", place)) if "camera_angle_y" in values else fx
+        fx = 0.5 * width / np.tan(0.5 * field_of_view(values, "camera_angle_x", place))
+        tall = "camera_angle_y" in values
+        fy = 0.5 * height / np.tan(0.5 * field_of_view(values, "camera_angle_y", place)) if tall else fx
     if fx <= 0 or fy <= 0:
         raise UserError("the focal length must be positive", where=place, found=f"{fx:g}, {fy:g}")
     return float(fx), float(fy)

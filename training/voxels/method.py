@@ -20,6 +20,7 @@ from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.view_mlp import init_view_mlp
+from training.voxels.checked import require_fitting
 from training.voxels.engines import make_engine
 from training.voxels.refine import dense_start, refine
 from training.voxels.saving import restore
@@ -73,4 +74,5 @@ class VoxelMethod:
         return self.engine.arrays(state)
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
+        require_fitting(arrays, self.dataset.count, with_head=self.config.voxels.view_dependence)
         return self.engine.begin(restore(arrays))

@@ -9,6 +9,7 @@ import numpy as np
 
 from training.marching.march import MarchSizes
 from training.method import ViewMlpParams
+from training.voxels.checked import unfit
 from training.voxels.sparse_grid import build_layout
 from training.voxels.state import Trainable, VoxelState
 
@@ -35,12 +36,15 @@ def save(state: VoxelState) -> dict[str, np.ndarray]:
 
 
 def restore(arrays: Mapping[str, np.ndarray]) -> VoxelState:
-    """The inverse of save. KeyError where an array is missing."""
+    """The inverse of save, of arrays that fit (training.voxels.checked). KeyError where one is missing."""
     width, height, depth = (int(n) for n in arrays["dims"])
     padded = np.zeros((depth + 2, height + 2, width + 2), bool)
     padded.ravel()[arrays["cells"][1:]] = True
     layout = build_layout(padded[1:-1, 1:-1, 1:-1], arrays["origin"], arrays["voxel"])
-    layout = layout._replace(support=layout.support.at[layout.support > 0].set(jnp.asarray(arrays["depths"])))
+    support = layout.support > 0
+    if len(arrays["depths"]) != int(support.sum()) or not arrays["depths"].all():
+        raise unfit("depths", f"{int(support.sum())} optical depths", len(arrays["depths"]))
+    layout = layout._replace(support=layout.support.at[support].set(jnp.asarray(arrays["depths"])))
     parts = {}
     for name in ("trainable", "first", "second"):
         head = None

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from console import UserError
 from console.atomic import write_file
 from console.json_text import parse_json, read_json_file
+from viewer.app.pose import FARTHEST
 
 DEFAULT_SECONDS = 2.0
 
@@ -181,7 +182,7 @@ def _keyframe(entry: dict[str, Any], grid_T_training: np.ndarray, default: float
         matrix = np.array(parse_json(numbers), np.float64).reshape(4, 4).T
     else:
         matrix = np.array(numbers, np.float64).reshape(4, 4)
-    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:
+    if not (np.abs(matrix) <= FARTHEST).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:
         raise ValueError("a keyframe's matrix is not a pose")
     seconds = float(entry.get("override_transition_sec") or default)
     fov = float(entry.get("fov", 50.0))

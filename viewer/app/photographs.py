@@ -17,6 +17,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
+from console.streams import one_line
 from scenepack.pack import Pack
 from scenepack.pictures import has_picture, picture_of
 from training.scenes import load_scene
@@ -24,6 +25,8 @@ from training.scenes.scene import Camera, Photograph
 from viewer.app.projection import frustum_points
 from viewer.rendering.camera import ViewCamera
 
+FARTHEST = 1e9  # from the origin, and any other number of a camera: what is beyond makes no sense
+LONGEST_NAME = 200  # characters
 LONGEST_SIDE = 1600  # pixels; larger photographs are shown smaller
 
 
@@ -154,8 +157,9 @@ class Photographs:
         found: dict[tuple[str, str], Photograph] = {}
         for split, photographs in scene.splits.items():
             for photograph in photographs:
-                found[(split, photograph.name)] = photograph
-                found.setdefault(("", photograph.name), photograph)
+                name = _shown(photograph.name)
+                found[(split, name)] = photograph
+                found.setdefault(("", name), photograph)
         self.background, self._found = scene.background, found
 
 
@@ -168,9 +172,14 @@ def shots_of(pack: Pack) -> list[Shot]:
         if camera is not None:
             view = ViewCamera.from_scene_camera(pack, camera)
             shots.append(
-                Shot(str(entry.get("name", len(shots))), str(entry.get("split", "train")), camera, view, entry)
+                Shot(_shown(entry.get("name", len(shots))), _shown(entry.get("split", "train")), camera, view, entry)
             )
     return shots
+
+
+def _shown(name: Any) -> str:
+    """A name from a pack or a scene, fit for labels."""
+    return one_line(str(name), LONGEST_NAME)
 
 
 def _camera(entry: Any) -> Camera | None:
@@ -179,12 +188,13 @@ def _camera(entry: Any) -> Camera | None:
         numbers = [float(entry[name]) for name in ("fx", "fy", "cx", "cy")]
         width, height = int(entry["width"]), int(entry["height"])
         distortion = tuple(float(v) for v in entry.get("distortion") or (0.0,) * 4)
-        good = matrix.shape == (4, 4) and np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-9
-        if not (good and width > 0 and height > 0 and min(numbers[:2]) > 0 and np.isfinite(numbers).all()):
+        good = matrix.shape == (4, 4) and (np.abs(matrix) < FARTHEST).all() and abs(np.linalg.det(matrix)) > 1e-9
+        good = good and (np.abs([*numbers, *distortion]) < FARTHEST).all() and min(numbers[:2]) > 1 / FARTHEST
+        if not (good and 0 < width < FARTHEST and 0 < height < FARTHEST):
             return None
         k1, k2, p1, p2 = distortion
         return Camera(matrix, width, height, *numbers, distortion=(k1, k2, p1, p2))
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         return None
 
 

@@ -27,6 +27,7 @@ UP_AXES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]
     "-x": ((0, 1, 0), (-1, 0, 0)),
 }
 MAX_ELEVATION = 89.9
+FARTHEST = 1e12  # from the origin, in grid units
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
                 raise ValueError
             eye, target, up, fov = numbers[:3], numbers[3:], (0.0, 1.0, 0.0), None
         eye, target, up = (np.asarray(v, np.float64) for v in (eye, target, up))
-        if any(v.shape != (3,) or not np.isfinite(v).all() for v in (eye, target, up)):
+        if any(v.shape != (3,) or not (np.abs(v) <= FARTHEST).all() for v in (eye, target, up)):
             raise ValueError
         camera = ViewCamera.look_at(eye, target, up)
         fov = None if fov is None else float(fov)

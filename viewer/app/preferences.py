@@ -7,6 +7,7 @@ viewers may be open at once: each writes only what was changed in it, and the pa
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import time
@@ -29,6 +30,7 @@ except ImportError:  # Windows
 
 MOST_RECENT = 8
 LOCK_PATIENCE_S = 2.0
+LARGEST = 1 << 16  # units of the screen
 
 
 def default_file() -> Path:
@@ -56,7 +58,9 @@ class Preferences:
 
     def recent_packs(self) -> list[Path]:
         """Those of the recent packs that are still there."""
-        return [Path(name) for name in self.recent if Path(name).exists()]
+        return [
+            Path(name) for name in self.recent if os.path.exists(name)
+        ]  # Path.exists raises where a name is too long
 
 
 def load(file: Path) -> Preferences:
@@ -161,9 +165,13 @@ def _like(value: Any, default: Any) -> Any:
         good = isinstance(value, list) and all(isinstance(item, str) for item in value)
         return value[:MOST_RECENT] if good else None
     kind = type(default[0])
-    good = isinstance(value, list) and len(value) == len(default) and all(_is_number(v) and v >= 0 for v in value)
+    good = (
+        isinstance(value, list)
+        and len(value) == len(default)
+        and all(_is_number(v) and 0 <= v <= LARGEST for v in value)
+    )
     return tuple(kind(v) for v in value) if good else None
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,211 @@
+"""Which steps are tried on a tree: drawn at random, but by somebody who knows the formats."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from pathlib import PurePosixPath
+from random import Random
+from typing import Any
+
+from tests.fuzz import claims, fields, hostile
+from tests.fuzz.mutations import Step, documents, png_chunks, tensors
+from tests.fuzz.trees import ARCHIVE, SPECIAL, Tree
+
+_HOW_MANY = (1, 1, 1, 1, 2, 2, 3)
+_DTYPES = ("float64", "float16", "int64", "int32", "uint8", "bool")
+_FILLS = (0, 1, -1, 1e30, float("nan"), float("inf"), 2**31 - 1, -(2**31), 2**40)
+_NPY_WORDS = (("<f8", "|O"), ("<f8", "<U9"), ("<f8", "<i8"), ("<f8", "<c16"), ("<f8", ">f8"), ("<f8", "V8"),
+              ("<f8", "|S99999999"),
+              ("False", "True"), ("17", "0"), ("17", "17000000000"), ("17", "-17"), ("17", "1" * 400), ("shape", "shapf"),
+              ("{", "[" * 400), ("}", ""), ("(", "(9, "), ("17", "17, 1"), ("descr", "\0escr"))  # fmt: skip
+
+
+def propose(random: Random, tree: Tree, archived: bool) -> list[Step]:
+    """One to three steps for a tree; where it is archived, some of them on the archive."""
+    steps: list[Step] = []
+    for _ in range(random.choice(_HOW_MANY)):
+        if archived and random.random() < 0.35:
+            steps.append(_of_archive(random, tree))
+        elif claims.PARAMS in tree and random.random() < 0.15:
+            steps.append(_claim(random))
+        else:
+            steps.append(_of_file(random, tree))
+    if archived and all(step[1] != ARCHIVE for step in steps):
+        steps.append(["cut", ARCHIVE, 2**40])  # which leaves it whole
+    return steps
+
+
+def _claim(random: Random) -> Step:
+    axis, factor = random.randrange(3), random.choice(claims.FACTORS)
+    axes = random.choice([[axis], [0, 1, 2]])
+    block = random.choice([[0, 0, 0], [0, 0, 0], [255, 255, 255], [0, 0, 1], [9, 0, 0]])
+    return random.choice([
+        ["claim grid", claims.PARAMS, axes, factor, block], ["claim atlas", claims.PARAMS, axes, factor],
+        ["claim atlas", claims.PARAMS, axes, factor], ["claim blocks", claims.PARAMS, random.choice((1, 2, 6, 62, 1022, 1024))],
+        ["claim planes", claims.PARAMS, random.choice((1, 6, 12, 126, 600, 6000))],
+    ])  # fmt: skip
+
+
+def _of_archive(random: Random, tree: Tree) -> Step:
+    from tests.fuzz.trees import zipped
+
+    data = zipped(tree)
+    return (
+        _of_fields(random, ARCHIVE, data, fields.archive(data))
+        if random.random() < 0.7
+        else _of_bytes(random, ARCHIVE, data)
+    )
+
+
+def _of_file(random: Random, tree: Tree) -> Step:
+    described = [name for name in tree if name.endswith((".json", ".jsonl"))]
+    file = random.choice(described) if described and random.random() < 0.4 else random.choice(list(tree))
+    data = tree[file]
+    if random.random() < 0.08 or not isinstance(data, bytes) or not data:
+        return _of_tree(random, tree, file)
+    if random.random() < 0.12:
+        return _of_bytes(random, file, data)
+    suffix = PurePosixPath(file).suffix
+    with contextlib.suppress(ValueError, KeyError, struct.error, RecursionError):
+        if suffix in (".json", ".jsonl"):
+            return _of_json(random, file, documents(data)[0])
+        if suffix == ".png" and random.random() < 0.8:
+            return _of_png(random, file, data)
+        if suffix == ".safetensors" and random.random() < 0.9:
+            return _of_tensors(random, file, data)
+        if suffix == ".npy" and random.random() < 0.7:
+            return _of_npy(random, file, data)
+        if suffix in fields.BY_SUFFIX:
+            return _of_fields(random, file, data, fields.BY_SUFFIX[suffix](data))
+    return _of_bytes(random, file, data)
+
+
+def _of_tree(random: Random, tree: Tree, file: str) -> Step:
+    other = random.choice(list(tree))
+    kind = random.choice(list(hostile.contents()))
+    return random.choice([
+        ["remove", file], ["swap", file, other], ["copy", file, other], ["instead", file, random.choice(SPECIAL)],
+        ["instead", file, random.choice(SPECIAL)], ["content", file, kind], ["content", file, kind],
+        ["rename", file, random.choice([file.upper(), file + ".bak", "x" * 240, "\x1b[2J" + file, "deep/" + file, "_" + file])],
+    ])  # fmt: skip
+
+
+def _of_bytes(random: Random, file: str, data: bytes) -> Step:
+    near = random.random() < 0.5  # headers matter most
+    at = random.randrange(min(len(data), 64) if near else len(data)) if data else 0
+    some = random.randbytes(random.choice((1, 1, 2, 4, 8))).hex()
+    return random.choice([
+        ["cut", file, random.choice([0, 1, 4, 8, at, at, len(data) - 1, len(data) // 2])],
+        ["put", file, at, some], ["put", file, at, "00" * 8], ["put", file, at, "ff" * 8],
+        ["insert", file, at, some, random.choice((1, 1, 100, 10_000))],
+        ["erase", file, at, random.choice((1, 2, 4, 8, 64))],
+        ["repeat", file, at, random.choice((1, 8, 64, 1024)), random.choice((2, 3, 50))],
+    ])  # fmt: skip
+
+
+def _of_fields(random: Random, file: str, data: bytes, known: list[fields.Field]) -> Step:
+    if not known:
+        return _of_bytes(random, file, data)
+    at, size, order = random.choice(known)
+    old = int.from_bytes(data[at : at + size], order)  # type: ignore[arg-type]
+    near = [old + 1, old - 1, old * 2, old // 2, old << 8, old ^ 1 << random.randrange(8 * size)]
+    if size == 8 and random.random() < 0.3:
+        return ["put", file, at, struct.pack("<d", random.choice(hostile.FLOATS)).hex()]
+    value = random.choice(near) if random.random() < 0.4 else hostile.number_of(random, size)
+    return ["put", file, at, (value % 256**size).to_bytes(size, order).hex()]  # type: ignore[arg-type]
+
+
+def _of_json(random: Random, file: str, document: Any) -> Step:
+    path: list[Any] = []
+    inner = document
+    while isinstance(inner, dict | list) and inner and random.random() < (0.97 if not path else 0.75):
+        key = random.choice(list(inner)) if isinstance(inner, dict) else random.randrange(len(inner))
+        path.append(key)
+        inner = inner[key]
+    kind = random.random()
+    if kind < 0.8 or not path:
+        return ["json set", file, path, hostile.value_for(random, inner)]
+    if kind < 0.88:
+        return ["json drop", file, path]
+    if isinstance(path[-1], int):
+        return ["json set", file, path, random.choice(hostile.RAW)]
+    if kind < 0.96:
+        return ["json again", file, path, hostile.value_for(random, inner)]
+    return ["json name", file, path, random.choice(["", "x" * 1000, "\x1b[31m", path[-1] + " ", "__proto__"])]
+
+
+def _of_png(random: Random, file: str, data: bytes) -> Step:
+    chunks = png_chunks(data)
+    chunk = random.choice([0, 0, random.randrange(len(chunks))])
+    payload = chunks[chunk][1]
+    kinds = [
+        "IHDR",
+        "PLTE",
+        "tRNS",
+        "acTL",
+        "fcTL",
+        "iCCP",
+        "zTXt",
+        "iTXt",
+        "eXIf",
+        "gAMA",
+        "sBIT",
+        "IDAT",
+        "IEND",
+        "AAAA",
+    ]
+    size = random.choice((1, 4, 4))
+    at = (
+        random.randrange(0, max(len(payload) - size + 1, 1)) if chunk else random.choice((0, 0, 4, 4, 8, 9, 10, 11, 12))
+    )
+    number = hostile.number_of(random, 1 if chunk == 0 and at >= 8 else size)
+    old = int.from_bytes(payload[at : at + 4], "big") if chunk == 0 and at < 8 else None
+    if old is not None:
+        number = random.choice([number, old + 1, old - 1, old * 2, old * 1000, 65_535]) % 2**32
+    width = 4 if old is not None else 1 if chunk == 0 else size
+    return random.choice([
+        ["png put", file, chunk, at, (number % 256**width).to_bytes(width, "big").hex()],
+        ["png put", file, chunk, at, (number % 256**width).to_bytes(width, "big").hex()],
+        ["png add", file, random.randrange(len(chunks) + 1), random.choice(kinds), random.randbytes(13).hex(),
+         random.choice((1, 1, 40, 5000))],
+        ["png add", file, random.randrange(1, len(chunks) + 1), "IHDR",
+         struct.pack(">IIBBBBB", *random.choices((1, 4, 64, 30_000, 2**31 - 1), k=2), 8, 6, 0, 0, 0).hex(), 1],
+        ["png drop", file, chunk],
+        ["png pixels", file, random.randrange(2000), random.randbytes(4).hex()],
+    ])  # fmt: skip
+
+
+def _of_tensors(random: Random, file: str, data: bytes) -> Step:
+    described, _ = tensors(data)
+    names = [name for name in described if name != "__metadata__"]
+    name = random.choice(names)
+    shape = described[name]["shape"]
+    if random.random() < 0.15:
+        step = _of_json(random, file, described)
+        return (
+            ["tensor header", file, step[2], step[3]]
+            if step[0] == "json set"
+            else ["cut", file, random.randrange(len(data))]
+        )
+    size = 1
+    for side in shape:
+        size *= side
+    reshapes = [[-1], [1, size], [size, 1], [], [0, *shape], [*reversed(shape)], [1, *shape]]
+    place = random.randrange(max(size, 1))
+    return random.choice([
+        ["tensor", file, name, "remove", None], ["tensor", file, name, "cut", None],
+        ["tensor", file, name, "rename", random.choice([*names, name + "x", "x"])],
+        ["tensor", file, name, "reshape", random.choice(reshapes)], ["tensor", file, name, "more", random.choice((2, 5))],
+        ["tensor", file, name, "type", random.choice(_DTYPES)], ["tensor", file, name, "type", random.choice(_DTYPES)],
+        ["tensor", file, name, "fill", random.choice(_FILLS)], ["tensor", file, name, "set", [place, random.choice(_FILLS)]],
+        ["tensor", file, name, "set", [place, random.choice(_FILLS)]],
+    ])  # fmt: skip
+
+
+def _of_npy(random: Random, file: str, data: bytes) -> Step:
+    if random.random() < 0.5:
+        return ["npy header", file, *random.choice(_NPY_WORDS)]
+    start = 10 + struct.unpack_from("<H", data, 8)[0]
+    at = start + 8 * random.randrange(max((len(data) - start) // 8, 1))
+    return ["put", file, at, struct.pack("<d", random.choice(hostile.FLOATS)).hex()]

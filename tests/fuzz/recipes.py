@@ -1,0 +1,83 @@
+"""Recipes: which valid files are spoilt how. Drawn from a seed, made smaller, kept as findings, and done again.
+
+A recipe is JSON: {"subject": "packs", "base": "avif", "steps": [["cut", "rgb_000.avif", 100]]}; see tests.fuzz.mutations. A
+finding is a recipe with "found", what was wrong; "expected" says why it may still be.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from tests.fuzz.proposals import propose
+from tests.fuzz.trees import Tree, read_tree
+
+SUBJECTS = ("packs", "scenes", "settings", "runs")
+FINDINGS = Path(__file__).parent / "findings"
+ARCHIVED = 0.35  # of packs
+
+Recipe = dict[str, Any]
+
+
+def write_bases(folder: Path, subjects: tuple[str, ...] = SUBJECTS) -> Path:
+    """The valid files of each subject, in folders of their own; `folder`."""
+    for subject in subjects:
+        module: Any = importlib.import_module(f"tests.fuzz.{subject}")
+        for base in module.BASES:
+            if not (folder / subject / base).is_dir():
+                (folder / subject).mkdir(parents=True, exist_ok=True)
+                module.write_base(base, folder / subject / base)
+    return folder
+
+
+class Source:
+    """Recipes of one subject by number; the same for the same seed and number."""
+
+    def __init__(self, subject: str, bases: Path, seed: int) -> None:
+        self.subject, self.seed = subject, seed
+        self.trees: dict[str, Tree] = {base.name: read_tree(base) for base in sorted((bases / subject).iterdir())}
+
+    def recipe(self, number: int) -> Recipe:
+        random = Random(f"{self.seed} {self.subject} {number}")
+        base = random.choice(list(self.trees))
+        archived = self.subject == "packs" and random.random() < ARCHIVED
+        return {"subject": self.subject, "base": base, "steps": propose(random, self.trees[base], archived)}
+
+
+def class_of(recipe: Recipe) -> str:
+    """What a recipe is counted under: "packs, avif, .zip"."""
+    archived = any(step[1] == "@zip" for step in recipe["steps"])
+    return ", ".join([recipe["subject"], recipe["base"], *([".zip"] if archived else [])])
+
+
+def smaller(recipe: Recipe, same: Callable[[Recipe], bool]) -> Recipe:
+    """The recipe without the steps that do not matter to `same`."""
+    for index in reversed(range(len(recipe["steps"]))):
+        fewer = {**recipe, "steps": recipe["steps"][:index] + recipe["steps"][index + 1 :]}
+        if fewer["steps"] and same(fewer):
+            recipe = fewer
+    return recipe
+
+
+def is_expected(recipe: Recipe, key: str) -> bool:
+    """Whether a finding of that cause is kept already, as one that is not mended yet."""
+    kept = (json.loads(file.read_text(encoding="utf-8")) for file in findings())
+    return any("expected" in one and one["base"] == recipe["base"] and one["found"].startswith(key) for one in kept)
+
+
+def keep(recipe: Recipe, key: str, line: str) -> Path:
+    """Writes a finding, to be done again by tests/fuzz/test_fuzz.py."""
+    digest = hashlib.sha256(json.dumps(recipe["steps"]).encode()).hexdigest()[:8]
+    file = FINDINGS / f"{recipe['subject']}-{recipe['base']}-{digest}.json"
+    file.write_text(json.dumps({**recipe, "found": f"{key}: {line}"[:300]}, indent=1) + "\n", encoding="utf-8")
+    return file
+
+
+def findings() -> list[Path]:
+    """All that were kept."""
+    return sorted(FINDINGS.glob("*.json"))

@@ -1,0 +1,61 @@
+"""Runs: config.json, checkpoints, journals; what is spoilt, and all that going on with one does before its first step.
+
+Needs JAX, so its workers are never forked from one another.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from training.commands.train import FREE, changed_settings
+from training.curves import draw_curves
+from training.journal import Journal, read_journal
+from training.report import write_report
+from training.run import Run, read_description, resume_run
+
+OLDER = Path(__file__).parents[1] / "data" / "older"
+BASES = ("nerf", "voxels")
+SCENE = "scene"
+
+
+def write_base(name: str, folder: Path) -> None:
+    """A run of an older version, with two checkpoints."""
+    shutil.copytree(OLDER / name, folder)
+    newest = max((folder / "checkpoints").glob("*.safetensors"))
+    shutil.copy(newest, newest.with_name("step_00000300.safetensors"))
+
+
+def prepare(place: Path) -> Path:
+    """The photographs of all runs; where they lie."""
+    if not (place / SCENE).is_dir():
+        shutil.copytree(OLDER / SCENE, place / SCENE)
+    return place / SCENE
+
+
+def open_it(path: Path, base: str, scene: Path) -> None:
+    """Reads it as `snerg-train --resume`, `snerg-bake` and the viewer's plots do; makes one step where it is as configured."""
+    description = read_description(path)
+    moved = description.scene == read_description(OLDER / base).scene
+    run = resume_run(path, description, scene if moved else description.scene, description.config)
+    journal = Journal(path / "metrics.jsonl", run.step)
+    if not np.isfinite([journal.seconds, journal.training_seconds]).all():
+        raise AssertionError("the run took no time that could be told")
+    if journal.records != read_journal(OLDER / base / "metrics.jsonl"):
+        draw_curves(journal.records, path / "curves.png", "fuzz")
+        write_report(run, journal.records)
+    if base == "voxels" and not changed_settings(
+        read_description(OLDER / base).config, description.config, leave_out=FREE
+    ):
+        _one_step(run)  # arrays of the other method are compared one by one with what they must be
+
+
+def _one_step(run: Run) -> None:
+    """What a state that makes no sense would break: compiled loops, which check no index."""
+    run.method.may_hold(run.state, np.zeros((1, 3)), np.ones((1, 3)))
+    state, metrics = run.method.step(run.state, run.step + 1, 0.5)
+    jax.block_until_ready(metrics)
+    run.method.save(state)

@@ -1,0 +1,78 @@
+"""Small files of the viewer: preferences, camera paths, poses, progress of a program that it started."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+
+from console import UserError
+from console.driven import Report, read_report
+from viewer.app import preferences
+from viewer.app.path import CameraPath, Keyframe, load_path, save_path
+from viewer.app.pose import pose_from_text, pose_to_text
+
+BASES = ("preferences", "path", "older-path", "pose", "progress")
+FILE = "file.json"
+MOST_SECONDS = 1e6
+
+
+def write_base(name: str, folder: Path) -> None:
+    """One file of the kind, with a value for each of its keys."""
+    folder.mkdir(parents=True)
+    file = folder / FILE
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0, 2.0, 3.0
+    if name == "preferences":
+        file.write_text(json.dumps(dataclasses.asdict(preferences.Preferences(recent=["/a", "/b"], moved=["view"]))))
+    elif name == "path":
+        keys = [Keyframe(np.eye(4), 50.0), Keyframe(pose, 40.0, 1.0)]
+        save_path(CameraPath(keys, closed=True), file, np.eye(4), (64, 48), 1.0)
+    elif name == "older-path":
+        keys = [{"matrix": json.dumps(pose.T.ravel().tolist()), "fov": 50, "aspect": 1.3}] * 2
+        file.write_text(json.dumps({"keyframes": keys, "default_transition_sec": 2.0, "is_cycle": False}))
+    elif name == "pose":
+        file.write_text(pose_to_text(pose, 40.0))
+    else:
+        report = Report("training", 1.0, 2.0, "PSNR", 3.0, "training", {"psnr": 20.0})
+        file.write_text(json.dumps(dataclasses.asdict(report)))
+
+
+def open_it(path: Path, base: str) -> None:
+    """Reads it as the viewer does, and asks for what the viewer then asks for."""
+    file = path / FILE
+    if base == "preferences":
+        found = preferences.load(file)
+        found.recent_packs()
+        if (
+            not all(0 <= side < 2**31 for side in found.window)
+            or not np.isfinite([*found.background, found.target_fps]).all()
+        ):
+            raise AssertionError("no window is of that size")
+        preferences.save(found, path / "again.json", preferences.Preferences())
+    elif base == "progress":
+        report = read_report(file)
+        if report is not None and not (0 <= report.share <= 1):
+            raise AssertionError("no share of the work")
+    elif base == "pose":
+        try:
+            matrix, _ = pose_from_text(file.read_text(encoding="utf-8", errors="replace") if file.is_file() else "")
+        except ValueError as error:  # which the dialog shows
+            raise UserError(str(error)) from None
+        _require_finite(matrix)
+    else:
+        flight = load_path(file, np.eye(4))
+        if not 0 <= flight.duration < MOST_SECONDS * max(len(flight.keyframes), 1):
+            raise AssertionError("the flight never ends")
+        for share in (0.0, 0.3, 1.0, 1.7) if flight.keyframes else ():
+            matrix, fov = flight.at(share * flight.duration)
+            _require_finite(matrix)
+            if not 1 <= fov <= 170:
+                raise AssertionError("no field of view")
+
+
+def _require_finite(matrix: np.ndarray) -> None:
+    if not np.isfinite(matrix).all():
+        raise AssertionError("the camera stands nowhere")

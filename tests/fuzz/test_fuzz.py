@@ -1,0 +1,140 @@
+"""A few hundred spoilt files a run, and all that ever broke: opened, or refused in one line, within limits of memory and time.
+
+`make fuzz` tries more of them. The seed is fixed, so that a failure here comes again; a new one belongs under findings.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.fuzz import workers
+from tests.fuzz.child import FINDING, OPENED, REFUSED
+from tests.fuzz.mutations import apply, png_chunks, tensors
+from tests.fuzz.recipes import SUBJECTS, Source, findings, smaller, write_bases
+from tests.fuzz.workers import Worker
+from training.checkpoints import read_checkpoint
+
+BUDGET = {"packs": 80, "scenes": 50, "settings": 100, "runs": 12}
+SEED = 2193
+
+
+@pytest.fixture(scope="module")
+def bases(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bases(tmp_path_factory.mktemp("bases"))
+
+
+@pytest.fixture(scope="module", params=SUBJECTS)
+def worker(request: pytest.FixtureRequest, bases: Path) -> Iterator[Worker]:
+    with Worker(request.param, bases) as worker:
+        yield worker
+
+
+def test_spoilt_files_are_opened_or_refused(worker: Worker, bases: Path) -> None:
+    source = Source(worker.subject, bases, SEED)
+    broken, kinds = {}, set()
+    for number in range(BUDGET[worker.subject]):
+        recipe = source.recipe(number)
+        outcome = worker.outcome(recipe)
+        kinds.add(outcome.kind)
+        if outcome.kind == FINDING:
+            broken[json.dumps(recipe)] = f"{outcome.key}: {outcome.line}"
+    assert not broken
+    assert kinds == {OPENED, REFUSED}, "neither is everything refused, nor nothing spoilt"
+
+
+def test_what_was_found_once_is_not_found_again(worker: Worker) -> None:
+    broken, expected = {}, []
+    for file in findings():
+        recipe = json.loads(file.read_text(encoding="utf-8"))
+        if recipe["subject"] != worker.subject:
+            continue
+        if "expected" in recipe:
+            expected.append(f"{file.name}: {recipe['expected']}")
+        elif (outcome := worker.outcome(recipe)).kind == FINDING:
+            broken[file.name] = f"{outcome.key}: {outcome.line}"
+    assert not broken
+    if expected:
+        pytest.xfail("; ".join(expected))
+
+
+# The fuzzer itself: one that finds nothing proves nothing.
+
+
+@pytest.mark.parametrize(
+    ("code", "key"),
+    [
+        ("pass", ""),
+        ("raise UserError('refused', where=path)", ""),
+        ("raise RuntimeError('broken')", "RuntimeError"),
+        ("error = UserError('x'); error.args = ('moves the cursor \\x1b[2J',); raise error", "words"),
+        ("error = UserError('x'); error.args = ('long' * 1000,); raise error", "words"),
+        ("bytearray(3 << 30)", "memory"),
+        ("try:\n bytearray(3 << 30)\nexcept MemoryError:\n raise UserError('cannot be decoded')", "memory"),
+        ("import os; os.kill(os.getpid(), 11)", "death SIGSEGV"),
+        ("import os; os._exit(3)", "death status 3"),
+        ("open(path.parents[2] / 'outside', 'w')", "trespass writes"),
+        ("import os; os.system('true')", "trespass os.system"),
+        (
+            "import socket; socket.socket(socket.AF_INET, socket.SOCK_DGRAM).bind(('127.0.0.1', 0))",
+            "trespass socket.bind",
+        ),
+        ("import warnings; warnings.warn('overflow', RuntimeWarning)", "RuntimeWarning"),
+    ],
+)
+def test_the_fuzzer_sees_what_breaks(code: str, key: str, breaking: Worker) -> None:
+    recipe = {"subject": "breaking", "base": "code", "steps": [["insert", "code.py", 0, code.encode().hex(), 1]]}
+    outcome = breaking.outcome(recipe)
+    assert (outcome.kind == FINDING) == bool(key), outcome
+    assert outcome.key.startswith(key)
+    assert breaking.outcome({**recipe, "steps": []}).kind == OPENED, "it goes on, with another child where one died"
+
+
+@pytest.fixture(scope="module")
+def breaking(bases: Path) -> Iterator[Worker]:
+    with Worker("breaking", write_bases(bases, ("breaking",))) as worker:
+        yield worker
+
+
+def test_what_never_ends_is_found(breaking: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the processor, or waiting for what does not come."""
+    monkeypatch.setattr(workers, "SECONDS", 1.0)
+    for code in ("while True: pass", "import os; os.mkfifo(path / 'pipe'); open(path / 'pipe')"):
+        recipe = {"subject": "breaking", "base": "code", "steps": [["insert", "code.py", 0, code.encode().hex(), 1]]}
+        assert breaking.outcome(recipe).key == "hang"
+
+
+def test_the_same_seed_draws_the_same_files_and_a_finding_keeps_only_the_steps_that_matter(bases: Path) -> None:
+    for subject in SUBJECTS:
+        first, second = ([Source(subject, bases, 5).recipe(n) for n in range(20)] for _ in range(2))
+        assert json.dumps(first) == json.dumps(second) and len({json.dumps(one) for one in first}) == 20
+    recipe = {"subject": "packs", "base": "png", "steps": [["cut", "a", 1], ["remove", "b"], ["cut", "c", 2]]}
+    assert smaller(recipe, lambda fewer: ["remove", "b"] in fewer["steps"])["steps"] == [["remove", "b"]]
+
+
+def test_most_steps_change_something(bases: Path) -> None:
+    """A mutator that does nothing would find nothing."""
+    for subject in SUBJECTS:
+        source = Source(subject, bases, 1)
+        recipes = [source.recipe(number) for number in range(100)]
+        changed = sum(apply(source.trees[one["base"]], one["steps"]) != source.trees[one["base"]] for one in recipes)
+        assert changed > 85, subject
+
+
+def test_spoilt_headers_keep_checksums_that_are_right(bases: Path) -> None:
+    """Otherwise a reader would stop there, and never believe the numbers."""
+    source = Source("packs", bases, 0)
+    tree = source.trees["png"]
+    spoilt = apply(tree, [["png put", "rgba_000.png", 0, 0, "00010000"]])["rgba_000.png"]
+    assert isinstance(spoilt, bytes) and png_chunks(spoilt)[0][1][:4] == b"\0\x01\0\0"
+    assert int.from_bytes(spoilt[29:33], "big") == zlib.crc32(spoilt[12:29])
+    run = Source("runs", bases, 0).trees["voxels"]
+    name = next(file for file in run if file.endswith("300.safetensors"))
+    spoilt = apply(run, [["tensor", name, "cells", "fill", -1]])[name]
+    assert isinstance(spoilt, bytes) and tensors(spoilt)[0]["cells"]["shape"] == tensors(run[name])[0]["cells"]["shape"]  # type: ignore[arg-type]
+    (bases / "step_00000007.safetensors").write_bytes(spoilt)
+    assert (read_checkpoint(bases / "step_00000007.safetensors")[1]["cells"] == -1).all()
