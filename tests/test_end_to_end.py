@@ -262,7 +262,7 @@ def test_a_field_with_nothing_in_it_cannot_be_baked(made: Path, tmp_path: Path, 
         "--resolution",
         "40",
         "--tau-alpha",
-        "1.1",
+        "1",
     ]  # fainter than this is all
     line = one_line(capsys, snerg_bake, [str(made / "run"), *arguments])
     assert "contains nothing" in line and str(made / "run") in line

@@ -296,11 +296,13 @@ def test_an_atlas_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(t
     folder = written(tmp_path / "pack")
     for image in [*folder.glob("rgba_*.png"), *folder.glob("feature_*.png")]:
         image.unlink()
-    edit_json(folder, lambda p: p.update(atlas_width=16384, atlas_height=16384, atlas_depth=8, num_slices=2))
-    for name in ("rgba_000", "rgba_001", "feature_000", "feature_001"):
-        (folder / f"{name}.png").write_bytes(claimed_png(16384, 4 * 16384))
-    with little_memory():
-        refused(folder, "_000.png", "can hold")
+    for side, words in ((16384, ("far larger than its content",)), (1024, ("_000.png", "can hold"))):
+        size = {"atlas_width": side, "atlas_height": side, "atlas_depth": 8, "num_slices": 2}
+        edit_json(folder, lambda p, size=size: p.update(size))
+        for name in ("rgba_000", "rgba_001", "feature_000", "feature_001"):
+            (folder / f"{name}.png").write_bytes(claimed_png(side, 4 * side))
+        with little_memory():
+            refused(folder, *words)
 
 
 def test_a_grid_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 def rays_of(dataset, pack, camera: Camera):
     rays = dataset.view_rays(camera)
-    rays = rays._replace(near=jnp.full_like(rays.near, pack.near))
+    rays = rays._replace(near=jnp.full_like(rays.near, pack.near), far=jnp.full_like(rays.far, jnp.inf))
     return in_grid_frame(rays, jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32))
 
 
