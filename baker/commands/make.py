@@ -48,7 +48,8 @@ def snerg_make(
         aabb: Box of the content, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box that is printed when training
             starts. Not for forward-facing scenes, which are in NDC.
         steps: Number of training steps. The default is the preset's.
-        resolution: Voxels along the longest side of the baked grid. The default is the preset's.
+        resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the preset cpu, more if the
+            photographs have more than 256 pixels (1000 for 800 pixels).
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: also the voxels (sharper, takes minutes
             more).
         seed: Random seed of the training.
@@ -89,6 +90,9 @@ def snerg_make(
     options = SceneOptions(downscale or 1, spherify or None, masks, box)
     run = train(scene, run_path, config, options, resume=stored or False)
     trained = time.monotonic()
+    if resolution is None:
+        pixels = max(max(photo.camera.width, photo.camera.height) for photo in run.scene.splits["train"])
+        baking = dataclasses.replace(baking, resolution=PRESETS[preset].resolution_for(pixels))
     bake_to(run, baking, pack_path)
     baked = time.monotonic()
     print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")

@@ -37,3 +37,17 @@ def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture
 def test_the_viewer_offers_the_presets_that_have_a_title() -> None:
     assert list(make_plan.OFFERED) == ["cpu", "fast", "paper"]
     assert all(preset.advice for preset in make_plan.OFFERED.values())
+
+
+def test_photographs_that_are_not_shrunk_are_baked_as_finely_as_they_show() -> None:
+    cpu, fast, tiny = PRESETS["cpu"], PRESETS["fast"], PRESETS["tiny"]
+    assert cpu.longest_side is not None
+    assert [cpu.resolution_for(pixels) for pixels in (200, 256, 400, 640, 800, 4000)] == [
+        512,
+        512,
+        512,
+        800,
+        1000,
+        1000,
+    ]
+    assert fast.resolution_for(100) == fast.resolution_for(4000) == 1000 and tiny.resolution_for(800) == 96
