@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
+
 from console import UserError
 
+SHARED_FREELY, SHARED_AT_MOST = 4096, 16  # macroblocks; more of them to an atlas block make no scene
 # Voxels that an atlas may have whatever is in use, and how many for each in use: bakers fill theirs to the last rows.
 EMPTY_FREELY, EMPTY_AT_MOST = 1 << 26, 16
 _MEMORY = Path("/proc/meminfo")
@@ -46,5 +49,23 @@ def require_filled(atlas_size: tuple[int, int, int], used: int, where: str) -> N
             where=where,
             expected=f"about {used:,} voxels, those of the macroblocks in use",
             found=f"{held:,}",
+            remedy="copy the pack again, or bake it again",
+        )
+
+
+def require_distinct(used: np.ndarray, where: str) -> None:
+    """UserError where far more macroblocks than atlas blocks make work and memory that the pack's bytes do not explain: each
+    macroblock takes a place of its own on the graphics card.
+
+    used: uint8 [n, 3], the atlas block of each macroblock.
+    """
+    if len(used) <= SHARED_FREELY:
+        return
+    distinct = len(np.unique(used.astype(np.uint32) @ np.array([1, 256, 65536], np.uint32)))
+    if len(used) > SHARED_FREELY + SHARED_AT_MOST * distinct:
+        raise UserError(
+            f"{len(used)} macroblocks share {distinct} blocks of the atlas",
+            where=where,
+            expected=f"about one each, and at most {SHARED_AT_MOST} to a block",
             remedy="copy the pack again, or bake it again",
         )

@@ -26,7 +26,7 @@ from console.atomic import recover_interrupted_write
 from console.json_text import MOST_BYTES
 from console.streams import one_line
 from scenepack.blocks import grid_block_counts
-from scenepack.budget import require_filled, require_memory
+from scenepack.budget import require_distinct, require_filled, require_memory
 from scenepack.coarse import coarse_pack, order_of_groups
 from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, probe_png
 from scenepack.codecs.png import PNG_HEADER_BYTES, require_room
@@ -39,7 +39,6 @@ from scenepack.piece_files import PieceFiles
 
 RGBA, FEATURE = "rgba", "feature"
 DECODING_THREADS = min(8, os.cpu_count() or 1)
-SHARED_FREELY, SHARED_AT_MOST = 4096, 16  # macroblocks; more of them to an atlas block make no scene
 
 OnProgress = Callable[[int, int], None]
 OnPreview = Callable[[Pack], None]
@@ -284,23 +283,8 @@ class PackReader:
                 expected=f"blocks below {_triple(fits)}",
                 found=_triple(indices[bz, by, bx].tolist()),
             )
-        self._require_distinct(indices[occupied])
+        require_distinct(indices[occupied], where)
         return indices
-
-    def _require_distinct(self, used: np.ndarray) -> None:
-        """UserError where far more macroblocks than atlas blocks make work and memory that the pack's bytes do not explain:
-        each macroblock takes a place of its own on the graphics card. used: uint8 [n, 3].
-        """
-        if len(used) <= SHARED_FREELY:
-            return
-        distinct = len(np.unique(used.astype(np.uint32) @ np.array([1, 256, 65536], np.uint32)))
-        if len(used) > SHARED_FREELY + SHARED_AT_MOST * distinct:
-            raise UserError(
-                f"{len(used)} macroblocks share {distinct} blocks of the atlas",
-                where=self._where(INDICES_NAME),
-                expected=f"about one each, and at most {SHARED_AT_MOST} to a block",
-                remedy="copy the pack again, or bake it again",
-            )
 
     def _note_counts(self, codec: PngCodec) -> None:
         raw, where = self.params.raw, self._where(PARAMS_NAME)

@@ -31,10 +31,11 @@ WebpCodec.decode = decode
 serve()
 """
 INTERRUPTED = """
-import sys
+import signal, sys
 from pathlib import Path
 from scenepack import load_pack
 from scenepack.codecs import apart
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what runs in a shell's background
 apart.PROGRAM, apart.PATIENCE_S = sys.argv[2], 3600.0
 load_pack(Path(sys.argv[1]))
 """
@@ -95,9 +96,12 @@ def test_ctrl_c_ends_a_decoder_that_hangs(pack: Path, tmp_path: Path) -> None:
     began = tmp_path / "began"
     words = [sys.executable, "-c", INTERRUPTED, str(pack), SPOILT.format(began=str(began), lines=HANGS)]
     process = subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True)
-    waits_for(lambda: began.exists() and bool(began.read_text()))
-    process.send_signal(signal.SIGINT)
-    _, words_said = process.communicate(timeout=120)  # far below a decoder's patience here
+    try:
+        waits_for(lambda: began.exists() and bool(began.read_text()))
+        process.send_signal(signal.SIGINT)
+        _, words_said = process.communicate(timeout=120)  # far below a decoder's patience here
+    finally:
+        process.kill()
     assert process.returncode != 0 and "KeyboardInterrupt" in words_said
     assert is_gone(began)
 

@@ -97,7 +97,7 @@ def upside_down_in_pairs(P: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("spoil", "words"),
-    [(at_one_place, "stand at the point"), (far_away, "placed"), (upside_down_in_pairs, "placed")],
+    [(at_one_place, "stand at the point"), (far_away, "too large"), (upside_down_in_pairs, "placed")],
 )
 def test_cameras_of_which_no_scene_comes_are_refused(
     tmp_path: Path, spoil: Callable[[np.ndarray], np.ndarray], words: str
