@@ -17,9 +17,8 @@ ROOT = Path(__file__).parents[1]
 SCRIPTS: dict[str, str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
 # The first module that a command imports takes its time.
 SLOW = """
-import builtins, signal, sys, time
+import builtins, sys, time
 import snerg_commands
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what runs in a shell's background
 real = builtins.__import__
 def slow(name, *rest):
     if name.startswith("console"):

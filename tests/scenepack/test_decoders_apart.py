@@ -31,11 +31,10 @@ WebpCodec.decode = decode
 serve()
 """
 INTERRUPTED = """
-import signal, sys
+import sys
 from pathlib import Path
 from scenepack import load_pack
 from scenepack.codecs import apart
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what runs in a shell's background
 apart.PROGRAM, apart.PATIENCE_S = sys.argv[2], 3600.0
 load_pack(Path(sys.argv[1]))
 """
