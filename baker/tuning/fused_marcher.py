@@ -55,12 +55,18 @@ class Tables(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Up to LISTED samples of a ray: slot int32, cell int32 [., 3], fraction float32 [., 3] within it, t float32 in voxels."""
+    """Up to LISTED samples of a ray: slot int32, cell int32 [., 3], fraction float32 [., 3] within it, t float32 in voxels.
+
+    Of those that contribute, also at int64: the lowest corner in the atlas; weights float32 [., 8] of the corners; alpha float32.
+    """
 
     slot: np.ndarray
     cell: np.ndarray
     fraction: np.ndarray
     t: np.ndarray
+    at: np.ndarray
+    weights: np.ndarray
+    alpha: np.ndarray
 
 
 def tables_of(pack: Pack) -> Tables:
@@ -162,57 +168,57 @@ def _cube(origin, direction, cell, low, size):
     return _wall(origin, direction, max(at, low), min(at + np.float32(4.0), low + np.float32(size)))
 
 
-@njit(nogil=True, cache=True, inline="always")
-def _corner_weights(fraction, i, weights):
-    fx, fy, fz = fraction[i, 0], fraction[i, 1], fraction[i, 2]
-    one = np.float32(1.0)
-    ex, ey, ez = one - fx, one - fy, one - fz
-    weights[0], weights[1], weights[2], weights[3] = ez * ey * ex, ez * ey * fx, ez * fy * ex, ez * fy * fx
-    weights[4], weights[5], weights[6], weights[7] = fz * ey * ex, fz * ey * fx, fz * fy * ex, fz * fy * fx
-
-
-@njit(nogil=True, cache=True, inline="always")
-def _in_atlas(first, row, layer, found, i):
-    slot, cell = found.slot[i], found.cell
-    return first[slot] + np.int64(cell[i, 2]) * layer + np.int64(cell[i, 1]) * row + np.int64(cell[i, 0])
-
-
 @njit(nogil=True, cache=True)
-def _blended_alpha(rgba, at, row, layer, weights):
-    alpha = np.float32(0.0)
-    for corner in range(8):
-        place = at + (corner >> 2) * layer + (corner >> 1 & 1) * row + (corner & 1)
-        alpha += weights[corner] * np.float32(rgba[place, 3])
-    return alpha * np.float32(1 / 255)
+def list_contributing(tables: Tables, rays, ray, k, found):
+    """The contributing ones of up to LISTED samples of a ray: how many, where to go on, whether there may be more."""
+    rgba, first, row, layer = tables.rgba, tables.first, np.int64(tables.row), np.int64(tables.layer)
+    slot, cell, fraction, weights, one = found.slot, found.cell, found.fraction, found.weights, np.float32(1.0)
+    listed, k = list_samples(tables, rays, ray, k, LISTED, found)
+    count = 0
+    for i in range(listed):
+        at = first[slot[i]] + np.int64(cell[i, 2]) * layer + np.int64(cell[i, 1]) * row + np.int64(cell[i, 0])
+        fx, fy, fz = fraction[i, 0], fraction[i, 1], fraction[i, 2]
+        ex, ey, ez = one - fx, one - fy, one - fz
+        weights[count, 0], weights[count, 1] = ez * ey * ex, ez * ey * fx
+        weights[count, 2], weights[count, 3] = ez * fy * ex, ez * fy * fx
+        weights[count, 4], weights[count, 5] = fz * ey * ex, fz * ey * fx
+        weights[count, 6], weights[count, 7] = fz * fy * ex, fz * fy * fx
+        alpha = np.float32(0.0)
+        for corner in range(8):
+            place = at + (corner >> 2) * layer + (corner >> 1 & 1) * row + (corner & 1)
+            alpha += weights[count, corner] * np.float32(rgba[place, 3])
+        alpha *= np.float32(1 / 255)
+        if alpha <= np.float32(ALPHA_CONTRIBUTES):
+            continue
+        found.at[count], found.alpha[count], found.t[count], slot[count] = at, alpha, found.t[i], slot[i]
+        for axis in range(3):
+            cell[count, axis] = cell[i, axis]
+        count += 1
+    return count, k, listed == LISTED
 
 
 @njit(nogil=True, cache=True)
 def accumulate_rays(tables: Tables, rays, low, high, found, sums):
     """sums float32 [N, 8] of rays low … high - 1: premultiplied colour and features, and T behind all."""
-    rgba, features, first = tables.rgba, tables.features, tables.first
+    rgba, features, weights = tables.rgba, tables.features, found.weights
     row, layer, coloured = np.int64(tables.row), np.int64(tables.layer), tables.features.shape[0] > 0
-    weights, total, one = np.empty(8, np.float32), np.empty(8, np.float32), np.float32(1.0)
+    total, one = np.empty(8, np.float32), np.float32(1.0)
     for ray in range(low, high):
-        passed, k, count = one, np.int64(0), LISTED
+        passed, k, more = one, np.int64(0), True
         total[:] = np.float32(0.0)
-        while count == LISTED and passed > np.float32(TRANSMITTANCE_STOP):
-            count, k = list_samples(tables, rays, ray, k, LISTED, found)
+        while more and passed > np.float32(TRANSMITTANCE_STOP):
+            count, k, more = list_contributing(tables, rays, ray, k, found)
             for i in range(count):
-                _corner_weights(found.fraction, i, weights)
-                at = _in_atlas(first, row, layer, found, i)
-                alpha = _blended_alpha(rgba, at, row, layer, weights)
-                if alpha <= np.float32(ALPHA_CONTRIBUTES):
-                    continue
                 scale = passed * np.float32(1 / 255)
                 for corner in range(8):
-                    place = at + (corner >> 2) * layer + (corner >> 1 & 1) * row + (corner & 1)
-                    share = weights[corner] * scale
+                    place = found.at[i] + (corner >> 2) * layer + (corner >> 1 & 1) * row + (corner & 1)
+                    share = weights[i, corner] * scale
                     for c in range(3):
                         total[c] += share * np.float32(rgba[place, c])
                     if coloured:
                         for c in range(4):
                             total[3 + c] += share * np.float32(features[place, c])
-                passed *= one - min(alpha, np.float32(MAX_ALPHA))
+                passed *= one - min(found.alpha[i], np.float32(MAX_ALPHA))
                 if passed <= np.float32(TRANSMITTANCE_STOP):
                     break
         for c in range(7):
@@ -223,25 +229,19 @@ def accumulate_rays(tables: Tables, rays, low, high, found, sums):
 @njit(nogil=True, cache=True)
 def light_rays(tables: Tables, rays, low, high, found, best):
     """Raises best uint8 [slots, B³] to the T before each sample of rays low … high - 1, where it contributes."""
-    rgba, first, row, layer = tables.rgba, tables.first, np.int64(tables.row), np.int64(tables.layer)
-    side, one = np.int64(tables.size) + 2, np.float32(1.0)
-    weights = np.empty(8, np.float32)
+    side, one, weights = np.int64(tables.size) + 2, np.float32(1.0), found.weights
     for ray in range(low, high):
-        passed, k, count = one, np.int64(0), LISTED
-        while count == LISTED and passed > np.float32(TRANSMITTANCE_STOP):
-            count, k = list_samples(tables, rays, ray, k, LISTED, found)
+        passed, k, more = one, np.int64(0), True
+        while more and passed > np.float32(TRANSMITTANCE_STOP):
+            count, k, more = list_contributing(tables, rays, ray, k, found)
             for i in range(count):
-                _corner_weights(found.fraction, i, weights)
-                alpha = _blended_alpha(rgba, _in_atlas(first, row, layer, found, i), row, layer, weights)
-                if alpha <= np.float32(ALPHA_CONTRIBUTES):
-                    continue
                 slot, x, y, z = found.slot[i], found.cell[i, 0], found.cell[i, 1], found.cell[i, 2]
                 local, arriving = (z * side + y) * side + x, np.uint8(np.ceil(np.float32(255) * passed))
                 for corner in range(8):
-                    if weights[corner] > 0:
+                    if weights[i, corner] > 0:
                         place = local + ((corner >> 2) * side + (corner >> 1 & 1)) * side + (corner & 1)
                         best[slot, place] = max(best[slot, place], arriving)
-                passed *= one - min(alpha, np.float32(MAX_ALPHA))
+                passed *= one - min(found.alpha[i], np.float32(MAX_ALPHA))
                 if passed <= np.float32(TRANSMITTANCE_STOP):
                     break
 
@@ -249,21 +249,16 @@ def light_rays(tables: Tables, rays, low, high, found, best):
 @njit(nogil=True, cache=True)
 def half_depth_rays(tables: Tables, rays, low, high, found, depths):
     """depths float32 [N] of rays low … high - 1: t of the last sample that half of the light or more arrives at."""
-    rgba, first, row, layer = tables.rgba, tables.first, np.int64(tables.row), np.int64(tables.layer)
-    weights, one, half = np.empty(8, np.float32), np.float32(1.0), np.float32(0.5)
+    one, half = np.float32(1.0), np.float32(0.5)
     for ray in range(low, high):
-        passed, k, count, depth = one, np.int64(0), LISTED, np.float32(0.0)
-        while count == LISTED and passed >= half:
-            count, k = list_samples(tables, rays, ray, k, LISTED, found)
+        passed, k, more, depth = one, np.int64(0), True, np.float32(0.0)
+        while more and passed >= half:
+            count, k, more = list_contributing(tables, rays, ray, k, found)
             for i in range(count):
-                _corner_weights(found.fraction, i, weights)
-                alpha = _blended_alpha(rgba, _in_atlas(first, row, layer, found, i), row, layer, weights)
-                if alpha <= np.float32(ALPHA_CONTRIBUTES):
-                    continue
                 if passed < half:
                     break
                 depth = found.t[i]
-                passed *= one - min(alpha, np.float32(MAX_ALPHA))
+                passed *= one - min(found.alpha[i], np.float32(MAX_ALPHA))
         depths[ray] = depth
 
 
@@ -347,5 +342,6 @@ def _in_grid(box: Box, source: GridFrameRays, ids: jax.Array, away: jax.Array | 
 def _room() -> Found:
     return Found(
         np.empty(LISTED, np.int32), np.empty((LISTED, 3), np.int32), np.empty((LISTED, 3), np.float32),
+        np.empty(LISTED, np.float32), np.empty(LISTED, np.int64), np.empty((LISTED, 8), np.float32),
         np.empty(LISTED, np.float32),
     )  # fmt: skip

@@ -65,7 +65,8 @@ def test_the_same_light_arrives(both, dataset) -> None:
     assert found.shape == known.shape and known.any() and shares[-1] == 1.0
     off = np.abs(found.astype(int) - known) > 1
     assert off.mean() < 2e-3
-    np.testing.assert_allclose(ours.half_depths(ids), theirs.half_depths(ids), atol=1e-2 + 1.01 * (off.any()))
+    depths = np.abs(ours.half_depths(ids) - theirs.half_depths(ids))
+    assert (depths > 1e-2).mean() < 5e-3 and theirs.half_depths(ids).max() > 1
 
 
 def test_threads_change_nothing(both, dataset) -> None:

@@ -20,6 +20,7 @@ from training.scenes.pictures import over_background
 from training.voxels.config import VoxelConfig
 from training.voxels.field import render_samples
 from training.voxels.method import VoxelMethod
+from training.voxels.saving import save
 from training.voxels.smoothness import WINDOW
 from training.voxels.sparse_grid import (
     Occupancy,
@@ -282,7 +283,8 @@ def test_dense_tables_are_given_up_while_steps_are_made(both: Both) -> None:
     state = FusedState(both.plain)
     state.unpack(both.method.settings, both.method.engine.workers)
     assert state.plain is None
-    again = state.pack()
+    saved, again = both.method.engine.arrays(state), state.pack()
+    assert all(np.array_equal(saved[name], array) for name, array in save(again).items()), "saved without them"
     for ours, theirs in zip(jax.tree.leaves(again), jax.tree.leaves(both.plain), strict=True):
         np.testing.assert_array_equal(np.asarray(ours), np.asarray(theirs))
 
