@@ -170,7 +170,7 @@ def _cube(origin, direction, cell, low, size):
 
 @njit(nogil=True, cache=True)
 def list_contributing(tables: Tables, rays, ray, k, found):
-    """The contributing ones of up to LISTED samples of a ray: how many, where to go on, whether there may be more."""
+    """The contributing ones of up to LISTED samples of a ray: how many, where to go on, and of how many: fewer are the last."""
     rgba, first, row, layer = tables.rgba, tables.first, np.int64(tables.row), np.int64(tables.layer)
     slot, cell, fraction, weights, one = found.slot, found.cell, found.fraction, found.weights, np.float32(1.0)
     listed, k = list_samples(tables, rays, ray, k, LISTED, found)
@@ -194,7 +194,7 @@ def list_contributing(tables: Tables, rays, ray, k, found):
         for axis in range(3):
             cell[count, axis] = cell[i, axis]
         count += 1
-    return count, k, listed == LISTED
+    return count, k, listed
 
 
 @njit(nogil=True, cache=True)
@@ -204,10 +204,10 @@ def accumulate_rays(tables: Tables, rays, low, high, found, sums):
     row, layer, coloured = np.int64(tables.row), np.int64(tables.layer), tables.features.shape[0] > 0
     total, one = np.empty(8, np.float32), np.float32(1.0)
     for ray in range(low, high):
-        passed, k, more = one, np.int64(0), True
+        passed, k, listed = one, np.int64(0), LISTED
         total[:] = np.float32(0.0)
-        while more and passed > np.float32(TRANSMITTANCE_STOP):
-            count, k, more = list_contributing(tables, rays, ray, k, found)
+        while listed == LISTED and passed > np.float32(TRANSMITTANCE_STOP):
+            count, k, listed = list_contributing(tables, rays, ray, k, found)
             for i in range(count):
                 scale = passed * np.float32(1 / 255)
                 for corner in range(8):
@@ -231,9 +231,9 @@ def light_rays(tables: Tables, rays, low, high, found, best):
     """Raises best uint8 [slots, B³] to the T before each sample of rays low … high - 1, where it contributes."""
     side, one, weights = np.int64(tables.size) + 2, np.float32(1.0), found.weights
     for ray in range(low, high):
-        passed, k, more = one, np.int64(0), True
-        while more and passed > np.float32(TRANSMITTANCE_STOP):
-            count, k, more = list_contributing(tables, rays, ray, k, found)
+        passed, k, listed = one, np.int64(0), LISTED
+        while listed == LISTED and passed > np.float32(TRANSMITTANCE_STOP):
+            count, k, listed = list_contributing(tables, rays, ray, k, found)
             for i in range(count):
                 slot, x, y, z = found.slot[i], found.cell[i, 0], found.cell[i, 1], found.cell[i, 2]
                 local, arriving = (z * side + y) * side + x, np.uint8(np.ceil(np.float32(255) * passed))
@@ -251,9 +251,9 @@ def half_depth_rays(tables: Tables, rays, low, high, found, depths):
     """depths float32 [N] of rays low … high - 1: t of the last sample that half of the light or more arrives at."""
     one, half = np.float32(1.0), np.float32(0.5)
     for ray in range(low, high):
-        passed, k, more, depth = one, np.int64(0), True, np.float32(0.0)
-        while more and passed >= half:
-            count, k, more = list_contributing(tables, rays, ray, k, found)
+        passed, k, listed, depth = one, np.int64(0), LISTED, np.float32(0.0)
+        while listed == LISTED and passed >= half:
+            count, k, listed = list_contributing(tables, rays, ray, k, found)
             for i in range(count):
                 if passed < half:
                     break
@@ -277,7 +277,7 @@ class FusedMarcher:
         self.rays, self.tables, self.workers = pack_rays(pack, dataset), tables_of(pack), Workers()
         self.side = pack.padded_block_size
         self.box = box_of(pack)
-        self.found = [_room() for _ in range(self.workers.count)]
+        self.found = [room_for_samples() for _ in range(self.workers.count)]
 
     def meets(self, ids: np.ndarray, away: np.ndarray | None = None) -> np.ndarray:
         meets = np.zeros(len(ids), bool)
@@ -339,7 +339,8 @@ def _in_grid(box: Box, source: GridFrameRays, ids: jax.Array, away: jax.Array | 
     return to_grid(box, source.geometry_at(ids, away))
 
 
-def _room() -> Found:
+def room_for_samples() -> Found:
+    """What one worker looks at together."""
     return Found(
         np.empty(LISTED, np.int32), np.empty((LISTED, 3), np.int32), np.empty((LISTED, 3), np.float32),
         np.empty(LISTED, np.float32), np.empty(LISTED, np.int64), np.empty((LISTED, 8), np.float32),

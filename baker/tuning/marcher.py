@@ -69,10 +69,14 @@ def box_of(pack: Pack) -> Box:
     return Box(jnp.asarray(pack.min_xyz, jnp.float32), jnp.float32(pack.voxel_size), dims)
 
 
+def compiled_loops() -> bool:
+    """Whether packs are marched by compiled loops: on a processor, where Numba is."""
+    return jax.default_backend() == "cpu" and importlib.util.find_spec("numba") is not None
+
+
 def make_marcher(pack: Pack, dataset: RayDataset) -> PackMarcher:
-    """By fused loops on a processor, where Numba is, and by JAX elsewhere; however many devices or processes bake."""
-    fused = jax.default_backend() == "cpu" and importlib.util.find_spec("numba") is not None
+    """By compiled loops where they are, and by JAX elsewhere; however many devices or processes bake."""
     name = (
-        "fused_marcher" if fused else "jax_marcher"
-    )  # imported when it is asked for: Numba is heavy, and may be missing
+        "fused_marcher" if compiled_loops() else "jax_marcher"
+    )  # imported when asked for: Numba is heavy, may be missing
     return importlib.import_module(f"baker.tuning.{name}").marcher_of(pack, dataset)

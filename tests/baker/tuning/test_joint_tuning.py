@@ -11,13 +11,24 @@ import numpy as np
 import pytest
 
 from baker.tuning import joint_loop
-from baker.tuning.joint_loop import JointConfig, joint_tune, list_sizes, split_by_view, start
+from baker.tuning.jax_tuner import (
+    Scene,
+    Sizes,
+    gather,
+    list_sizes,
+    scene_of,
+    score_some,
+    start,
+    stored,
+    update,
+)
+from baker.tuning.joint_loop import JointConfig, joint_tune, split_by_view
 from baker.tuning.joint_rows import VoxelRows, cells_of_rows, rows_by_slot, voxel_rows, with_content
-from baker.tuning.joint_tune import BETAS, Scene, Sizes, Trained, gather, shown, squared_error, stored, update
-from baker.tuning.pack_layout import composite, pack_layout, pack_rays, pack_sizes, pack_voxels
+from baker.tuning.pack_layout import composite, pack_sizes, pack_voxels
+from baker.tuning.tuner import BETAS, Trained, shown
 from scenepack import Pack, check_pack
 from scenepack.blocks import dense_from_pack
-from tests.scenepack.random_packs import random_pack, random_view_mlp
+from tests.baker.tuning.helpers import pack_of
 from training.dataset import RayDataset
 from training.marching.batches import rays_that_meet
 from training.marching.layout import blend
@@ -38,23 +49,9 @@ class Problem(NamedTuple):
     sizes: Sizes
 
 
-def pack_of(seed: int = 7, **options: Any) -> Pack:
-    """A random pack where the photographs look. No voxel is quite opaque: that has no gradient of its density."""
-    pack = random_pack(np.random.default_rng(seed), block_size=14, grid_blocks=(2, 2, 2), style="blob", **options)
-    size = np.array(pack.grid_size) * 0.06
-    if not options.get("diffuse"):
-        pack = replace(pack, view_mlp=random_view_mlp(np.random.default_rng(8), 0.5))
-    features = None if pack.atlas_features is None else np.minimum(pack.atlas_features, 250)
-    rgba = np.minimum(pack.atlas_rgba, 250)
-    return replace(pack, voxel_size=0.06, min_xyz=-0.5 * size, atlas_rgba=rgba, atlas_features=features)
-
-
 def problem_of(pack: Pack, dataset: RayDataset, cell: int = 4) -> Problem:
     rows = voxel_rows(pack)
-    scene = Scene(
-        pack_layout(pack), pack_rays(pack, dataset), jnp.asarray(rows_by_slot(pack, rows)), jnp.asarray(rows.content),
-        jnp.asarray(cells_of_rows(pack, rows, cell)),
-    )  # fmt: skip
+    scene = scene_of(pack, rows, dataset, cell)
     every = np.arange(dataset.count, dtype=np.int32)
     ids = every[rays_that_meet(scene.layout, scene.rays, every, pack_sizes(pack, SAMPLES).segments)]
     trained = start(scene, pack)
@@ -234,11 +231,11 @@ def test_rays_for_which_a_list_is_too_short_are_left_out_whole(
     few = sizes._replace(**{short: limit})
     cut = gather(problem.scene, problem.scene.content, dataset, ids, few)
     assert np.array_equal(cut.whole, fits)
-    error, rays, samples = squared_error(problem.trained, problem.scene, dataset, ids, few, False)
+    error, rays, samples = score_some(problem.trained, problem.scene, dataset, ids, few, False)
     assert (int(rays), int(samples)) == (fits.sum(), counts[fits].sum())
     # and those that stay show what they showed
     alone = jnp.asarray(np.resize(np.asarray(ids)[fits], sizes.rays))
-    expected = squared_error(problem.trained, problem.scene, dataset, alone, sizes, False)
+    expected = score_some(problem.trained, problem.scene, dataset, alone, sizes, False)
     whole_turns, rest = divmod(sizes.rays, int(fits.sum()))
     if rest == 0:
         np.testing.assert_allclose(float(expected[0]), whole_turns * float(error), rtol=1e-4)

@@ -1,39 +1,43 @@
-"""Fine-tuning of the stored voxels and the view MLP together, on exactly what the viewer shows (beyond SNeRG section 5.6).
-
-The paper trains the view MLP on against the grid as quantising left it. Here the grid moves, too: every step takes the
-viewer's own samples (baker.tuning.pack_layout) of some training rays from the voxels *as rounded to 8 bits*, and its gradient
-moves what is behind them (a straight-through estimator). What is optimised is what is shown.
-
-A voxel of a fine grid is met by a handful of rays, and learns their noise by heart. So the voxels of a cell of a few
-voxels a side move together: each cell adds to the straight colours and features of its voxels, and scales their density.
-For the same reason Adam's denominator has a floor, the mean over all cells: what has hardly any gradient hardly moves.
+"""baker.tuning.tuner.Tuner by XLA: for cards, and the reference for other tuners.
 
 Notation: R rays; S samples with support; C of them contribute, which is all that a gradient needs; V voxels with alpha,
-K cells, row 0 of either stands for what is empty; delta float32 [K + 1, 8]: of rgb, log density, and features.
-
-    loss = mean over rays of |shown - photograph|²
+K cells, row 0 of either stands for what is empty.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from baker.tuning.marcher import Accumulated
-from baker.tuning.pack_layout import MAX_ALPHA, PackLayout, composite, over_background
-from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP
+from baker.tuning.joint_rows import VoxelRows, cells_of_rows, rows_by_slot, voxel_rows, with_content
+from baker.tuning.pack_layout import MAX_ALPHA, PackLayout, composite, pack_layout, pack_rays, pack_sizes
+from baker.tuning.tuner import (
+    BETAS,
+    PROBE_RAYS,
+    ROOM,
+    TINY,
+    TOP,
+    Trained,
+    adam_head,
+    bias_correction,
+    psnr_of,
+    shown,
+    squared_error,
+)
+from baker.view_mlp import from_params, to_params
+from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
+from scenepack.pack import Pack
 from training.dataset import RayDataset
+from training.marching.batches import rays_that_meet
 from training.marching.layout import blend
-from training.marching.march import MarchSizes, Samples, march, transmittance
+from training.marching.march import MarchSizes, Samples, march, occupied_segments, transmittance
 from training.marching.rays import GridFrameRays, to_grid
 from training.method import ViewMlpParams
-from training.view_mlp import apply_view_mlp
-
-BETAS = (0.9, 0.99)
-TOP = 254.75  # stands for an alpha of 255, whose optical depth would be infinite
 
 
 class Sizes(NamedTuple):
@@ -43,13 +47,6 @@ class Sizes(NamedTuple):
     march: MarchSizes
     contributing: int
     per_ray: int
-
-
-class Trained(NamedTuple):
-    """delta [K + 1, 8]; head: the view MLP, None for a diffuse pack."""
-
-    delta: jax.Array
-    head: ViewMlpParams | None
 
 
 class Scene(NamedTuple):
@@ -105,17 +102,6 @@ def gather(scene: Scene, voxels: jax.Array, dataset: RayDataset, ids: jax.Array,
     return Gathered(samples, rows[chosen], weights[chosen], rays.viewdirs, target, whole, marched.counts.sum())
 
 
-def shown(
-    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, background: tuple[float, ...], ndc: bool
-) -> jax.Array:
-    """[R, 3] what the viewer makes of accumulated rays (docs/rendering.md, "Shading"), above 1 not yet clamped."""
-    diffuse, features, behind = over_background(sums, background, ndc)
-    if head is None:
-        return diffuse
-    residual = apply_view_mlp(head, diffuse, features, viewdirs)
-    return diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
-
-
 @jax.jit
 def stored(delta: jax.Array, scene: Scene) -> jax.Array:
     """uint8 [V + 1, 8]: the voxels as they are stored, premultiplied."""
@@ -130,7 +116,7 @@ def stored(delta: jax.Array, scene: Scene) -> jax.Array:
 
 
 @partial(jax.jit, static_argnames=("sizes", "ndc"))
-def squared_error(
+def score_some(
     trained: Trained, scene: Scene, dataset: RayDataset, ids: jax.Array, sizes: Sizes, ndc: bool
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Sum of squared errors of the clamped picture over whole rays among `ids`, their number, and their samples."""
@@ -139,8 +125,7 @@ def squared_error(
     values = blend(voxels[got.ids].astype(jnp.float32) * (1 / 255), got.weights)
     sums = composite(got.samples, values, sizes.rays, sizes.per_ray)
     rgb = shown(sums, trained.head, got.viewdirs, dataset.background, ndc)
-    error = jnp.square(jnp.clip(rgb, 0, 1) - got.target).sum(-1)
-    return jnp.where(got.whole, error, 0.0).sum(), got.whole.sum(), got.samples.valid.sum()
+    return squared_error(rgb, got.target, got.whole, True), got.whole.sum(), got.samples.valid.sum()
 
 
 @partial(jax.jit, static_argnames=("sizes", "ndc"), donate_argnums=(0, 1, 2))
@@ -158,7 +143,7 @@ def update(
     def loss_of(values: jax.Array, head: ViewMlpParams | None) -> jax.Array:
         sums = composite(got.samples, values, sizes.rays, sizes.per_ray)
         rgb = shown(sums, head, got.viewdirs, dataset.background, ndc)
-        return jnp.where(got.whole, jnp.square(jnp.minimum(rgb, 1.0) - got.target).sum(-1), 0.0).sum() / total
+        return squared_error(rgb, got.target, got.whole, False) / total
 
     error, (slope, head_slope) = jax.value_and_grad(loss_of, argnums=(0, 1))(values, trained.head)
     of_corners = got.weights[..., None] * slope[:, None]
@@ -178,26 +163,97 @@ def _adam(
 ) -> tuple[Trained, Trained, Trained]:
     """Adam; cells that no ray of this step met are left alone, moments included."""
     one, two = BETAS
-    steps = count.astype(jnp.float32) + 1.0
-    correction = jnp.sqrt(1 - two**steps) / (1 - one**steps)
-
-    def moments(slope, m, v):
-        return one * m + (1 - one) * slope, two * v + (1 - two) * jnp.square(slope)
-
+    m = one * first.delta + (1 - one) * slope.delta
+    v = two * second.delta + (1 - two) * jnp.square(slope.delta)
     met = jnp.any(slope.delta != 0, axis=1, keepdims=True)
-    m, v = moments(slope.delta, first.delta, second.delta)
-    ever = jnp.maximum((v > 0).sum(0), 1)
-    floor = jnp.sqrt(v.sum(0) / ever)
-    value = trained.delta - rates[:8] * correction * m / (jnp.sqrt(v) + floor + 1e-12)
+    floor = jnp.sqrt(v.sum(0) / jnp.maximum((v > 0).sum(0), 1))
+    value = trained.delta - rates[:8] * bias_correction(count) * m / (jnp.sqrt(v) + floor + TINY)
     delta, m, v = (
         jnp.where(met, new, old) for new, old in ((value, trained.delta), (m, first.delta), (v, second.delta))
     )
     if trained.head is None:
         return Trained(delta, None), Trained(m, None), Trained(v, None)
-    leaves, tree = jax.tree.flatten(trained.head)
-    heads = []
-    for a, g, *old in zip(leaves, *(jax.tree.leaves(part.head) for part in (slope, first, second)), strict=True):
-        m_head, v_head = moments(g, *old)
-        heads.append((a - rates[8] * correction * m_head / (jnp.sqrt(v_head) + 1e-12), m_head, v_head))
-    new, m_head, v_head = (jax.tree.unflatten(tree, part) for part in zip(*heads, strict=True))
-    return Trained(delta, new), Trained(m, m_head), Trained(v, v_head)
+    heads = adam_head(trained.head, slope.head, first.head, second.head, rates[8], count)  # type: ignore[arg-type]
+    return tuple(Trained(*parts) for parts in zip((delta, m, v), heads, strict=True))  # type: ignore[return-value]
+
+
+class JaxTuner:
+    """See baker.tuning.tuner.Tuner."""
+
+    def __init__(self, pack: Pack, dataset: RayDataset, cell: int) -> None:
+        self.pack, self.dataset, self.rows = pack, dataset, voxel_rows(pack)
+        self.scene = scene_of(pack, self.rows, dataset, cell)
+        self.trained = start(self.scene, pack)
+        self.first, self.second = (jax.tree.map(jnp.zeros_like, self.trained) for _ in range(2))
+        self.rays, self.sizes = 0, Sizes(0, pack_sizes(pack, 0), 0, 0)
+
+    def meets(self, ids: np.ndarray) -> np.ndarray:
+        return rays_that_meet(self.scene.layout, self.scene.rays, ids, self.sizes.march.segments)
+
+    def fill(self, ids: np.ndarray, samples: int, seed: int) -> None:
+        self.sizes = list_sizes(self.scene, self.trained, self.dataset, self.pack, ids, samples, seed)
+        self.rays = self.sizes.rays
+
+    def update(self, ids: np.ndarray, rates: np.ndarray, count: int) -> None:
+        self.trained, self.first, self.second, _ = update(
+            self.trained, self.first, self.second, self.scene, self.dataset, jnp.asarray(ids), jnp.int32(count), rates,
+            self.sizes, self.pack.ndc,
+        )  # fmt: skip
+
+    def score(self, ids: np.ndarray) -> tuple[float, float]:
+        error = rays = samples = 0.0
+        ids = np.resize(ids, -(-len(ids) // self.rays) * self.rays)  # whole batches: another size is compiled anew
+        for part in ids.reshape(-1, self.rays):
+            some = score_some(self.trained, self.scene, self.dataset, jnp.asarray(part), self.sizes, self.pack.ndc)
+            error, rays, samples = (old + float(new) for old, new in zip((error, rays, samples), some, strict=True))
+        return psnr_of(error, rays), samples / max(rays, 1.0)
+
+    def snapshot(self) -> Trained:
+        return jax.tree.map(np.asarray, self.trained)
+
+    def tuned(self, snapshot: Trained) -> Pack:
+        pack = with_content(self.pack, self.rows, np.asarray(stored(jnp.asarray(snapshot.delta), self.scene)))
+        return pack if snapshot.head is None else replace(pack, view_mlp=from_params(snapshot.head))
+
+
+def tuner_of(pack: Pack, dataset: RayDataset, cell: int) -> JaxTuner:
+    """The tuner of a pack."""
+    return JaxTuner(pack, dataset, cell)
+
+
+def scene_of(pack: Pack, rows: VoxelRows, dataset: RayDataset, cell: int) -> Scene:
+    """What stays of a pack while it is tuned."""
+    cells = jnp.asarray(cells_of_rows(pack, rows, cell))
+    by_slot, content = jnp.asarray(rows_by_slot(pack, rows)), jnp.asarray(rows.content)
+    return Scene(pack_layout(pack), pack_rays(pack, dataset), by_slot, content, cells)
+
+
+def start(scene: Scene, pack: Pack) -> Trained:
+    """Cells that change nothing, and the pack's view MLP."""
+    return Trained(jnp.zeros((int(scene.cells.max()) + 1, 8)), pack.view_mlp and to_params(pack.view_mlp))
+
+
+def list_sizes(
+    scene: Scene, trained: Trained, dataset: RayDataset, pack: Pack, ids: np.ndarray, samples: int, seed: int
+) -> Sizes:
+    """Sizes of a step's lists: `samples` in all, and room for what a probe of rays shows."""
+    probe = np.resize(np.random.default_rng(seed).permutation(ids)[:PROBE_RAYS], PROBE_RAYS)
+    wide = pack_sizes(pack, 4 * samples)._replace(coarse=4 * samples)
+    sizes = Sizes(PROBE_RAYS, wide, 2 * samples, wide.per_ray)
+    coarse, supported, contributing, most = (
+        int(n) for n in _probe(scene, stored(trained.delta, scene), dataset, jnp.asarray(probe), sizes)
+    )
+    share = supported / PROBE_RAYS
+    rays = max(int(samples / ROOM / max(share, 1)) // 256 * 256, 256)
+    room = int(ROOM * rays * contributing / PROBE_RAYS) + 4096
+    marched = pack_sizes(pack, samples)._replace(coarse=int(ROOM * rays * coarse / PROBE_RAYS) + 4096)
+    return Sizes(rays, marched, room, int(1.3 * most) + 8)
+
+
+@partial(jax.jit, static_argnames="sizes")
+def _probe(scene: Scene, voxels: jax.Array, dataset: RayDataset, ids: jax.Array, sizes: Sizes):
+    """Samples with support, contributing ones, and the most contributing ones of a ray."""
+    got = gather(scene, voxels, dataset, ids, sizes)
+    rays = to_grid(scene.layout, scene.rays.geometry_at(ids))
+    coarse = occupied_segments(scene.layout, rays, jnp.full(ids.shape[0], 0.5), sizes.march.segments, 1.0).sum()
+    return coarse, got.supported, got.samples.valid.sum(), got.samples.counts.max()

@@ -1,0 +1,145 @@
+"""The two tuners of a pack agree: what a step does to cells and view MLP, what is stored, and what that scores."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from baker.tuning import fused_tuner
+from baker.tuning.fused_tuner import FusedTuner
+from baker.tuning.jax_tuner import JaxTuner
+from baker.tuning.tuner import BETAS
+from scenepack import Pack
+from tests.baker.tuning.helpers import pack_of
+from training.dataset import RayDataset
+from training.voxels.fused.workers import Workers
+
+SAMPLES = 32_768
+RATES = np.array([*[4e-3] * 3, 0.03, *[4e-3] * 4, 1e-3], np.float32)
+Both = tuple[FusedTuner, JaxTuner]
+
+
+def both_of(pack: Pack, dataset: RayDataset, cell: int = 4, room: int | None = None) -> tuple[Both, np.ndarray]:
+    """The two tuners of a pack, and rays for a step of both."""
+    ours, theirs = FusedTuner(pack, dataset, cell), JaxTuner(pack, dataset, cell)
+    every = np.arange(dataset.count, dtype=np.int32)
+    ids = every[ours.meets(every)]
+    for tuner in (ours, theirs):
+        tuner.fill(ids, SAMPLES, 0)
+    return (ours, theirs), ids
+
+
+def drawn(ids: np.ndarray, tuner: FusedTuner | JaxTuner, seed: int = 1) -> np.ndarray:
+    return np.resize(np.random.default_rng(seed).choice(ids, 2048), tuner.rays).astype(np.int32)
+
+
+def made_equal(both: Both) -> int:
+    """Both take as many rays a step; how many."""
+    ours, theirs = both
+    rays = min(ours.rays, theirs.rays)
+    ours.rays, ours.work = rays, fused_tuner.work_for(rays, ours.work.at.shape[1])
+    theirs.rays, theirs.sizes = rays, theirs.sizes._replace(rays=rays)
+    return rays
+
+
+def leaves(head: Any) -> list[np.ndarray]:
+    return [np.asarray(a) for a in jax.tree.leaves(head)]
+
+
+@pytest.mark.parametrize("style", ["object", "diffuse", "forward", "cells of 1", "cells of 3"])
+def test_a_step_moves_cells_and_view_mlp_alike(dataset: RayDataset, style: str) -> None:
+    pack = pack_of(diffuse=style == "diffuse")
+    pack = replace(pack, ndc=style == "forward")
+    both, ids = both_of(pack, dataset, {"cells of 1": 1, "cells of 3": 3}.get(style, 4))
+    made_equal(both)
+    ours, theirs = both
+    for tuner in both:
+        tuner.update(drawn(ids, tuner), RATES, 0)
+    slopes, known = ours.first / (1 - BETAS[0]), np.asarray(theirs.first.delta) / (1 - BETAS[0])
+    assert slopes.shape == known.shape and not slopes[0].any()
+    scale = np.abs(known).max(axis=0)
+    coloured = 4 if style == "diffuse" else 8
+    assert (scale[:coloured] > 0).all(), "each part has a slope"
+    off = np.abs(slopes - known)[:, :coloured] / scale[:coloured]
+    assert np.mean(off > 1e-3) < 5e-3, "but for samples at a threshold, or rays that begin a step apart by rounding"
+    met = [np.any(np.asarray(a) != 0, axis=1) for a in (ours.delta, theirs.trained.delta)]
+    assert np.mean(met[0] != met[1]) < 5e-3 and met[0].mean() > 0.2
+    moved = np.abs(ours.delta - np.asarray(theirs.trained.delta)) / RATES[:8]
+    assert np.mean(moved > 0.02) < 0.01
+    for own, other in zip(leaves(ours.head_moments[0]), leaves(theirs.first.head), strict=True):
+        np.testing.assert_allclose(own, other, atol=2e-3 * np.abs(other).max())
+
+
+def test_what_has_moved_is_stored_alike_in_every_copy(dataset: RayDataset) -> None:
+    (ours, theirs), _ = both_of(pack_of(4, whole_blocks=True), dataset)
+    delta = np.random.default_rng(0).normal(0, [0.2] * 3 + [1.5] + [0.2] * 4, ours.delta.shape).astype(np.float32)
+    delta[0] = 0
+    one, other = (t.tuned(t.snapshot()._replace(delta=delta)) for t in (ours, theirs))
+    for name in ("atlas_rgba", "atlas_features"):
+        a, b = getattr(one, name).astype(int), getattr(other, name).astype(int)
+        assert np.abs(a - b).max() <= 1 and np.mean(a != b) < 1e-3, "but for ties"
+    assert np.mean(one.atlas_rgba != pack_of(4, whole_blocks=True).atlas_rgba) > 0.05
+
+
+def test_what_has_not_moved_stays_to_the_byte_and_the_given_pack_is_left_alone(dataset: RayDataset) -> None:
+    pack = pack_of()
+    rgba = pack.atlas_rgba.copy()
+    (ours, _), ids = both_of(pack, dataset)
+    start = ours.snapshot()
+    for count in range(3):
+        ours.update(drawn(ids, ours, count), 5 * RATES, count)
+    assert not np.array_equal(ours.tables.rgba, rgba.reshape(-1, 4)) and not start.delta.any()
+    assert np.array_equal(pack.atlas_rgba, rgba)
+    again = ours.tuned(start)
+    assert np.array_equal(again.atlas_rgba, rgba) and np.array_equal(again.atlas_features, pack.atlas_features)
+
+
+def test_a_run_of_steps_scores_alike(dataset: RayDataset) -> None:
+    both, ids = both_of(pack_of(), dataset)
+    made_equal(both)
+    scores = []
+    for tuner in both:
+        before = tuner.score(drawn(ids, tuner, 99))
+        for count in range(25):
+            tuner.update(drawn(ids, tuner, count), 5 * RATES, count)
+        scores.append((before, tuner.score(drawn(ids, tuner, 99))))
+    (before, after), (known_before, known_after) = scores
+    np.testing.assert_allclose(before, known_before, rtol=2e-3)
+    np.testing.assert_allclose(after, known_after, rtol=4e-3)
+    assert after[0] > before[0] + 0.5
+
+
+def test_threads_change_nothing(dataset: RayDataset) -> None:
+    found = []
+    for threads in (1, 3):
+        tuner = FusedTuner(pack_of(), dataset, 4)
+        tuner.workers = Workers(threads)
+        tuner.found = [fused_tuner.room_for_samples() for _ in range(threads)]
+        every = np.arange(dataset.count, dtype=np.int32)
+        tuner.fill(every, SAMPLES, 0)
+        for count in range(4):
+            tuner.update(drawn(every, tuner, count), 5 * RATES, count)
+        found.append((tuner.delta.copy(), tuner.tables.rgba.copy(), tuner.score(every[::9])))
+    assert np.array_equal(found[0][0], found[1][0]) and np.array_equal(found[0][1], found[1][1])
+    assert found[0][2] == found[1][2]
+
+
+def test_rays_without_room_count_for_nothing(dataset: RayDataset) -> None:
+    (ours, _), ids = both_of(pack_of(), dataset)
+    some = drawn(ids, ours)
+    ours._gather(some)
+    counts = np.diff(ours.work.first, axis=1)
+    sums = ours.work.sums.copy()
+    assert ours.work.whole.all()
+    ours.work = fused_tuner.work_for(ours.rays, int(counts.sum(1).max()) // 2)
+    ours._gather(some)
+    whole = ours.work.whole
+    assert 0.2 < whole.mean() < 0.9
+    assert np.array_equal(ours.work.sums[whole], sums[whole])
+    assert not ours.work.sums[~whole, :7].any() and (ours.work.sums[~whole, 7] == 1).all()
+    ours.update(some, RATES, 0)
+    assert np.isfinite(ours.delta).all() and ours.delta.any()
