@@ -76,7 +76,6 @@ def compiled_loops() -> bool:
 
 def make_marcher(pack: Pack, dataset: RayDataset) -> PackMarcher:
     """By compiled loops where they are, and by JAX elsewhere; however many devices or processes bake."""
-    name = (
-        "fused_marcher" if compiled_loops() else "jax_marcher"
-    )  # imported when asked for: Numba is heavy, may be missing
+    # Imported when they are asked for: Numba is heavy, and may be missing.
+    name = "fused.marcher" if compiled_loops() else "jax_marcher"
     return importlib.import_module(f"baker.tuning.{name}").marcher_of(pack, dataset)

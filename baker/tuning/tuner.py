@@ -78,7 +78,7 @@ class Tuner(Protocol):
 
 def make_tuner(pack: Pack, dataset: RayDataset, cell: int) -> Tuner:
     """By compiled loops on a processor, where Numba is, and by JAX elsewhere. cell: voxels a side of a cell."""
-    name = "fused_tuner" if compiled_loops() else "jax_tuner"
+    name = "fused.tuner" if compiled_loops() else "jax_tuner"
     return importlib.import_module(f"baker.tuning.{name}").tuner_of(pack, dataset, cell)
 
 

@@ -16,7 +16,8 @@ import pytest
 from baker.baking import culling
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
-from baker.tuning import fused_marcher, jax_marcher, pruning
+from baker.tuning import jax_marcher, pruning
+from baker.tuning.fused import marcher as fused_marcher
 from baker.tuning.pruning import prune
 from tests.baker.analytic import ball
 from tests.baker.baking.test_grid_and_culling import baked

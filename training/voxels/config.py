@@ -38,6 +38,10 @@ class VoxelConfig:
     to 262,144 for 512³ voxels."""
     step_voxels: float = 1.0
     """Distance between samples, in voxels; at most 1."""
+    last_step_voxels: float = 0.5
+    """The same towards the end: a surface within a voxel is told apart by what lies between its corners."""
+    finer_samples_from: float = 0.6
+    """Fraction of all steps from which samples are last_step_voxels apart, if that is less."""
     density_rate: float = 0.2
     """Initial learning rate of density (Adam)."""
     colour_rate: float = 0.1

@@ -47,6 +47,10 @@ class Engine(Protocol):
         """The state whose layout knows the cells' optical depths as they are now, by which marches terminate early."""
         ...
 
+    def sample_finer(self, state: Any, step_voxels: float) -> Any:
+        """The state whose samples lie so many voxels apart from now on; to be remembered before its next step."""
+        ...
+
     def occupancy(self, state: Any) -> Occupancy:
         """Where a state's voxels are. Rows of a state's values below are numbered as its present voxels are, from 1."""
         ...

@@ -38,9 +38,10 @@ class JaxEngine:
 
     def begin(self, state: VoxelState) -> VoxelState:
         if state.sizes is None:
-            layout = remember_depths(state.trainable.rows, state.layout, self.settings)
+            settings = self._settings(state)
+            layout = remember_depths(state.trainable.rows, state.layout, settings)
             rays_to_draw = state.hits, int(state.hit_count)
-            sizes, rays = fitting_sizes(self.geometry, layout, rays_to_draw, self.plan, self.settings)
+            sizes, rays = fitting_sizes(self.geometry, layout, rays_to_draw, self.plan, settings)
             state = state._replace(layout=layout, sizes=sizes, rays=rays)
         if state.hits.shape[0]:
             missing = self.dataset.count - state.hits.shape[0]
@@ -57,13 +58,16 @@ class JaxEngine:
     def step(self, state: VoxelState, step: int, progress: float) -> tuple[VoxelState, dict[str, jax.Array]]:
         optimised, metrics = compiled_update(self.dataset.mesh)(
             state.optimised, state.stage, self.dataset, self.key, np.int32(step), np.float32(progress),
-            sizes=state.sizes, rays=state.rays, settings=self.settings,
+            sizes=state.sizes, rays=state.rays, settings=self._settings(state),
         )  # fmt: skip
         return state.after(optimised), metrics
 
     def remember(self, state: VoxelState) -> VoxelState:
         remember = compiled_remembering(self.dataset.mesh)
-        return state._replace(layout=remember(state.trainable.rows, state.layout, self.settings))
+        return state._replace(layout=remember(state.trainable.rows, state.layout, self._settings(state)))
+
+    def sample_finer(self, state: VoxelState, step_voxels: float) -> VoxelState:
+        return self.begin(self.end(state)._replace(step_voxels=step_voxels, sizes=None, rays=0))
 
     def occupancy(self, state: VoxelState) -> Occupancy:
         return occupancy_of(here(state.layout))
@@ -73,10 +77,10 @@ class JaxEngine:
         return np.asarray(ended.hits), int(ended.hit_count)
 
     def meeting(self, state: VoxelState, ids: np.ndarray) -> np.ndarray:
-        return rays_with_content(self.geometry, here(state.layout), ids, self.settings.step_voxels)
+        return rays_with_content(self.geometry, here(state.layout), ids, state.step_voxels)
 
     def visible_weights(self, state: VoxelState, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return visible_weights(self.end(state), self.geometry, ids, self.settings)
+        return visible_weights(self.end(state), self.geometry, ids, self._settings(state))
 
     def regrid(self, state: VoxelState, occupancy: Occupancy, kept: np.ndarray | None) -> VoxelState:
         before = self.end(state)
@@ -88,17 +92,21 @@ class JaxEngine:
             rows = jnp.asarray(np.concatenate([absent, raw_at(before, voxel_centres(*occupancy))]))
             values = Trainable(rows, before.trainable.head)
             first, second = (Trainable(jnp.zeros_like(rows), part.head) for part in old[1:])
-        return state_over(build_layout(*occupancy), (values, first, second), before.updates, self.dataset.count)
+        layout, parts = build_layout(*occupancy), (values, first, second)
+        return state_over(layout, parts, before.updates, self.dataset.count, before.step_voxels)
 
     def draw_from(self, state: VoxelState, hits: np.ndarray, hit_count: int) -> VoxelState:
         ended = self.end(state)
         return self.begin(ended._replace(hits=jnp.asarray(hits), hit_count=jnp.int32(hit_count), sizes=None, rays=0))
 
     def query(self, state: VoxelState, points: jax.Array) -> FieldOutput:
-        return query(state.trainable.rows, state.layout, points, self.settings)
+        return query(state.trainable.rows, state.layout, points, self._settings(state))
 
     def render(self, state: VoxelState, rays: Rays) -> RenderOutput:
-        return render_all(self.end(state), rays, self.settings)
+        return render_all(self.end(state), rays, self._settings(state))
+
+    def _settings(self, state: VoxelState) -> Settings:
+        return self.settings._replace(step_voxels=state.step_voxels)
 
 
 @lru_cache

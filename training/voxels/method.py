@@ -45,15 +45,21 @@ class VoxelMethod:
         if self.config.voxels.view_dependence:
             head = init_view_mlp(key)
             head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
-        return self.engine.begin(dense_start(self.plan, self.dataset.local(), head))
+        step_voxels = self.config.voxels.step_voxels
+        return self.engine.begin(dense_start(self.plan, self.dataset.local(), head, step_voxels))
 
     def step(self, state: Any, step: int, progress: float | None = None) -> tuple[Any, dict[str, Any]]:
         if progress is None:
             progress = step / max(self.config.steps, 1)
-        resolution = self.plan.schedule.get(step)
+        voxels, resolution = self.config.voxels, self.plan.schedule.get(step)
         if resolution is not None and step > 0:
             state = refine(self.engine, state, resolution, self.plan)
-        if step % REMEMBER_EVERY == 0 or resolution is not None:  # at a new stage, too: compiled then, not later
+        finer = progress >= voxels.finer_samples_from and state.step_voxels > voxels.last_step_voxels
+        if finer:
+            state = self.engine.sample_finer(state, voxels.last_step_voxels)
+        if (
+            finer or step % REMEMBER_EVERY == 0 or resolution is not None
+        ):  # at a new stage, too: compiled then, not later
             state = self.engine.remember(state)
         return self.engine.step(state, step, progress)
 

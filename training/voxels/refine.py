@@ -29,7 +29,7 @@ MOST_FAINT = 0.1
 LISTED_TOGETHER = 1 << 25  # rays whose ids are listed together to ask which meet content
 
 
-def dense_start(plan: Plan, geometry: RayDataset, head: ViewMlpParams | None) -> VoxelState:
+def dense_start(plan: Plan, geometry: RayDataset, head: ViewMlpParams | None, step_voxels: float = 1.0) -> VoxelState:
     """Every voxel of the first stage present, but for what too few photographs see; raw values zero.
 
     geometry: the dataset on one device of this process (RayDataset.local).
@@ -44,7 +44,7 @@ def dense_start(plan: Plan, geometry: RayDataset, head: ViewMlpParams | None) ->
         layout = build_layout(present, plan.box[0], voxel)
     rows = jnp.zeros((present.sum() + 1, CHANNELS), jnp.float32)
     blank, blank_too = (Trainable(jnp.zeros_like(rows), jax.tree.map(jnp.zeros_like, head)) for _ in range(2))
-    return state_over(layout, (Trainable(rows, head), blank, blank_too), jnp.int32(0), geometry.count)
+    return state_over(layout, (Trainable(rows, head), blank, blank_too), jnp.int32(0), geometry.count, step_voxels)
 
 
 def refine(engine: Engine, state: Any, resolution: int, plan: Plan) -> Any:

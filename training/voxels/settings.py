@@ -33,6 +33,7 @@ MOST_RAYS = 8  # times the config's batch size: where few samples have support, 
 class Settings(NamedTuple):
     """Numbers that the compiled step treats as constants.
 
+    step_voxels: distance between samples, in voxels; at the start, then a state's own.
     shift, reference: density is softplus(raw + shift) / reference. last_depth: early termination, see march.
     sparsity_spacing: length between the samples that sparsity_weight was set for. distortion_spread: length that counts as 1.
     """

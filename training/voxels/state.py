@@ -52,7 +52,7 @@ class VoxelState(NamedTuple):
     """All that changes between steps: the fields of Optimised and of Stage.
 
     sizes, rays: how long the JAX engine's lists of a step are, and how many rays fill a step; plain numbers. sizes is None, and
-    rays 0, where no engine has looked yet.
+    rays 0, where no engine has looked yet. step_voxels: distance between samples, in voxels, a plain number as well.
     """
 
     trainable: Trainable
@@ -65,6 +65,7 @@ class VoxelState(NamedTuple):
     hit_count: jax.Array
     sizes: MarchSizes | None
     rays: int
+    step_voxels: float
 
     @property
     def optimised(self) -> Optimised:
@@ -80,11 +81,12 @@ class VoxelState(NamedTuple):
 
 
 def state_over(
-    layout: GridLayout, parts: tuple[Trainable, Trainable, Trainable], updates: jax.Array, rays: int
-) -> VoxelState:
+    layout: GridLayout, parts: tuple[Trainable, Trainable, Trainable], updates: jax.Array, rays: int,
+    step_voxels: float = 1.0,
+) -> VoxelState:  # fmt: skip
     """A state that no engine has looked at yet, which draws from all of so many rays. parts: values and their two moments."""
     (cells,) = np.nonzero(np.asarray(layout.lookup))
     return VoxelState(
         *parts, updates=updates, layout=layout, cells=jnp.asarray(np.concatenate([[0], cells]).astype(np.int32)),
-        hits=jnp.zeros(0, jnp.int32), hit_count=jnp.int32(rays), sizes=None, rays=0,
+        hits=jnp.zeros(0, jnp.int32), hit_count=jnp.int32(rays), sizes=None, rays=0, step_voxels=step_voxels,
     )  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baker.tuning.fused_marcher import FusedMarcher
+from baker.tuning.fused.marcher import FusedMarcher
 from baker.tuning.jax_marcher import JaxMarcher
 from scenepack import Pack
 from tests.scenepack.random_packs import random_pack

@@ -9,8 +9,8 @@ import jax
 import numpy as np
 import pytest
 
-from baker.tuning import fused_tuner
-from baker.tuning.fused_tuner import FusedTuner
+from baker.tuning.fused import tuner as fused_tuner
+from baker.tuning.fused.tuner import FusedTuner
 from baker.tuning.jax_tuner import JaxTuner
 from baker.tuning.tuner import BETAS
 from scenepack import Pack

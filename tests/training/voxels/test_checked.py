@@ -36,12 +36,12 @@ def test_a_checkpoint_of_an_older_version_fits(arrays: dict[str, np.ndarray]) ->
         ("origin", [np.inf, 0, 0]), ("origin", [10 * FARTHEST, 0, 0]), ("updates", -1),
         ("sizes", [5, 2607, 4096, 19, MOST_RAYS + 1]),
         ("sizes", [5, -1, 4096, 19, 768]), ("sizes", [5, 2**31 - 1, 4096, 19, 768]), ("hit_count", 0), ("hit_count", 2**31 - 1),
-        ("hit_count", -1),
+        ("hit_count", -1), ("step_voxels", 0.0), ("step_voxels", 2.0), ("step_voxels", np.nan),
     ],
 )  # fmt: skip
 def test_numbers_that_make_no_sense_are_refused(arrays: dict[str, np.ndarray], name: str, values: object) -> None:
     """RAYS where the list of hits is empty: then every ray is meant."""
-    dtype = arrays.get(name, np.int32(0)).dtype
+    dtype = np.float32 if name == "step_voxels" else arrays.get(name, np.int32(0)).dtype
     arrays[name] = np.array(values, dtype)
     if name == "cells":
         for part in ("trainable", "first", "second"):

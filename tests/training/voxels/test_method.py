@@ -70,7 +70,8 @@ def test_nothing_compiles_between_the_announced_stages_and_old_buffers_are_given
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:
-        announced = {0, *method.plan.schedule}
+        finer = int(np.ceil(small_config.voxels.finer_samples_from * small_config.steps))
+        announced = {0, *method.plan.schedule, finer}
         for step in range(small_config.steps):
             before, old = len(compiled), state.trainable.rows
             state, _ = method.step(state, step)

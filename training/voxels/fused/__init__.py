@@ -13,29 +13,8 @@ which stays the reference; tests/training/voxels/test_fused.py pins the two toge
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
-import shutil
 from pathlib import Path
 
-import platformdirs
-from numba import config
+from training.voxels.fused.compiled import keep_compiled_code
 
-KEPT = 4  # versions whose compiled code is kept
-
-
-def _keep_compiled_code(folder: Path) -> None:
-    """Compiled loops are kept in `folder`, under the fingerprint of all sources here.
-
-    Numba by itself looks at each function's own file only, and would go on with code that was inlined from an older one.
-    """
-    sources = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
-    own = folder / hashlib.sha256(sources).hexdigest()[:16]
-    with contextlib.suppress(OSError):  # not writable: compiled anew in each process
-        own.mkdir(parents=True, exist_ok=True)
-        for old in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)[:-KEPT]:
-            shutil.rmtree(old, ignore_errors=True)
-        setattr(config, "CACHE_DIR", str(own))  # noqa: B010  (Numba makes its settings at import)
-
-
-_keep_compiled_code(platformdirs.user_cache_path("snerg", appauthor=False) / "compiled")
+keep_compiled_code(Path(__file__).parent)

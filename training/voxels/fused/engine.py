@@ -42,7 +42,7 @@ class FusedState:
 
     def __init__(self, plain: VoxelState) -> None:
         self.plain: VoxelState | None = plain
-        self.updates, self.rays = int(plain.updates), plain.rays
+        self.updates, self.rays, self.step_voxels = int(plain.updates), plain.rays, plain.step_voxels
         self.hits, self.hit_count = np.asarray(plain.hits)[: int(plain.hit_count)], int(plain.hit_count)
         self.stepper: Stepper | None = None
 
@@ -55,8 +55,14 @@ class FusedState:
             parts = [self.plain.second, self.plain.first, self.plain.trainable]
             self.plain = None
             self.values, self.first, self.second = (_values(parts.pop(), grid.order) for _ in range(3))
-            self.stepper = Stepper(grid, settings, workers)
+            self.stepper = Stepper(grid, settings._replace(step_voxels=self.step_voxels), workers)
         return self.stepper
+
+    def sample_finer(self, step_voxels: float, settings: Settings, workers: Workers) -> None:
+        """Takes samples so many voxels apart from now on."""
+        grid = self.unpack(settings, workers).grid
+        self.step_voxels, self.plain = step_voxels, None
+        self.stepper = Stepper(grid, settings._replace(step_voxels=step_voxels), workers)
 
     def move(self, grid: Grid, source: np.ndarray | None, settings: Settings, workers: Workers) -> None:
         """Goes over to another grid. source int [V + 1]: the row of this one that each row of it has, moments included; None
@@ -70,7 +76,7 @@ class FusedState:
         for name in ("first", "second"):
             moment: Values = getattr(self, name)
             setattr(self, name, moment._replace(rows=np.zeros_like(rows) if source is None else moment.rows[source]))
-        self.stepper = Stepper(grid, settings, workers)
+        self.stepper = Stepper(grid, settings._replace(step_voxels=self.step_voxels), workers)
 
     def pack(self) -> VoxelState:
         """The state as plain arrays, in the layout's own order."""
@@ -89,7 +95,7 @@ class FusedState:
         return VoxelState(
             *(_trainable(part, grid) for part in (self.values, self.first, self.second)),
             updates=jnp.int32(self.updates), layout=layout, cells=cells, hits=jnp.asarray(self.hits),
-            hit_count=jnp.int32(self.hit_count), sizes=None, rays=self.rays,
+            hit_count=jnp.int32(self.hit_count), sizes=None, rays=self.rays, step_voxels=self.step_voxels,
         )  # fmt: skip
 
 
@@ -140,6 +146,10 @@ class FusedEngine:
         rays = int(np.clip(self.plan.samples / max(mean, 1.0), 256, self.plan.most_rays))
         state.rays = -(-rays // RAYS_TOGETHER) * RAYS_TOGETHER
         state.plain = None
+        return state
+
+    def sample_finer(self, state: FusedState, step_voxels: float) -> FusedState:
+        state.sample_finer(step_voxels, self.settings, self.workers)
         return state
 
     def occupancy(self, state: FusedState) -> Occupancy:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from baker.tuning.fused_marcher import Tables
+from baker.tuning.fused.marcher import Tables
 from baker.tuning.tuner import BETAS, TINY, TOP
 from scenepack.pack import Pack
 
@@ -149,7 +149,7 @@ def store_cells(cells, depths, delta, some, rgba, features, low, high):
 
 @njit(nogil=True, cache=True)
 def add_slopes(work, slopes, met, low, high):
-    """slopes [K + 1, 8] += what baker.tuning.fused_tuner.Work lists of cells low … high - 1; met uint8 [K + 1]: which any is
+    """slopes [K + 1, 8] += what baker.tuning.fused.tuner.Work lists of cells low … high - 1; met uint8 [K + 1]: which any is
     listed of. In the work's order, however many threads share the cells."""
     for chunk in range(len(work.entries)):
         for n in range(work.entries[chunk]):

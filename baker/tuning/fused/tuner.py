@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from numba import njit
 
-from baker.tuning.fused_cells import DEPTHS, add_slopes, cell_at, cells_of, move_cells, move_moments, store_cells
-from baker.tuning.fused_marcher import LISTED, FusedMarcher, Tables, list_contributing, room_for_samples
+from baker.tuning.fused.cells import DEPTHS, add_slopes, cell_at, cells_of, move_cells, move_moments, store_cells
+from baker.tuning.fused.marcher import LISTED, FusedMarcher, Tables, list_contributing, room_for_samples
 from baker.tuning.marcher import Accumulated, Box
 from baker.tuning.pack_layout import MAX_ALPHA
 from baker.tuning.tuner import PROBE_RAYS, Trained, adam_head, bias_correction, psnr_of, shown, squared_error
