@@ -6,7 +6,9 @@ voxels that are not empty. The random numbers of a macroblock depend on the seed
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -18,7 +20,8 @@ from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
 
 SAMPLES = 16
 SIGMA = np.float32(1 / np.sqrt(12))  # of the Gaussian, in voxels
-VOXELS_AT_ONCE = 65_536
+VOXELS_AT_ONCE = 16_384  # of a thread: its arrays stay near its core
+MOST_THREADS = 4  # NumPy and compiled loops let go of Python's lock; each thread may hold a batch of a network's activations
 BLOCKS_AT_ONCE = 32  # macroblocks to a piece of work: about a second of it on two cores
 
 OnBlocks = Callable[[int, int], None]  # macroblocks done, samples taken since the last call
@@ -44,7 +47,7 @@ def supersample(
 
     def make(part: np.ndarray) -> Arrays:
         nonlocal done
-        places, values = _content(query, grid, culling, part, tau_alpha, seed)
+        places, values = _content(query, grid, culling, part, tau_alpha, seed, pool)
         done += len(part)
         on_some(done, SAMPLES * len(places))
         some = values.any(axis=1)
@@ -56,43 +59,52 @@ def supersample(
         if on_blocks:
             on_blocks(most, samples)
 
-    parts = np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE))
-    pieces = [(f"voxels_{BLOCKS_AT_ONCE * i:06d}", partial(make, part)) for i, part in enumerate(parts)]
-    done = sum(len(part) for part, (name, _) in zip(parts, pieces, strict=True) if work is not None and work.has(name))
-    on_some(done, 0)
-    share_out(work, pieces)
-    reached = 0
-    for part, piece in zip(parts, pieces, strict=True):
-        made = once(work, *piece)
-        voxels = np.zeros((len(part), size, size, size, 8), np.uint8)
-        voxels.reshape(-1, 8)[made["places"]] = made["values"]
-        reached += len(part)
-        on_some(reached, 0)
-        yield from zip(map(tuple, part.tolist()), voxels, strict=True)
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS)) as pool:
+        parts = np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE))
+        pieces = [(f"voxels_{BLOCKS_AT_ONCE * i:06d}", partial(make, part)) for i, part in enumerate(parts)]
+        done = sum(
+            len(part) for part, (name, _) in zip(parts, pieces, strict=True) if work is not None and work.has(name)
+        )
+        on_some(done, 0)
+        share_out(work, pieces)
+        reached = 0
+        for part, piece in zip(parts, pieces, strict=True):
+            made = once(work, *piece)
+            voxels = np.zeros((len(part), size, size, size, 8), np.uint8)
+            voxels.reshape(-1, 8)[made["places"]] = made["values"]
+            reached += len(part)
+            on_some(reached, 0)
+            yield from zip(map(tuple, part.tolist()), voxels, strict=True)
 
 
 def _content(
-    query: FieldQuery, grid: BakeGrid, culling: Culling, blocks: np.ndarray, tau_alpha: float, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
+    query: FieldQuery, grid: BakeGrid, culling: Culling, blocks: np.ndarray, tau_alpha: float, seed: int,
+    pool: ThreadPoolExecutor,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Flat places int32 [N] among the voxels of `blocks` [n, 3], one after another, and their content uint8 [N, 8]."""
     size, cell = grid.block_size, grid.cell
     per_block = size // cell
-    places, voxels, offsets = [], [], []
-    for number, block in enumerate(blocks):
+
+    def look(number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        block = blocks[number]
         cells = culling.cells[tuple(slice(b * per_block, (b + 1) * per_block) for b in block)]
         wanted = np.repeat(np.repeat(np.repeat(cells, cell, 0), cell, 1), cell, 2)
         z, y, x = np.nonzero(wanted)
-        places.append((number * size**3 + np.flatnonzero(wanted)).astype(np.int32))
-        voxels.append((np.stack([x, y, z], -1) + block[::-1] * size).astype(np.float32))
+        places = (number * size**3 + np.flatnonzero(wanted)).astype(np.int32)
+        voxels = (np.stack([x, y, z], -1) + block[::-1] * size).astype(np.float32)
         rng = np.random.default_rng((seed, *block))
-        offsets.append(rng.standard_normal((len(x), SAMPLES, 3), np.float32))
-    centres, noise = np.concatenate(voxels) + np.float32(0.5), np.concatenate(offsets)
-    values = np.empty((len(centres), 8), np.uint8)
-    for start in range(0, len(centres), VOXELS_AT_ONCE):
+        return places, voxels, rng.standard_normal((len(x), SAMPLES, 3), np.float32)
+
+    def fill(start: int) -> None:
         part = slice(start, start + VOXELS_AT_ONCE)
         mean = _average(query, grid, centres[part, None] + SIGMA * noise[part])
         mean[mean[:, 3] < tau_alpha] = 0
         values[part] = np.round(255 * mean)
+
+    places, voxels, offsets = zip(*pool.map(look, range(len(blocks))), strict=True)
+    centres, noise = np.concatenate(voxels) + np.float32(0.5), np.concatenate(offsets)
+    values = np.empty((len(centres), 8), np.uint8)
+    list(pool.map(fill, range(0, len(centres), VOXELS_AT_ONCE)))
     return np.concatenate(places), values
 
 
