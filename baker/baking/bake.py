@@ -53,7 +53,7 @@ class BakeConfig:
     """Macroblocks that no training camera sees with at least this transmittance are dropped."""
     tau_weight: float = TAU_WEIGHT
     """Voxels that would make up less than this of any pixel of any training photograph are emptied; 0 leaves all (the paper)."""
-    fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp"
+    fine_tune: Literal["none", "view-mlp", "all"] = "all"
     """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together."""
     fine_tune_epochs: int = EPOCHS
     """Passes over the training pixels that refine the view MLP; 0 for none."""
@@ -102,11 +102,14 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: Stages | None = None) -> Pack:
+def bake(
+    run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: Stages | None = None, *, last: bool = False
+) -> Pack:
     """Bakes the run's field. UserError where the field holds nothing that a training camera sees.
 
     work: where a broken-off bake with the same work_key goes on, and where other processes help (its share); the caller
-    removes it when the pack is saved.
+    removes it when the pack is saved. last: nobody needs the run's state after this; it is given up once the voxels are made,
+    which leaves a gigabyte to what follows.
     """
     check_bake(run, config)
     stages = stages or Stages()
@@ -114,6 +117,8 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
     with stages("supersampling"):
         atlas = fill_atlas(_content(run, config, work, grid, culling), culling.kept, BLOCK_SIZE)
     head = run.method.view_mlp(run.state)
+    if last:
+        run.state = None
     camera = run.scene.splits["train"][0].camera
     pack = Pack(
         voxel_size=grid.voxel_size, min_xyz=grid.min_xyz, grid_size=grid.size, block_size=BLOCK_SIZE,
@@ -130,11 +135,12 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
             pack, removed = prune(pack, run.dataset, config.tau_weight, config.seed, bar.update)
         counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
+    by_opacity = config.aabb is not None  # photographs also show what lies outside of the box that is baked
     if config.fine_tune != "none":
         with stages("view MLP"), progress("fine-tuning the view MLP", 1.0, stage=STAGE) as bar:
             pack, before, after = fine_tune(
                 pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update,
-                by_opacity=config.aabb is not None,
+                by_opacity=by_opacity,
             )  # fmt: skip
         if np.isfinite(after):
             tuned = {
@@ -143,7 +149,7 @@ def bake(run: Run, config: BakeConfig, work: WorkFolder | None = None, stages: S
             }  # fmt: skip
     if config.fine_tune == "all":
         with stages("voxels and view MLP"), progress("fine-tuning voxels and view MLP", 1.0, stage=STAGE) as bar:
-            pack, figures = joint_tune(pack, run.dataset, JointConfig(seed=config.seed), bar.update)
+            pack, figures = joint_tune(pack, run.dataset, JointConfig(seed=config.seed), bar.update, by_opacity)
         tuned |= figures
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
@@ -172,11 +178,6 @@ def check_bake(run: Run, config: BakeConfig) -> None:
     """UserError where this run cannot be baked so; before anything is written."""
     require_bakeable(run)
     config.check()
-    if config.aabb is not None and config.fine_tune == "all":
-        raise UserError(
-            "voxels are tuned on whole photographs, and a box cuts off what these show outside of it",
-            where=f"{OPTION}, --fine-tune all", remedy="use --fine-tune view-mlp, or train with this box",
-        )  # fmt: skip
     if config.aabb is not None:
         _box_to_bake(run, config.aabb)
     keep_freed_memory()

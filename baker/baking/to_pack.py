@@ -35,9 +35,16 @@ def help_with(run: Run, config: BakeConfig, out: Path, share: Share) -> None:
 
 
 def bake_to(
-    run: Run, config: BakeConfig, out: Path, codec: str = "png", share: Share | None = None, pictures: int = 0
+    run: Run,
+    config: BakeConfig,
+    out: Path,
+    codec: str = "png",
+    share: Share | None = None,
+    pictures: int = 0,
+    *,
+    last: bool = False,
 ) -> dict[str, float]:
-    """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it.
+    """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it. last: see bake.
 
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
     """
@@ -45,7 +52,7 @@ def bake_to(
     stages = Stages()
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
-        pack = with_pictures(bake(run, config, work, stages), run.scene, pictures)
+        pack = with_pictures(bake(run, config, work, stages, last=last), run.scene, pictures)
         with stages("writing"), progress("writing the pack", 1, stage=STAGE) as bar:
             save_pack(pack, out, codec=codec, on_progress=lambda done, total: bar.update(done / total))
     except NothingThere:

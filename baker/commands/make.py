@@ -32,7 +32,7 @@ def snerg_make(
     aabb: str | None = None,
     steps: int | None = None,
     resolution: int | None = None,
-    fine_tune: Literal["none", "view-mlp", "all"] = "view-mlp",
+    fine_tune: Literal["none", "view-mlp", "all"] = "all",
     seed: int = 0,
     no_view: bool = False,
 ) -> None:
@@ -50,8 +50,7 @@ def snerg_make(
         steps: Number of training steps. The default is the preset's.
         resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the preset cpu, more if the
             photographs have more than 256 pixels (1000 for 800 pixels).
-        fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: also the voxels (sharper, takes minutes
-            more).
+        fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: also the voxels (sharper, takes minutes).
         seed: Random seed of the training.
         no_view: Do not open the viewer at the end.
     """
@@ -93,7 +92,7 @@ def snerg_make(
     if resolution is None:
         pixels = max(max(photo.camera.width, photo.camera.height) for photo in run.scene.splits["train"])
         baking = dataclasses.replace(baking, resolution=PRESETS[preset].resolution_for(pixels))
-    bake_to(run, baking, pack_path)
+    bake_to(run, baking, pack_path, last=True)
     baked = time.monotonic()
     print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
     if not no_view and (

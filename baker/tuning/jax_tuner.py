@@ -22,18 +22,17 @@ from baker.tuning.tuner import (
     ROOM,
     TINY,
     TOP,
+    Look,
     Trained,
     adam_head,
     bias_correction,
     psnr_of,
-    shown,
     squared_error,
 )
 from baker.view_mlp import from_params, to_params
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.marching.batches import rays_that_meet
 from training.marching.layout import blend
 from training.marching.march import MarchSizes, Samples, march, occupied_segments, transmittance
 from training.marching.rays import GridFrameRays, to_grid
@@ -115,35 +114,38 @@ def stored(delta: jax.Array, scene: Scene) -> jax.Array:
     return jnp.round(values.at[:, 3:4].set(alpha)).astype(jnp.uint8)
 
 
-@partial(jax.jit, static_argnames=("sizes", "ndc"))
+@partial(jax.jit, static_argnames=("sizes", "look"))
 def score_some(
-    trained: Trained, scene: Scene, dataset: RayDataset, ids: jax.Array, sizes: Sizes, ndc: bool
+    trained: Trained, scene: Scene, dataset: RayDataset, ids: jax.Array, sizes: Sizes, look: Look
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Sum of squared errors of the clamped picture over whole rays among `ids`, their number, and their samples."""
+    """Sum of squared errors of the clamped picture over whole rays among `ids`, their weight, their number, and their samples."""
     voxels = stored(trained.delta, scene)
     got = gather(scene, voxels, dataset, ids, sizes)
     values = blend(voxels[got.ids].astype(jnp.float32) * (1 / 255), got.weights)
     sums = composite(got.samples, values, sizes.rays, sizes.per_ray)
-    rgb = shown(sums, trained.head, got.viewdirs, dataset.background, ndc)
-    return squared_error(rgb, got.target, got.whole, True), got.whole.sum(), got.samples.valid.sum()
+    error, weight = squared_error(
+        sums, trained.head, got.viewdirs, got.target, got.whole, dataset.background, look, clamped=True
+    )
+    return error, weight, got.whole.sum(), got.samples.valid.sum()
 
 
-@partial(jax.jit, static_argnames=("sizes", "ndc"), donate_argnums=(0, 1, 2))
+@partial(jax.jit, static_argnames=("sizes", "look"), donate_argnums=(0, 1, 2))
 def update(
     trained: Trained, first: Trained, second: Trained, scene: Scene, dataset: RayDataset, ids: jax.Array,
-    count: jax.Array, rates: jax.Array, sizes: Sizes, ndc: bool,
+    count: jax.Array, rates: jax.Array, sizes: Sizes, look: Look,
 ) -> tuple[Trained, Trained, Trained, dict[str, jax.Array]]:  # fmt: skip
     """One step of Adam on the rays `ids`. rates [9]: of the 8 parts of delta, and of the view MLP. count: steps so far."""
     voxels = stored(trained.delta, scene)
     got = gather(scene, voxels, dataset, ids, sizes)
     corners = voxels[got.ids].astype(jnp.float32) * (1 / 255)
     values = blend(corners, got.weights)
-    total = jnp.maximum(got.whole.sum(), 1)
 
     def loss_of(values: jax.Array, head: ViewMlpParams | None) -> jax.Array:
         sums = composite(got.samples, values, sizes.rays, sizes.per_ray)
-        rgb = shown(sums, head, got.viewdirs, dataset.background, ndc)
-        return squared_error(rgb, got.target, got.whole, False) / total
+        error, weight = squared_error(
+            sums, head, got.viewdirs, got.target, got.whole, dataset.background, look, clamped=False
+        )
+        return error / jnp.maximum(weight, 1.0)
 
     error, (slope, head_slope) = jax.value_and_grad(loss_of, argnums=(0, 1))(values, trained.head)
     of_corners = got.weights[..., None] * slope[:, None]
@@ -180,15 +182,12 @@ def _adam(
 class JaxTuner:
     """See baker.tuning.tuner.Tuner."""
 
-    def __init__(self, pack: Pack, dataset: RayDataset, cell: int) -> None:
-        self.pack, self.dataset, self.rows = pack, dataset, voxel_rows(pack)
+    def __init__(self, pack: Pack, dataset: RayDataset, cell: int, look: Look) -> None:
+        self.look, self.pack, self.dataset, self.rows = look, pack, dataset, voxel_rows(pack)
         self.scene = scene_of(pack, self.rows, dataset, cell)
         self.trained = start(self.scene, pack)
         self.first, self.second = (jax.tree.map(jnp.zeros_like, self.trained) for _ in range(2))
         self.rays, self.sizes = 0, Sizes(0, pack_sizes(pack, 0), 0, 0)
-
-    def meets(self, ids: np.ndarray) -> np.ndarray:
-        return rays_that_meet(self.scene.layout, self.scene.rays, ids, self.sizes.march.segments)
 
     def fill(self, ids: np.ndarray, samples: int, seed: int) -> None:
         self.sizes = list_sizes(self.scene, self.trained, self.dataset, self.pack, ids, samples, seed)
@@ -197,16 +196,17 @@ class JaxTuner:
     def update(self, ids: np.ndarray, rates: np.ndarray, count: int) -> None:
         self.trained, self.first, self.second, _ = update(
             self.trained, self.first, self.second, self.scene, self.dataset, jnp.asarray(ids), jnp.int32(count), rates,
-            self.sizes, self.pack.ndc,
+            self.sizes, self.look,
         )  # fmt: skip
 
     def score(self, ids: np.ndarray) -> tuple[float, float]:
-        error = rays = samples = 0.0
+        totals = np.zeros(4)
         ids = np.resize(ids, -(-len(ids) // self.rays) * self.rays)  # whole batches: another size is compiled anew
         for part in ids.reshape(-1, self.rays):
-            some = score_some(self.trained, self.scene, self.dataset, jnp.asarray(part), self.sizes, self.pack.ndc)
-            error, rays, samples = (old + float(new) for old, new in zip((error, rays, samples), some, strict=True))
-        return psnr_of(error, rays), samples / max(rays, 1.0)
+            some = score_some(self.trained, self.scene, self.dataset, jnp.asarray(part), self.sizes, self.look)
+            totals += [float(n) for n in some]
+        error, weight, rays, samples = totals
+        return psnr_of(error, weight), samples / max(rays, 1.0)
 
     def snapshot(self) -> Trained:
         return jax.tree.map(np.asarray, self.trained)
@@ -216,9 +216,9 @@ class JaxTuner:
         return pack if snapshot.head is None else replace(pack, view_mlp=from_params(snapshot.head))
 
 
-def tuner_of(pack: Pack, dataset: RayDataset, cell: int) -> JaxTuner:
+def tuner_of(pack: Pack, dataset: RayDataset, cell: int, look: Look) -> JaxTuner:
     """The tuner of a pack."""
-    return JaxTuner(pack, dataset, cell)
+    return JaxTuner(pack, dataset, cell, look)
 
 
 def scene_of(pack: Pack, rows: VoxelRows, dataset: RayDataset, cell: int) -> Scene:

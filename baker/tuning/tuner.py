@@ -37,6 +37,14 @@ PROBE_RAYS = 4096  # rays whose samples tell how many rays fill a step
 ROOM = 1.15  # of lists over the mean
 
 
+class Look(NamedTuple):
+    """How rays are compared with photographs. ndc: a forward-facing scene. by_opacity: errors are weighted by the pack's own
+    opacity, since photographs also show what lies outside of its box."""
+
+    ndc: bool
+    by_opacity: bool
+
+
 class Trained(NamedTuple):
     """delta float32 [K + 1, 8]: what each cell adds to straight colours (0 … 2) and features (4 … 7), and to log density (3).
     head: the view MLP, None for a diffuse pack. Of NumPy or of JAX."""
@@ -49,10 +57,6 @@ class Tuner(Protocol):
     """rays: how many a step takes; known once `fill` was called."""
 
     rays: int
-
-    def meets(self, ids: np.ndarray) -> np.ndarray:
-        """bool [N]: which of the training rays int32 [N] may meet content; False only where none does."""
-        ...
 
     def fill(self, ids: np.ndarray, samples: int, seed: int) -> None:
         """Sets `rays`, so that a step on such rays takes about so many samples."""
@@ -76,10 +80,10 @@ class Tuner(Protocol):
         ...
 
 
-def make_tuner(pack: Pack, dataset: RayDataset, cell: int) -> Tuner:
+def make_tuner(pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False) -> Tuner:
     """By compiled loops on a processor, where Numba is, and by JAX elsewhere. cell: voxels a side of a cell."""
     name = "fused.tuner" if compiled_loops() else "jax_tuner"
-    return importlib.import_module(f"baker.tuning.{name}").tuner_of(pack, dataset, cell)
+    return importlib.import_module(f"baker.tuning.{name}").tuner_of(pack, dataset, cell, Look(pack.ndc, by_opacity))
 
 
 def shown(
@@ -93,10 +97,19 @@ def shown(
     return diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
 
 
-def squared_error(rgb: jax.Array, target: jax.Array, whole: jax.Array, clamped: bool) -> jax.Array:
-    """Sum over the rays that are `whole` bool [R]. clamped: as on a screen; else colours below 0 still have a slope."""
+def squared_error(
+    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, target: jax.Array, whole: jax.Array,
+    background: tuple[float, ...], look: Look, *, clamped: bool,
+) -> tuple[jax.Array, jax.Array]:  # fmt: skip
+    """Sum over the rays that are `whole` bool [R], of what they accumulated, and of their weights.
+
+    clamped: as on a screen; else colours below 0 still have a slope.
+    """
+    rgb = shown(sums, head, viewdirs, background, look.ndc)
     rgb = jnp.clip(rgb, 0, 1) if clamped else jnp.minimum(rgb, 1.0)
-    return jnp.where(whole, jnp.square(rgb - target).sum(-1), 0.0).sum()
+    opacity = jax.lax.stop_gradient(1.0 - sums.transmittance) if look.by_opacity else 1.0
+    weight = jnp.where(whole, opacity, 0.0)
+    return jnp.square(weight[:, None] * (rgb - target)).sum(), jnp.square(weight).sum()
 
 
 def adam_head(
@@ -117,6 +130,6 @@ def bias_correction(count: jax.Array | int) -> jax.Array:
     return jnp.sqrt(1 - BETAS[1] ** steps) / (1 - BETAS[0] ** steps)
 
 
-def psnr_of(error: float, rays: float) -> float:
-    """PSNR of a sum of squared errors of so many rays, in dB."""
-    return float(-10 * np.log10(max(error, 1e-12) / max(3 * rays, 1.0)))
+def psnr_of(error: float, weight: float) -> float:
+    """PSNR of a sum of squared errors over colours of rays of so much weight, in dB."""
+    return float(-10 * np.log10(max(error, 1e-12) / max(3 * weight, 1.0)))

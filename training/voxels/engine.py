@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import jax
 import numpy as np
 
-from training.method import FieldOutput, Rays, RenderOutput
+from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.voxels.sparse_grid import Occupancy
 from training.voxels.state import VoxelState
 
@@ -79,6 +79,10 @@ class Engine(Protocol):
 
     def draw_from(self, state: Any, hits: np.ndarray, hit_count: int) -> Any:
         """The state whose steps draw from other rays, told as by `drawn`."""
+        ...
+
+    def view_mlp(self, state: Any) -> ViewMlpParams | None:
+        """A state's view MLP; None for a diffuse model."""
         ...
 
     def query(self, state: Any, points: jax.Array) -> FieldOutput:

@@ -13,7 +13,7 @@ from jax.sharding import Mesh, NamedSharding
 
 from training.dataset import RayDataset
 from training.devices import WHOLE, here, put_whole
-from training.method import FieldOutput, Rays, RenderOutput
+from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.voxels.field import query, remember_depths
 from training.voxels.lists import fitting_sizes, rays_with_content
 from training.voxels.render import render_all
@@ -98,6 +98,9 @@ class JaxEngine:
     def draw_from(self, state: VoxelState, hits: np.ndarray, hit_count: int) -> VoxelState:
         ended = self.end(state)
         return self.begin(ended._replace(hits=jnp.asarray(hits), hit_count=jnp.int32(hit_count), sizes=None, rays=0))
+
+    def view_mlp(self, state: VoxelState) -> ViewMlpParams | None:
+        return self.end(state).trainable.head
 
     def query(self, state: VoxelState, points: jax.Array) -> FieldOutput:
         return query(state.trainable.rows, state.layout, points, self._settings(state))

@@ -71,10 +71,10 @@ class VoxelMethod:
 
     def may_hold(self, state: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Whether the boxes meet any present voxel's support; see training.method.Method."""
-        return boxes_with_voxels(self.engine.end(state).layout, low, high)
+        return boxes_with_voxels(self.engine.occupancy(state), low, high)
 
     def view_mlp(self, state: Any) -> ViewMlpParams | None:
-        return self.engine.end(state).trainable.head
+        return self.engine.view_mlp(state)
 
     def save(self, state: Any) -> dict[str, np.ndarray]:
         return self.engine.arrays(state)

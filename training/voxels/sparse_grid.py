@@ -166,12 +166,14 @@ def voxel_centres(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | f
     )
 
 
-def boxes_with_voxels(layout: GridLayout, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def boxes_with_voxels(occupancy: Occupancy, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """bool [N]: which world boxes [N, 3] have a present voxel within them or next to them, by a summed-area table."""
-    present = present_voxels(layout)
-    table = np.zeros([n + 1 for n in present.shape], np.int64)
-    table[1:, 1:, 1:] = present.cumsum(0, dtype=np.int64).cumsum(1).cumsum(2)
-    origin, voxel = np.asarray(layout.origin, np.float64), np.asarray(layout.voxel, np.float64)
+    present, origin, voxel = occupancy
+    table = np.zeros([n + 1 for n in present.shape], np.int32)  # rows of voxels are int32, too
+    sums = table[1:, 1:, 1:]
+    sums[...] = present
+    for axis in range(3):
+        np.cumsum(sums, axis, out=sums)
     most = np.array(present.shape[::-1])
     a = np.clip(np.floor((low - origin) / voxel).astype(int) - 1, 0, most)
     b = np.clip(np.ceil((high - origin) / voxel).astype(int) + 1, 0, most)

@@ -23,7 +23,7 @@ from baker.tuning.fused.cells import DEPTHS, add_slopes, cell_at, cells_of, move
 from baker.tuning.fused.marcher import LISTED, FusedMarcher, Tables, list_contributing, room_for_samples
 from baker.tuning.marcher import Accumulated, Box
 from baker.tuning.pack_layout import MAX_ALPHA
-from baker.tuning.tuner import PROBE_RAYS, Trained, adam_head, bias_correction, psnr_of, shown, squared_error
+from baker.tuning.tuner import PROBE_RAYS, Look, Trained, adam_head, bias_correction, psnr_of, squared_error
 from baker.view_mlp import from_params, to_params
 from scenepack.constants import TRANSMITTANCE_STOP
 from scenepack.pack import Pack
@@ -64,6 +64,17 @@ class Work(NamedTuple):
     sums: np.ndarray
     whole: np.ndarray
     supported: np.ndarray
+
+
+class Looked(NamedTuple):
+    """Rays of a step as baker.tuning.tuner.squared_error asks for them, in its order; head: the view MLP."""
+
+    sums: Accumulated
+    head: ViewMlpParams | None
+    viewdirs: jax.Array
+    target: jax.Array
+    whole: jax.Array
+    background: tuple[float, ...]
 
 
 def work_for(rays: int, room: int) -> Work:
@@ -192,7 +203,8 @@ def slope_chunk(tables: Tables, cells, log_density, slopes, chunk, low, high, wo
 class FusedTuner:
     """See baker.tuning.tuner.Tuner."""
 
-    def __init__(self, pack: Pack, dataset: RayDataset, cell: int) -> None:
+    def __init__(self, pack: Pack, dataset: RayDataset, cell: int, look: Look) -> None:
+        self.look = look
         features = None if pack.atlas_features is None else pack.atlas_features.copy()
         self.pack = replace(pack, atlas_rgba=pack.atlas_rgba.copy(), atlas_features=features)  # changed in place
         self.dataset, self.workers = dataset, Workers()
@@ -207,9 +219,6 @@ class FusedTuner:
         self.found = [room_for_samples() for _ in range(self.workers.count)]
         self.rays, self.work = 0, work_for(0, 0)
 
-    def meets(self, ids: np.ndarray) -> np.ndarray:
-        return self.marcher.meets(ids)
-
     def fill(self, ids: np.ndarray, samples: int, seed: int) -> None:
         probe = np.resize(np.random.default_rng(seed).permutation(ids)[:PROBE_RAYS], PROBE_RAYS)
         self.rays, self.work = PROBE_RAYS, work_for(PROBE_RAYS, CHUNK * PROBED)
@@ -221,11 +230,7 @@ class FusedTuner:
         self.work = work_for(self.rays, room)
 
     def update(self, ids: np.ndarray, rates: np.ndarray, count: int) -> None:
-        target, viewdirs = self._gather(ids)
-        sums = Accumulated(*(jnp.asarray(a) for a in _parted(self.work.sums)))
-        slopes, head_slope = _slopes(
-            sums, self.head, viewdirs, target, jnp.asarray(self.work.whole), self.dataset.background, self.pack.ndc
-        )
+        slopes, head_slope = _slopes(*self._gather(ids), look=self.look)
         self._follow(np.ascontiguousarray(slopes))
         self._move(rates[:8] * np.float32(bias_correction(count)))
         if self.head is not None:
@@ -234,19 +239,15 @@ class FusedTuner:
             )
 
     def score(self, ids: np.ndarray) -> tuple[float, float]:
-        error = rays = samples = 0.0
+        error = weight = rays = samples = 0.0
         for start in range(0, len(ids), self.rays):
             some = ids[start : start + self.rays]
-            target, viewdirs = self._gather(np.resize(some, self.rays))
+            looked = self._gather(np.resize(some, self.rays))
             counts = self.work.whole & (np.arange(self.rays) < len(some))
-            sums = Accumulated(*(jnp.asarray(a) for a in _parted(self.work.sums)))
-            error += float(
-                _error(sums, self.head, viewdirs, target, jnp.asarray(counts), self.dataset.background, self.pack.ndc)
-            )
-            rays += np.count_nonzero(counts)
-            own = np.diff(self.work.first, axis=1).ravel()[: self.rays]
-            samples += own[counts].sum()
-        return psnr_of(error, rays), float(samples / max(rays, 1.0))
+            own = _error(*looked._replace(whole=jnp.asarray(counts)), look=self.look)
+            error, weight, rays = error + float(own[0]), weight + float(own[1]), rays + np.count_nonzero(counts)
+            samples += np.diff(self.work.first, axis=1).ravel()[counts].sum()
+        return psnr_of(error, weight), float(samples / max(rays, 1.0))
 
     def snapshot(self) -> Trained:
         return Trained(self.delta.copy(), jax.tree.map(np.asarray, self.head))  # type: ignore[arg-type]
@@ -256,8 +257,8 @@ class FusedTuner:
         head = snapshot.head
         return self.pack if head is None else replace(self.pack, view_mlp=from_params(head))
 
-    def _gather(self, ids: np.ndarray) -> tuple[jax.Array, jax.Array]:
-        """Fills the work's samples and sums of rays `ids` [rays]; their colours and viewing directions."""
+    def _gather(self, ids: np.ndarray) -> Looked:
+        """Fills the work's samples and sums of rays `ids` [rays]; what shading them asks for."""
         *rays, viewdirs, target = _looked_at(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
         rays = tuple(np.asarray(a) for a in rays)
 
@@ -266,7 +267,9 @@ class FusedTuner:
             gather_chunk(self.tables, rays, chunk, low, high, self.found[worker], self.work)
 
         self.workers.share(self.rays // CHUNK, share)
-        return target, viewdirs
+        sums, whole = jnp.asarray(self.work.sums), jnp.asarray(self.work.whole)
+        sums = Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])
+        return Looked(sums, self.head, viewdirs, target, whole, self.dataset.background)
 
     def _follow(self, slopes: np.ndarray) -> None:
         """From slopes of sums to slopes of cells."""
@@ -314,13 +317,9 @@ class FusedTuner:
         self.workers.share(-(-len(some) // STORED), share)
 
 
-def tuner_of(pack: Pack, dataset: RayDataset, cell: int) -> FusedTuner:
+def tuner_of(pack: Pack, dataset: RayDataset, cell: int, look: Look) -> FusedTuner:
     """The tuner of a pack."""
-    return FusedTuner(pack, dataset, cell)
-
-
-def _parted(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return sums[:, :3], sums[:, 3:7], sums[:, 7]
+    return FusedTuner(pack, dataset, cell, look)
 
 
 @jax.jit
@@ -331,24 +330,20 @@ def _looked_at(box: Box, source: GridFrameRays, dataset: RayDataset, ids: jax.Ar
     return grid.origins, grid.directions, grid.start, grid.end, rays.viewdirs, dataset.colours_at(ids)
 
 
-@partial(jax.jit, static_argnames="ndc")
-def _error(sums, head, viewdirs, target, whole, background, ndc: bool) -> jax.Array:
-    return squared_error(shown(sums, head, viewdirs, background, ndc), target, whole, True)
+_error = jax.jit(partial(squared_error, clamped=True), static_argnames="look")
+_adam_head = jax.jit(adam_head)
 
 
-@partial(jax.jit, static_argnames="ndc")
+@partial(jax.jit, static_argnames="look")
 def _slopes(
     sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, target: jax.Array, whole: jax.Array,
-    background: tuple[float, ...], ndc: bool,
+    background: tuple[float, ...], look: Look,
 ) -> tuple[jax.Array, ViewMlpParams | None]:  # fmt: skip
-    """Slopes of the mean loss of whole rays with respect to sums, [R, 8] as Work.sums, and to the view MLP."""
+    """Slopes of the mean loss with respect to sums, [R, 8] as Work.sums, and to the view MLP."""
 
     def loss_of(sums: Accumulated, head: ViewMlpParams | None) -> jax.Array:
-        error = squared_error(shown(sums, head, viewdirs, background, ndc), target, whole, False)
-        return error / jnp.maximum(whole.sum(), 1)
+        error, weight = squared_error(sums, head, viewdirs, target, whole, background, look, clamped=False)
+        return error / jnp.maximum(weight, 1.0)
 
     slopes, head_slope = jax.grad(loss_of, argnums=(0, 1))(sums, head)
     return jnp.concatenate([slopes.colour, slopes.features, slopes.transmittance[:, None]], axis=-1), head_slope
-
-
-_adam_head = jax.jit(adam_head)

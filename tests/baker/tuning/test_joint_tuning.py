@@ -22,10 +22,10 @@ from baker.tuning.jax_tuner import (
     stored,
     update,
 )
-from baker.tuning.joint_loop import JointConfig, joint_tune, split_by_view
+from baker.tuning.joint_loop import JointConfig, cell_for, joint_tune, split_by_view
 from baker.tuning.joint_rows import VoxelRows, cells_of_rows, rows_by_slot, voxel_rows, with_content
 from baker.tuning.pack_layout import composite, pack_sizes, pack_voxels
-from baker.tuning.tuner import BETAS, Trained, shown
+from baker.tuning.tuner import BETAS, Look, Trained, shown
 from scenepack import Pack, check_pack
 from scenepack.blocks import dense_from_pack
 from tests.baker.tuning.helpers import pack_of
@@ -36,6 +36,7 @@ from training.marching.layout import blend
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("compiled_quickly")]
 
 SAMPLES = 32_768
+SHOWN = Look(ndc=False, by_opacity=False)
 
 
 class Problem(NamedTuple):
@@ -67,13 +68,13 @@ def batch_of(problem: Problem) -> jax.Array:
     return jnp.asarray(np.random.default_rng(1).choice(problem.ids, problem.sizes.rays).astype(np.int32))
 
 
-def step(problem: Problem, dataset: RayDataset, sizes: Sizes | None = None, ndc: bool = False, rate: float = 1e-3):
+def step(problem: Problem, dataset: RayDataset, sizes: Sizes | None = None, look: Look = SHOWN, rate: float = 1e-3):
     """Trained, first and second moments, and the loss, of one update from nothing."""
     own = jax.tree.map(jnp.array, problem.trained)  # update gives away what it is handed
     zeros = [jax.tree.map(jnp.zeros_like, own) for _ in range(2)]
     rates = np.full(9, rate, np.float32)
     return update(
-        own, *zeros, problem.scene, dataset, batch_of(problem), jnp.int32(0), rates, sizes or problem.sizes, ndc
+        own, *zeros, problem.scene, dataset, batch_of(problem), jnp.int32(0), rates, sizes or problem.sizes, look
     )
 
 
@@ -127,7 +128,7 @@ def test_the_gradient_is_that_of_the_picture_as_if_nothing_were_rounded(
         return jnp.where(got.whole, error, 0).sum() / got.whole.sum()
 
     expected_loss, expected = jax.value_and_grad(loss_of)(problem.trained)
-    _, first, _, loss = step(problem, dataset, ndc=ndc)
+    _, first, _, loss = step(problem, dataset, look=Look(ndc, False))
     np.testing.assert_allclose(3 * loss, expected_loss, rtol=1e-4)
     for found, wanted in zip(jax.tree.leaves(first), jax.tree.leaves(expected), strict=True):
         found, wanted = np.asarray(found) / (1 - BETAS[0]), np.asarray(wanted)
@@ -154,7 +155,7 @@ def test_cells_that_no_ray_met_stay_with_their_moments(problem: Problem, dataset
     arguments = [problem.trained._replace(delta=jnp.array(part)) for part in (delta, m, v)]
     arguments = [jax.tree.map(jnp.array, part) for part in arguments]
     after = update(
-        *arguments, problem.scene, dataset, ids, jnp.int32(5), np.full(9, 1e-3, np.float32), problem.sizes, False
+        *arguments, problem.scene, dataset, ids, jnp.int32(5), np.full(9, 1e-3, np.float32), problem.sizes, SHOWN
     )
     same = [np.all(np.asarray(now.delta) == was, axis=1) for now, was in zip(after[:3], (delta, m, v), strict=True)]
     assert np.array_equal(same[0], same[1]) and np.array_equal(same[1], same[2])
@@ -231,11 +232,11 @@ def test_rays_for_which_a_list_is_too_short_are_left_out_whole(
     few = sizes._replace(**{short: limit})
     cut = gather(problem.scene, problem.scene.content, dataset, ids, few)
     assert np.array_equal(cut.whole, fits)
-    error, rays, samples = score_some(problem.trained, problem.scene, dataset, ids, few, False)
-    assert (int(rays), int(samples)) == (fits.sum(), counts[fits].sum())
+    error, weight, rays, samples = score_some(problem.trained, problem.scene, dataset, ids, few, SHOWN)
+    assert (int(rays), int(samples)) == (fits.sum(), counts[fits].sum()) and weight == rays
     # and those that stay show what they showed
     alone = jnp.asarray(np.resize(np.asarray(ids)[fits], sizes.rays))
-    expected = score_some(problem.trained, problem.scene, dataset, alone, sizes, False)
+    expected = score_some(problem.trained, problem.scene, dataset, alone, sizes, SHOWN)
     whole_turns, rest = divmod(sizes.rays, int(fits.sum()))
     if rest == 0:
         np.testing.assert_allclose(float(expected[0]), whole_turns * float(error), rtol=1e-4)
@@ -251,6 +252,13 @@ def test_views_are_held_out_whole_and_evenly(dataset: RayDataset) -> None:
     for one_in in (0, dataset.views + 1):
         trained_on, seen = split_by_view(every, dataset, one_in, seed=0)
         assert np.array_equal(trained_on, every) and set(seen // pixels) == set(range(dataset.views))
+
+
+@pytest.mark.parametrize(("rays", "cell"), [(10_000_000, 1), (8000, 2), (3600, 3), (40, 4), (0, 4)])
+def test_cells_are_as_large_as_the_rays_that_meet_them_ask_for(rays: int, cell: int) -> None:
+    pack = pack_of()
+    voxels = np.count_nonzero(pack.atlas_rgba[..., 3])
+    assert cell_for(pack, int(rays * voxels / 1350)) == cell
 
 
 # --- the whole ---

@@ -12,7 +12,7 @@ import pytest
 from baker.tuning.fused import tuner as fused_tuner
 from baker.tuning.fused.tuner import FusedTuner
 from baker.tuning.jax_tuner import JaxTuner
-from baker.tuning.tuner import BETAS
+from baker.tuning.tuner import BETAS, Look
 from scenepack import Pack
 from tests.baker.tuning.helpers import pack_of
 from training.dataset import RayDataset
@@ -23,11 +23,12 @@ RATES = np.array([*[4e-3] * 3, 0.03, *[4e-3] * 4, 1e-3], np.float32)
 Both = tuple[FusedTuner, JaxTuner]
 
 
-def both_of(pack: Pack, dataset: RayDataset, cell: int = 4, room: int | None = None) -> tuple[Both, np.ndarray]:
+def both_of(pack: Pack, dataset: RayDataset, cell: int = 4, by_opacity: bool = False) -> tuple[Both, np.ndarray]:
     """The two tuners of a pack, and rays for a step of both."""
-    ours, theirs = FusedTuner(pack, dataset, cell), JaxTuner(pack, dataset, cell)
+    look = Look(pack.ndc, by_opacity)
+    ours, theirs = FusedTuner(pack, dataset, cell, look), JaxTuner(pack, dataset, cell, look)
     every = np.arange(dataset.count, dtype=np.int32)
-    ids = every[ours.meets(every)]
+    ids = every[ours.marcher.meets(every)]
     for tuner in (ours, theirs):
         tuner.fill(ids, SAMPLES, 0)
     return (ours, theirs), ids
@@ -50,11 +51,11 @@ def leaves(head: Any) -> list[np.ndarray]:
     return [np.asarray(a) for a in jax.tree.leaves(head)]
 
 
-@pytest.mark.parametrize("style", ["object", "diffuse", "forward", "cells of 1", "cells of 3"])
+@pytest.mark.parametrize("style", ["object", "diffuse", "forward", "by opacity", "cells of 1", "cells of 3"])
 def test_a_step_moves_cells_and_view_mlp_alike(dataset: RayDataset, style: str) -> None:
     pack = pack_of(diffuse=style == "diffuse")
     pack = replace(pack, ndc=style == "forward")
-    both, ids = both_of(pack, dataset, {"cells of 1": 1, "cells of 3": 3}.get(style, 4))
+    both, ids = both_of(pack, dataset, {"cells of 1": 1, "cells of 3": 3}.get(style, 4), style == "by opacity")
     made_equal(both)
     ours, theirs = both
     for tuner in both:
@@ -98,8 +99,9 @@ def test_what_has_not_moved_stays_to_the_byte_and_the_given_pack_is_left_alone(d
     assert np.array_equal(again.atlas_rgba, rgba) and np.array_equal(again.atlas_features, pack.atlas_features)
 
 
-def test_a_run_of_steps_scores_alike(dataset: RayDataset) -> None:
-    both, ids = both_of(pack_of(), dataset)
+@pytest.mark.parametrize("by_opacity", [False, True])
+def test_a_run_of_steps_scores_alike(dataset: RayDataset, by_opacity: bool) -> None:
+    both, ids = both_of(pack_of(), dataset, by_opacity=by_opacity)
     made_equal(both)
     scores = []
     for tuner in both:
@@ -116,7 +118,7 @@ def test_a_run_of_steps_scores_alike(dataset: RayDataset) -> None:
 def test_threads_change_nothing(dataset: RayDataset) -> None:
     found = []
     for threads in (1, 3):
-        tuner = FusedTuner(pack_of(), dataset, 4)
+        tuner = FusedTuner(pack_of(), dataset, 4, Look(False, False))
         tuner.workers = Workers(threads)
         tuner.found = [fused_tuner.room_for_samples() for _ in range(threads)]
         every = np.arange(dataset.count, dtype=np.int32)

@@ -8,7 +8,14 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from tests.training.marching.grids import ORIGIN, SHAPE, VOXEL, random_voxels
-from training.voxels.sparse_grid import boxes_with_voxels, build_layout, interpolate, present_voxels, voxel_centres
+from training.voxels.sparse_grid import (
+    boxes_with_voxels,
+    build_layout,
+    interpolate,
+    occupancy_of,
+    present_voxels,
+    voxel_centres,
+)
 
 
 @pytest.fixture
@@ -67,7 +74,7 @@ def test_a_box_is_empty_only_where_no_voxel_touches_it(present: np.ndarray) -> N
     rng = np.random.default_rng(6)
     low = rng.uniform(-3, SHAPE[0] + 3, (300, 3))
     high = low + rng.uniform(0, 2, low.shape)
-    found = boxes_with_voxels(layout, ORIGIN + low * VOXEL, ORIGIN + high * VOXEL)
+    found = boxes_with_voxels(occupancy_of(layout), ORIGIN + low * VOXEL, ORIGIN + high * VOXEL)
     z, y, x = np.nonzero(present)
     centres = np.stack([x, y, z], -1) + 0.5  # each is met within one voxel of its centre, along every axis
     meets = ((centres > low[:, None] - 1) & (centres < high[:, None] + 1)).all(-1).any(-1)

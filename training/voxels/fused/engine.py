@@ -191,6 +191,10 @@ class FusedEngine:
         state.hits, state.hit_count, state.plain = np.asarray(hits), hit_count, None
         return state
 
+    def view_mlp(self, state: FusedState) -> ViewMlpParams | None:
+        state.unpack(self.settings, self.workers)
+        return _view_mlp(state.values.head)
+
     def query(self, state: FusedState, points: jax.Array | np.ndarray) -> FieldOutput:
         values = state.unpack(self.settings, self.workers).query(state.values, np.asarray(points))
         return FieldOutput(values[:, 0], values[:, 1:4], values[:, 4:])  # type: ignore[arg-type]
