@@ -142,6 +142,8 @@ TINY = TrainConfig(
 CPU = TrainConfig(
     method="voxels", steps=6000, batch_size=4096, sparsity_weight=2e-5, validate_every=1000, checkpoint_every=1000,
 )  # fmt: skip
+# As far as the field at 512³ still gains by the minute: 6,000 steps end 0.4 dB below these on lego at 800 × 800.
+FULL = dataclasses.replace(CPU, steps=14_000, validate_every=2000, checkpoint_every=2000)
 FAST = TrainConfig(
     method="voxels", steps=20_000, batch_size=65_536, sparsity_weight=2e-5, validate_every=2000, checkpoint_every=2000,
     voxels=VoxelConfig(resolutions=(128, 256, 512), samples_per_step=1 << 20),
@@ -149,6 +151,7 @@ FAST = TrainConfig(
 
 PRESETS: Mapping[PresetName, TrainConfig] = {
     "cpu": CPU,
+    "full": FULL,
     "fast": FAST,
     "paper": PAPER,
     "small": SMALL,

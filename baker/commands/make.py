@@ -41,15 +41,16 @@ def snerg_make(
     Args:
         scene: Folder of photographs with camera poses. docs/scenes.md lists the layouts.
         out: Folder for the results: DIR/run and DIR/pack.
-        downscale: Divide width and height of the photographs by this whole number. The default is 1; for the preset cpu, the
-            smallest number that gives a longer side of at most 256 pixels. LLFF scenes count from their full-size pictures.
+        downscale: Divide width and height of the photographs by this whole number. The default is 1; for the presets cpu and
+            full, the smallest number that gives a longer side of at most 256 or 1024 pixels. LLFF scenes count from their
+            full-size pictures.
         spherify: Read an LLFF or COLMAP scene as a 360 degree scene although its cameras look forward.
         masks: Cut the object out with the masks next to the pictures.
         aabb: Box of the content, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box that is printed when training
             starts. Not for forward-facing scenes, which are in NDC.
         steps: Number of training steps. The default is the preset's.
-        resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the preset cpu, more if the
-            photographs have more than 256 pixels (1000 for 800 pixels).
+        resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the presets cpu and
+            full, 1.25 per pixel of the photographs, from 512 to 1000.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: also the voxels (sharper, takes minutes).
         seed: Random seed of the training.
         no_view: Do not open the viewer at the end.

@@ -35,7 +35,7 @@ def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture
 
 
 def test_the_viewer_offers_the_presets_that_have_a_title() -> None:
-    assert list(make_plan.OFFERED) == ["cpu", "fast", "paper"]
+    assert list(make_plan.OFFERED) == ["cpu", "full", "fast", "paper"]
     assert all(preset.advice for preset in make_plan.OFFERED.values())
 
 
@@ -50,4 +50,5 @@ def test_photographs_that_are_not_shrunk_are_baked_as_finely_as_they_show() -> N
         1000,
         1000,
     ]
+    assert [PRESETS["full"].resolution_for(pixels) for pixels in (200, 504, 1008)] == [512, 630, 1000]
     assert fast.resolution_for(100) == fast.resolution_for(4000) == 1000 and tiny.resolution_for(800) == 96

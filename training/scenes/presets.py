@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 # --preset of snerg-make: what a pack can hold; and of snerg-train: the paper's baselines, too
-BakeablePreset = Literal["cpu", "fast", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
+BakeablePreset = Literal["cpu", "full", "fast", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
 PresetName = Literal[BakeablePreset, "jaxnerf", "jaxnerf-plus", "tinyview"]
 
 
@@ -36,7 +36,7 @@ class Preset:
 
     def resolution_for(self, pixels: int) -> int:
         """The resolution for photographs of so many pixels along their longer side: more where they were not shrunk."""
-        if self.longest_side is None or pixels <= self.longest_side:
+        if self.longest_side is None:
             return self.resolution
         return max(self.resolution, min(Preset.resolution, round(VOXELS_PER_PIXEL * pixels)))
 
@@ -47,6 +47,13 @@ PRESETS: Mapping[PresetName, Preset] = {
         "Quick",
         "Minutes on any computer, from photographs shrunk to 256 pixels. Lego took 3 on two CPU cores.",
         longest_side=256,
+        resolution=512,
+    ),
+    "full": Preset(
+        "the same at full size, half an hour",
+        "Full size",
+        "Photographs of up to 1024 pixels, up to 1000³ voxels. Lego at 800 × 800 took half an hour on two CPU cores.",
+        longest_side=1024,
         resolution=512,
     ),
     "fast": Preset(

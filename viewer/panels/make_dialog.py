@@ -88,7 +88,7 @@ def _choices(app: App, plan: Plan) -> None:
         )
         if picked:
             plan.resolution = int(picked)
-        _indented("More voxels show finer detail but take more memory and time. Baking 1000³ needs 7 GB.")
+        _indented("More voxels show finer detail but take more memory and time. Baking 1000³ needs 5 GB.")
         return
     if plan.attempt is not None:
         return
