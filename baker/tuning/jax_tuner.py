@@ -117,7 +117,7 @@ def stored(delta: jax.Array, scene: Scene) -> jax.Array:
 @partial(jax.jit, static_argnames=("sizes", "look"))
 def score_some(
     trained: Trained, scene: Scene, dataset: RayDataset, ids: jax.Array, sizes: Sizes, look: Look
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """Sum of squared errors of the clamped picture over whole rays among `ids`, their weight, their number, and their samples."""
     voxels = stored(trained.delta, scene)
     got = gather(scene, voxels, dataset, ids, sizes)
