@@ -16,6 +16,7 @@ from training.dataset import RayDataset
 HELD_OUT_RAYS = 65_536
 # On lego at 800 × 800, cells of 2 end 0.3 dB above cells of 4 at 512³; at 1000³, those of 4 have as many rays as these.
 RAYS_PER_CELL, WIDEST = 24, 4
+MOST_CELLS = 1 << 27  # of a grid, empty ones included: a table of all of them is kept
 LEAST_STEPS, FEWEST_SAMPLES = 200, 32_768
 
 
@@ -89,7 +90,8 @@ def joint_tune(
 def cell_for(pack: Pack, rays: int) -> int:
     """Voxels a side of the cells that suit a pack which so many training rays meet: surfaces have a cell for cell² voxels."""
     voxels = int(np.count_nonzero(pack.atlas_rgba[..., 3]))
-    return int(np.clip(round(float(np.sqrt(RAYS_PER_CELL * voxels / max(rays, 1)))), 1, WIDEST))
+    cell = min(round(float(np.sqrt(RAYS_PER_CELL * voxels / max(rays, 1)))), WIDEST)
+    return max(cell, int(np.ceil((np.prod(pack.grid_size, dtype=float) / MOST_CELLS) ** (1 / 3))))
 
 
 def split_by_view(ids: np.ndarray, dataset: RayDataset, one_in: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -141,63 +141,71 @@ def slope_chunk(tables: Tables, cells, log_density, slopes, chunk, low, high, wo
     """Lists what the loss's slopes float32 [R, 8] of sums of rays low … high - 1 say of cells.
 
     Back along a ray: with G = dL/dT behind a sample of v = (colour, features) and alpha, dL/dv = T s, dL/d alpha = -T G, and
-    dL/dT before it = (1 - alpha) G + v · s. A stored voxel is alpha (colour, 1, features); delta adds to what is in brackets.
+    dL/dT before it = (1 - alpha) G + v · s.
     """
-    rgba, features, row, layer = tables.rgba, tables.features, np.int64(tables.row), np.int64(tables.layer)
-    coloured, one, unit = features.shape[0] > 0, np.float32(1.0), np.float32(1 / 255)
-    value, entries = np.empty(8, np.float32), 0
+    one, most = np.float32(1.0), np.float32(MAX_ALPHA)
+    value, of_value, entries = np.empty(8, np.float32), np.empty(8, np.float32), 0
     for ray in range(low, high):
         behind = slopes[ray, 7]
         for n in range(work.first[chunk, ray - low + 1] - 1, work.first[chunk, ray - low] - 1, -1):
-            value[:] = np.float32(0.0)
-            slot, passed, at = work.slot[chunk, n], work.before[chunk, n], work.at[chunk, n]
-            for corner in range(8):
-                place = at + (corner >> 2) * layer + (corner >> 1 & 1) * row + (corner & 1)
-                share = work.weights[chunk, n, corner] * unit
-                for c in range(4):
-                    value[c] += share * np.float32(rgba[place, c])
-                    if coloured:
-                        value[4 + c] += share * np.float32(features[place, c])
-            of_alpha = -passed * behind if value[3] < np.float32(MAX_ALPHA) else np.float32(0.0)
-            begun = entries
-            for corner in range(8):
-                place = at + (corner >> 2) * layer + (corner >> 1 & 1) * row + (corner & 1)
-                alpha, share = rgba[place, 3], work.weights[chunk, n, corner]
-                if alpha == 0 or share == 0:
-                    continue
-                x = cells.corners[slot, 0] + work.local[chunk, n, 0] + (corner & 1)
-                y = cells.corners[slot, 1] + work.local[chunk, n, 1] + (corner >> 1 & 1)
-                z = cells.corners[slot, 2] + work.local[chunk, n, 2] + (corner >> 2)
-                cell = cell_at(cells.numbers, cells.dims, cells.side, x, y, z)
-                if cell == 0:
-                    continue
-                entry = begun
-                while entry < entries and work.cells[chunk, entry] != cell:
-                    entry += 1
-                if entry == entries:
-                    entries += 1
-                    work.cells[chunk, entry] = cell
-                    work.slopes[chunk, entry] = np.float32(0.0)
-                own = work.slopes[chunk, entry]
-                opacity = np.float32(alpha) * unit
-                density = of_alpha * opacity
-                for c in range(3):
-                    slope = passed * slopes[ray, c]
-                    own[c] += share * slope * opacity
-                    density += slope * np.float32(rgba[place, c]) * unit
-                if coloured:
-                    for c in range(4):
-                        slope = passed * slopes[ray, 3 + c]
-                        own[4 + c] += share * slope * opacity
-                        density += slope * np.float32(features[place, c]) * unit
-                own[3] += share * density * log_density[alpha]
-            change = np.float32(0.0)
-            for c in range(3):
-                change += slopes[ray, c] * value[c]
-            for c in range(4):
-                change += slopes[ray, 3 + c] * value[4 + c]
-            behind = (one - min(value[3], np.float32(MAX_ALPHA))) * behind + change
+            _interpolate(tables, work.at[chunk, n], work.weights[chunk, n], value)
+            passed, change = work.before[chunk, n], np.float32(0.0)
+            for c in range(7):
+                channel = c if c < 3 else c + 1  # alpha lies between
+                of_value[channel] = passed * slopes[ray, c]
+                change += slopes[ray, c] * value[channel]
+            of_value[3] = -passed * behind if value[3] < most else np.float32(0.0)
+            entries = _list_cells(tables, cells, log_density, of_value, chunk, n, entries, work)
+            behind = (one - min(value[3], most)) * behind + change
     work.entries[chunk] = entries
+
+
+@njit(nogil=True, cache=True)
+def _interpolate(tables, at, weights, value):
+    """value float32 [8]: colour, alpha, features between the eight voxels from `at` on."""
+    rgba, features, coloured = tables.rgba, tables.features, tables.features.shape[0] > 0
+    value[:] = np.float32(0.0)
+    for corner in range(8):
+        place = at + (corner >> 2) * tables.layer + (corner >> 1 & 1) * tables.row + (corner & 1)
+        share = weights[corner] * np.float32(1 / 255)
+        for c in range(4):
+            value[c] += share * np.float32(rgba[place, c])
+            if coloured:
+                value[4 + c] += share * np.float32(features[place, c])
+
+
+@njit(nogil=True, cache=True)
+def _list_cells(tables, cells, log_density, of_value, chunk, n, entries, work):
+    """Lists, from `entries` on, what the slopes of a sample's value float32 [8] say of the cells of its eight voxels; where
+    others go. A stored voxel is alpha (colour, 1, features); delta adds to what is in brackets."""
+    rgba, features, coloured = tables.rgba, tables.features, tables.features.shape[0] > 0
+    corners, local, slot, unit = cells.corners, work.local, work.slot[chunk, n], np.float32(1 / 255)
+    begun = entries
+    for corner in range(8):
+        right, down, deeper = corner & 1, corner >> 1 & 1, corner >> 2
+        place = work.at[chunk, n] + deeper * tables.layer + down * tables.row + right
+        alpha, share = rgba[place, 3], work.weights[chunk, n, corner]
+        if alpha == 0 or share == 0:
+            continue
+        x, y = corners[slot, 0] + local[chunk, n, 0] + right, corners[slot, 1] + local[chunk, n, 1] + down
+        z = corners[slot, 2] + local[chunk, n, 2] + deeper
+        cell = cell_at(cells.numbers, cells.dims, cells.side, x, y, z)
+        if cell == 0:
+            continue
+        entry = begun
+        while entry < entries and work.cells[chunk, entry] != cell:
+            entry += 1
+        if entry == entries:
+            entries += 1
+            work.cells[chunk, entry] = cell
+            work.slopes[chunk, entry] = np.float32(0.0)
+        own, opacity, density = work.slopes[chunk, entry], np.float32(alpha) * unit, np.float32(0.0)
+        for c in range(8 if coloured else 4):
+            density += of_value[c] * np.float32(rgba[place, c] if c < 4 else features[place, c - 4]) * unit
+            if c != 3:
+                own[c] += share * of_value[c] * opacity
+        own[3] += share * density * log_density[alpha]
+    return entries
 
 
 class FusedTuner:
