@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,10 @@ from PIL import Image
 
 from console.atomic import replacing, write_file
 from training.dataset import RayDataset
-from training.method import Method
+from training.method import Method, Rays
 from training.metrics import psnr
 from training.scenes import Photograph, Scene
-from training.scenes.pictures import over_background, shrink
+from training.scenes.pictures import over_background
 
 
 def validation_photographs(scene: Scene, count: int = 1) -> tuple[Photograph, ...]:
@@ -37,16 +38,17 @@ def render_photograph(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(rendered, photographed), float32 [H, W, 3] in [0, 1] over the background.
 
-    max_pixels: shrinks both until they have no more pixels than this.
+    max_pixels: where there are more, one in so many of each row and column is compared. Both are never shrunk: a ray through the
+    middle of a larger pixel does not see what a shrunk photograph shows (a lego at 800 × 800 then scored 29.5 dB, not 33.7).
     """
-    camera, truth = photograph.camera, photograph.load()
-    if max_pixels is not None and camera.width * camera.height > max_pixels:
-        scale = (max_pixels / (camera.width * camera.height)) ** 0.5
-        camera = camera.resized(max(1, int(camera.width * scale)), max(1, int(camera.height * scale)))
-        truth = shrink(truth, camera.width, camera.height)
-    rgb = np.asarray(jax.device_get(method.render(state, dataset.view_rays(camera)).rgb))
-    rendered = np.clip(rgb.reshape(camera.height, camera.width, 3), 0.0, 1.0)
-    return rendered, over_background(truth, dataset.background)
+    camera = photograph.camera
+    apart = max(1, math.ceil(math.sqrt(camera.width * camera.height / (max_pixels or math.inf))))
+    some = (slice(apart // 2 % n, None, apart) for n in (camera.height, camera.width))
+    places = np.arange(camera.height * camera.width).reshape(camera.height, camera.width)[tuple(some)]
+    rays = Rays(*(array[places.ravel()] for array in dataset.view_rays(camera)))
+    rgb = np.asarray(jax.device_get(method.render(state, rays).rgb))
+    truth = over_background(photograph.load(), dataset.background)
+    return np.clip(rgb.reshape(*places.shape, 3), 0.0, 1.0), truth.reshape(-1, 3)[places]
 
 
 def validate(
