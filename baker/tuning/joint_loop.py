@@ -51,11 +51,14 @@ def joint_tune(
 ) -> tuple[Pack, dict[str, Any]]:  # fmt: skip
     """The pack with voxels and view MLP refined, and figures: PSNR on held-out rays and samples a ray, before and after.
 
-    by_opacity: errors are weighted by the pack's own opacity (see baker.tuning.tuner.Look).
+    by_opacity: errors are weighted by the pack's own opacity (see baker.tuning.tuner.Look). A pack that no ray to train on meets
+    comes back as it is, without figures.
     """
     every = np.arange(dataset.count, dtype=np.int32)
     hits = every[make_marcher(pack, dataset).meets(every)]
     trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
+    if not len(trained_on):
+        return pack, {}
     tuner = make_tuner(pack, dataset, config.cell or cell_for(pack, len(hits)), by_opacity=by_opacity)
     tuner.fill(trained_on, config.samples, config.seed)
     steps = config.passes * len(trained_on) / tuner.rays

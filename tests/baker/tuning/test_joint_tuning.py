@@ -287,6 +287,11 @@ def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(datase
     assert not np.array_equal(spoilt.atlas_rgba, pack.atlas_rgba)
 
 
+def test_a_pack_that_no_ray_meets_comes_back_as_it_is(dataset: RayDataset) -> None:
+    pack = replace(pack_of(), min_xyz=np.array([1e3, 1e3, 1e3]))
+    assert joint_tune(pack, dataset, QUICK) == (pack, {})
+
+
 def test_a_diffuse_pack_has_its_voxels_tuned(dataset: RayDataset) -> None:
     pack = pack_of(diffuse=True)
     tuned, figures = joint_tune(pack, dataset, replace(QUICK, held_out=0))
