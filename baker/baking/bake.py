@@ -129,6 +129,7 @@ def bake(
     with stages("padding"):
         for part in atlas[1:]:
             restore_padding(part, atlas[0], BLOCK_SIZE)
+    del atlas, part  # what pruning leaves takes their place
     counts, removed = culling.counts(), None
     if config.tau_weight > 0:
         with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
