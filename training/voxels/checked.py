@@ -12,6 +12,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.constants import VIEW_MLP_WIDTHS
+from training.plausible import BETWEEN_SAMPLES
 from training.voxels.sparse_grid import CHANNELS
 
 # Of each array: its shape, -1 standing for any length, and its type (see _require).
@@ -23,7 +24,6 @@ PARTS = ("trainable", "first", "second")
 # Cells of the grid for each voxel, at most: 135 is usual at 512³. What is beyond would be gigabytes out of a small file.
 CELLS_PER_VOXEL, FEWEST_CELLS = 4096, 1 << 20
 FARTHEST = 1e6  # from the origin, in voxels: float32 tells no halves of them beyond
-FINEST_STEP = 0.05  # voxels between samples
 MOST_RAYS, LONGEST_LIST = 1 << 22, 1 << 26  # of a step
 
 
@@ -68,8 +68,9 @@ def _require_rays(arrays: Mapping[str, np.ndarray], rays: int) -> None:
         raise unfit("updates", "a count", int(arrays["updates"]))
     step = np.asarray(arrays.get("step_voxels", np.float32(1.0)))
     _require({"step_voxels": step}, "step_voxels", (), "f")
-    if not FINEST_STEP <= float(step) <= 1:
-        raise unfit("step_voxels", f"{FINEST_STEP:g} to 1", float(step))
+    finest, farthest = BETWEEN_SAMPLES
+    if not finest <= float(step) <= farthest:
+        raise unfit("step_voxels", f"{finest:g} to {farthest:g}", float(step))
     *lists, drawn = (int(n) for n in arrays["sizes"])
     if min(*lists, drawn) < 0 or max(lists) > LONGEST_LIST or drawn > MOST_RAYS:
         raise unfit("sizes", f"lists up to {LONGEST_LIST}, rays up to {MOST_RAYS}", arrays["sizes"].tolist())
