@@ -21,10 +21,13 @@ COMPILED = "JAX_COMPILATION_CACHE_DIR"
 def pytest_configure(config: pytest.Config) -> None:
     """What one test compiles, no other compiles again: not in another worker, nor in a program that a test starts.
 
-    Programs that tests start take Ctrl-C from here: what runs in a shell's background ignores it, and so do its children.
+    Programs that tests start take Ctrl-C and hang-ups from here: what runs in a shell's background, or under nohup, ignores
+    them, and so do its children.
     """
-    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if threading.current_thread() is threading.main_thread():
+        for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+            if signal.getsignal(number) is signal.SIG_IGN:
+                signal.signal(number, handler)
     if not hasattr(config, "workerinput") and COMPILED not in os.environ:
         folder = tempfile.mkdtemp(prefix="snerg-compiled-")
         os.environ[COMPILED] = folder
