@@ -21,9 +21,8 @@ from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
 SAMPLES = 16
 SIGMA = np.float32(1 / np.sqrt(12))  # of the Gaussian, in voxels
 VOXELS_AT_ONCE = 16_384  # of a thread: its arrays stay near its core
-MOST_THREADS = (
-    4  # NumPy and compiled loops let go of Python's lock; each thread may hold a batch of a network's activations
-)
+# NumPy and compiled loops let go of Python's lock; each thread may hold a batch of a network's activations.
+MOST_THREADS = 4
 BLOCKS_AT_ONCE = 32  # macroblocks to a piece of work: about a second of it on two cores
 
 OnBlocks = Callable[[int, int], None]  # macroblocks done, samples taken since the last call

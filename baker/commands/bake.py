@@ -42,7 +42,7 @@ def snerg_bake(
         tau_weight: Empty voxels that would make up less than this of any pixel of any training photograph, 0 ... 1. 0 keeps
             all.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: the view MLP, then voxels and view
-            MLP together (sharper: +1.2 dB at 512 voxels of an 800 x 800 scene; takes minutes).
+            MLP together (sharper, takes minutes).
         fine_tune_epochs: Passes over the training pixels while the view MLP is tuned. Not used if nothing is tuned.
         seed: Random seed of the samples inside voxels and of fine-tuning.
         aabb: Box that is baked, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box around the content. Not for

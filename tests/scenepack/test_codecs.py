@@ -21,8 +21,6 @@ from scenepack import Pack, check_pack, load_pack, open_pack, save_pack
 from scenepack.blocks import atlas_from_dense
 from scenepack.codecs import CODECS
 from scenepack.codecs.pieces import cut, follows_grid
-from scenepack.codecs.straight import filled, premultiplied, straight
-from scenepack.codecs.streams import pack_occupancy, unpack_occupancy
 from scenepack.commands import main
 from scenepack.padding import restore_padding
 from tests.scenepack.helpers import edit_json, read_json, same_pack, small_pack, written
@@ -274,9 +272,6 @@ def test_without_pyav_h264_is_told_in_one_line_and_all_else_works(
         load_pack(tmp_path / "pack")
 
 
-# --- the parts that codecs are made of ---
-
-
 def test_cutting_and_putting_together_is_exact_in_either_layout(pack: Pack) -> None:
     for layout, planes in (("atlas", 5), ("grid", 14), ("grid", 28)):
         again = np.zeros_like(pack.atlas_rgba)
@@ -287,51 +282,6 @@ def test_cutting_and_putting_together_is_exact_in_either_layout(pack: Pack) -> N
         if layout == "grid":
             restore_padding(again, pack.atlas_indices, pack.block_size)
         assert np.array_equal(again, pack.atlas_rgba)
-
-
-def test_padding_is_restored_whatever_lies_there() -> None:
-    for seed in range(3):
-        source = random_pack(np.random.default_rng(seed), block_size=4, grid_blocks=(4, 3, 3), style="noise")
-        spoilt_atlas = source.atlas_rgba.copy()
-        for block in np.argwhere(source.occupied):
-            x, y, z = (int(i) * 6 for i in source.atlas_indices[tuple(block)])
-            copy = spoilt_atlas[z : z + 6, y : y + 6, x : x + 6]
-            data = copy[1:-1, 1:-1, 1:-1].copy()
-            copy[...] = 77
-            copy[1:-1, 1:-1, 1:-1] = data
-        restore_padding(spoilt_atlas, source.atlas_indices, source.block_size)
-        assert np.array_equal(spoilt_atlas, source.atlas_rgba)
-
-
-def test_straight_colours_come_back_and_nothing_outshines_its_alpha() -> None:
-    rng = np.random.default_rng(0)
-    alpha = (rng.integers(0, 256, (9, 20, 33)) * (rng.random((9, 20, 33)) < 0.3)).astype(np.uint8)
-    values = np.rint(rng.random((9, 20, 33, 3)) * alpha[..., None]).astype(np.uint8)
-    shown = straight(values, alpha, 0.0)
-    assert shown.shape == (9, 32, 48, 3)
-    back = premultiplied(shown, alpha)
-    assert np.abs(back.astype(int) - values).max() <= 1
-    smooth = premultiplied(straight(values, alpha, 8.0), alpha)
-    assert np.all(smooth <= alpha[..., None]) and not smooth[alpha == 0].any()
-    assert abs(smooth.sum() / values.sum() - 1) < 0.02, "smoothing moves colour about and loses none"
-
-
-def test_empty_voxels_continue_what_is_near_them() -> None:
-    alpha = np.zeros((16, 16, 32), np.uint8)
-    alpha[3:6, 4:9, 2:5] = 90
-    values = np.where(alpha > 0, 45, 0).astype(np.uint8)[..., None]
-    shown = straight(values, alpha, 8.0)
-    assert np.all(shown[:, :, :16] == 128) and np.all(shown[:, :, 16:] == 128)  # 45 / 90, and grey where nothing is
-    assert np.all(filled(alpha[..., None], alpha)[:, :, :16] == 90)
-
-
-def test_occupancy_comes_back_exactly_and_is_refused_at_another_size() -> None:
-    occupied = np.random.default_rng(0).random((5, 6, 7)) < 0.3
-    data = pack_occupancy(occupied)
-    assert np.array_equal(unpack_occupancy(data, (5, 6, 7)), occupied)
-    for shape in ((5, 6, 9), (1, 2, 2)):
-        with pytest.raises(Exception, match="expected"):
-            unpack_occupancy(data, shape)
 
 
 # --- snerg-pack convert ---
