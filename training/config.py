@@ -187,7 +187,7 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
     if cls is TrainConfig:  # runs of before there was a choice, here and below
         values = {"engine": "jax", **values}
     if cls is VoxelConfig:
-        values = {"random_background": False, "last_step_voxels": 1.0, **values}
+        values = {"random_background": False, "last_step_voxels": 1.0, "close_holes_from": 1.0, **values}
     unknown = sorted(set(values) - set(names))
     if unknown:
         raise UserError(

@@ -34,6 +34,7 @@ from training.allocator import keep_freed_memory
 from training.run import Run, require_bakeable
 from training.scenes.box import OPTION, box_text, with_box
 from training.scenes.scene import Box
+from training.views_between import with_views_between
 
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
 STAGE = "baking"  # in what programs that started us read of our progress
@@ -133,7 +134,8 @@ def bake(
     counts, removed = culling.counts(), None
     if config.tau_weight > 0:
         with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
-            pack, removed = prune(pack, run.dataset, config.tau_weight, config.seed, bar.update)
+            views = with_views_between(run.dataset)
+            pack, removed = prune(pack, views, config.tau_weight, config.seed, bar.update)
         counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
     by_opacity = config.aabb is not None  # photographs also show what lies outside of the box that is baked

@@ -22,7 +22,7 @@ from training.dataset import RayDataset
 from training.marching.rays import GridFrameRays, to_grid
 
 SPACING = 3.0  # voxels between neighbouring rays
-MOST_RAYS = 8_000_000  # that meet content
+MOST_RAYS = 12_000_000  # that meet content
 PILOTS = 16_384  # rays that tell how many voxels wide pixels are
 FEW_WIDER = 0.9  # share of the pilots whose pixels are no wider than what is taken for the width
 LOOKED_AT = 1_048_576  # places at once that are tested for content

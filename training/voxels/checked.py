@@ -71,6 +71,7 @@ def _require_rays(arrays: Mapping[str, np.ndarray], rays: int) -> None:
     finest, farthest = BETWEEN_SAMPLES
     if not finest <= float(step) <= farthest:
         raise unfit("step_voxels", f"{finest:g} to {farthest:g}", float(step))
+    _require({"closed": np.asarray(arrays.get("closed", np.int32(0)))}, "closed", (), "i")
     *lists, drawn = (int(n) for n in arrays["sizes"])
     if min(*lists, drawn) < 0 or max(lists) > LONGEST_LIST or drawn > MOST_RAYS:
         raise unfit("sizes", f"lists up to {LONGEST_LIST}, rays up to {MOST_RAYS}", arrays["sizes"].tolist())

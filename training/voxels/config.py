@@ -42,6 +42,8 @@ class VoxelConfig:
     """The same towards the end: a surface within a voxel is told apart by what lies between its corners."""
     finer_samples_from: float = 0.6
     """Fraction of all steps from which samples are last_step_voxels apart, if that is less."""
+    close_holes_from: float = 0.9
+    """Fraction of all steps after which holes are closed that views between photographs look through; 1 for never."""
     density_rate: float = 0.2
     """Initial learning rate of density (Adam)."""
     colour_rate: float = 0.1

@@ -3,7 +3,8 @@
     state      what is trained, in plain arrays        settings   what a config means for a dataset
     field      raw values -> density, colours, rays    engine     the seam: state in, state out
     step       one step (JAX); fused: on processors    refine     what happens to voxels between steps
-    render     whole pictures                          saving     checkpoints
+    render     whole pictures                          holes      walls where no photograph looks
+    saving     checkpoints
 
 Here they are joined into a training.method.Method.
 """
@@ -22,6 +23,7 @@ from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.view_mlp import init_view_mlp
 from training.voxels.checked import require_fitting
 from training.voxels.engines import make_engine
+from training.voxels.holes import close_holes
 from training.voxels.refine import dense_start, refine
 from training.voxels.saving import restore
 from training.voxels.settings import plan_of, settings_of
@@ -57,10 +59,11 @@ class VoxelMethod:
         finer = progress >= voxels.finer_samples_from and state.step_voxels > voxels.last_step_voxels
         if finer:
             state = self.engine.sample_finer(state, voxels.last_step_voxels)
-        if (
-            finer or step % REMEMBER_EVERY == 0 or resolution is not None
-        ):  # at a new stage, too: compiled then, not later
-            state = self.engine.remember(state)
+        closing = not state.closed and progress >= voxels.close_holes_from < 1
+        if closing:
+            state = close_holes(self.engine, state, self.dataset.local(), self.plan, self.settings)
+        if finer or closing or step % REMEMBER_EVERY == 0 or resolution is not None:
+            state = self.engine.remember(state)  # at a new stage, too: compiled then, not later
         return self.engine.step(state, step, progress)
 
     def render(self, state: Any, rays: Rays) -> RenderOutput:

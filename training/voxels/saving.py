@@ -25,6 +25,7 @@ def save(state: VoxelState) -> dict[str, np.ndarray]:
         "cells": state.cells, "hits": state.hits[: int(state.hit_count)], "hit_count": state.hit_count,
         "updates": state.updates,
         "step_voxels": np.float32(state.step_voxels),
+        "closed": np.int32(state.closed),
         "sizes": np.array([*(state.sizes or UNKNOWN), state.rays], np.int32),
     }  # fmt: skip
     for name in ("trainable", "first", "second"):
@@ -61,4 +62,5 @@ def restore(arrays: Mapping[str, np.ndarray]) -> VoxelState:
         **parts, updates=jnp.asarray(arrays["updates"]), layout=layout, cells=jnp.asarray(arrays["cells"]),
         hits=jnp.asarray(arrays["hits"]), hit_count=jnp.int32(arrays.get("hit_count", len(arrays["hits"]))),
         sizes=None if sizes == UNKNOWN else sizes, rays=rays, step_voxels=float(arrays.get("step_voxels", 1.0)),
+        closed=bool(arrays.get("closed", 0)),
     )  # fmt: skip

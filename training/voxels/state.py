@@ -53,6 +53,7 @@ class VoxelState(NamedTuple):
 
     sizes, rays: how long the JAX engine's lists of a step are, and how many rays fill a step; plain numbers. sizes is None, and
     rays 0, where no engine has looked yet. step_voxels: distance between samples, in voxels, a plain number as well.
+    closed: whether holes have been closed (training.voxels.holes).
     """
 
     trainable: Trainable
@@ -66,6 +67,7 @@ class VoxelState(NamedTuple):
     sizes: MarchSizes | None
     rays: int
     step_voxels: float
+    closed: bool = False
 
     @property
     def optimised(self) -> Optimised:

@@ -43,6 +43,7 @@ class FusedState:
     def __init__(self, plain: VoxelState) -> None:
         self.plain: VoxelState | None = plain
         self.updates, self.rays, self.step_voxels = int(plain.updates), plain.rays, plain.step_voxels
+        self.closed = plain.closed
         self.hits, self.hit_count = np.asarray(plain.hits)[: int(plain.hit_count)], int(plain.hit_count)
         self.stepper: Stepper | None = None
 
@@ -96,6 +97,7 @@ class FusedState:
             *(_trainable(part, grid) for part in (self.values, self.first, self.second)),
             updates=jnp.int32(self.updates), layout=layout, cells=cells, hits=jnp.asarray(self.hits),
             hit_count=jnp.int32(self.hit_count), sizes=None, rays=self.rays, step_voxels=self.step_voxels,
+            closed=self.closed,
         )  # fmt: skip
 
 

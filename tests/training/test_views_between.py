@@ -1,0 +1,60 @@
+"""Views midway between photographs."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from training import views_between
+from training.dataset import RayDataset, make_dataset
+from training.scenes import Scene
+from training.views_between import with_views_between
+
+
+@pytest.fixture(scope="module")
+def dataset(procedural_scene: Scene) -> RayDataset:
+    return make_dataset(procedural_scene)
+
+
+def test_photographs_come_first_and_each_has_a_view_between(dataset: RayDataset) -> None:
+    views = with_views_between(dataset)
+    assert dataset.views < views.views <= 2 * dataset.views and views.count == views.views * 48 * 48
+    ids = jnp.arange(0, dataset.count, 97)
+    for ours, theirs in zip(views.geometry_at(ids), dataset.geometry_at(ids), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    poses = np.asarray(views.world_T_camera, np.float64)
+    turns, given = poses[dataset.views :, :, :3], poses[: dataset.views]
+    np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.broadcast_to(np.eye(3), turns.shape), atol=1e-6)
+    for pose in poses[dataset.views :]:
+        middle = 0.5 * (given[:, None, :, 3] + given[None, :, :, 3])
+        i, j = np.unravel_index(np.linalg.norm(middle - pose[:, 3], axis=-1).argmin(), (len(given), len(given)))
+        np.testing.assert_allclose(pose[:, 3], middle[i, j], atol=1e-6)
+        both = [Rotation.from_matrix(given[k, :, :3]) for k in (i, j)]
+        here = Rotation.from_matrix(pose[:, :3])
+        apart = [(here.inv() * other).magnitude() for other in both]
+        assert apart[0] == pytest.approx(apart[1], abs=1e-4), "turned as much from the one as from the other"
+        assert sum(apart) == pytest.approx((both[0].inv() * both[1]).magnitude(), abs=1e-4)
+
+
+def test_more_neighbours_make_more_views_and_none_is_there_twice(dataset: RayDataset) -> None:
+    few, many = (with_views_between(dataset, neighbours) for neighbours in (1, 3))
+    assert few.views < many.views
+    poses = np.asarray(many.world_T_camera).reshape(many.views, -1)
+    assert len(np.unique(poses.round(5), axis=0)) == many.views
+
+
+def test_a_single_photograph_has_no_neighbour(dataset: RayDataset) -> None:
+    alone = dataclasses.replace(
+        dataset, count=48 * 48,
+        **{name: getattr(dataset, name)[:1] for name in ("world_T_camera", "intrinsics", "distortion", "first", "width")},
+    )  # fmt: skip
+    assert with_views_between(alone).views == 1
+
+
+def test_more_rays_than_ids_leave_the_photographs_alone(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(views_between, "MOST_RAYS", dataset.count + 1)
+    assert with_views_between(dataset).count == dataset.count

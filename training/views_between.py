@@ -1,0 +1,65 @@
+"""Views between photographs: where nobody photographed, and where people look from.
+
+What photographs do not tell apart looks the same in all of them, and may be a hole in the next view. So what no photograph
+shows is asked about from midway between neighbours, too: by training, which closes holes (training.voxels.holes), and
+by baking, which drops what nobody sees (baker.tuning.pruning).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from training.dataset import MOST_RAYS, RayDataset
+
+
+def with_views_between(dataset: RayDataset, neighbours: int = 1) -> RayDataset:
+    """The geometry of the photographs, and after them of a view midway between each and its nearest `neighbours`; no pixels.
+
+    A view between has the lens and the size of one of its two photographs. Where there would be more rays than ids, it is
+    the photographs alone.
+    """
+    photographs, poses = _midway(np.asarray(dataset.world_T_camera, np.float64), neighbours)
+    first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
+    rays = np.diff(np.append(first, dataset.count))[photographs]
+    count = dataset.count + int(rays.sum())
+    without_pixels = replace(dataset, pixels=jnp.zeros((0, dataset.pixels.shape[1]), jnp.uint8))
+    if count > MOST_RAYS:
+        return without_pixels
+    return replace(
+        without_pixels,
+        world_T_camera=jnp.concatenate([dataset.world_T_camera, jnp.asarray(poses, jnp.float32)]),
+        intrinsics=jnp.concatenate([dataset.intrinsics, dataset.intrinsics[photographs]]),
+        distortion=jnp.concatenate([dataset.distortion, dataset.distortion[photographs]]),
+        first=jnp.asarray(np.append(first, dataset.count + np.cumsum(rays) - rays).astype(np.int32)),
+        width=jnp.asarray(np.append(width, width[photographs]).astype(np.int32)),
+        count=count,
+    )
+
+
+def _midway(world_T_camera: np.ndarray, neighbours: int) -> tuple[np.ndarray, np.ndarray]:
+    """The views between: int [B] a photograph of each, and its pose [B, 3, 4]. Each pair of neighbours has one.
+
+    Near are photographs from about the same place in about the same direction: a turn by an angle counts as much as a
+    move by as many of the cameras' distances from their middle.
+    """
+    places, turns = world_T_camera[:, :, 3], world_T_camera[:, :, :3]
+    spread = max(np.median(np.linalg.norm(places - places.mean(0), axis=-1)), 1e-12)
+    features = np.concatenate(
+        [places / spread, turns[:, :, 2]], axis=1
+    )  # the chord of unit directions is about the angle
+    pairs = set()
+    for view, feature in enumerate(features):
+        apart = np.linalg.norm(features - feature, axis=-1)
+        apart[view] = np.inf
+        for other in np.argsort(apart, kind="stable")[: min(neighbours, len(features) - 1)]:
+            pairs.add((min(view, int(other)), max(view, int(other))))
+    poses = np.empty((len(pairs), 3, 4))
+    for pose, (view, other) in zip(poses, sorted(pairs), strict=True):
+        both = Rotation.from_matrix(turns[[view, other]])
+        pose[:, :3] = Slerp([0.0, 1.0], both)(0.5).as_matrix()
+        pose[:, 3] = 0.5 * (places[view] + places[other])
+    return np.array([view for view, _ in sorted(pairs)], np.int64), poses
