@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -15,6 +16,8 @@ from hypothesis import settings
 settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
 settings.load_profile("busy machine")
 
+# Most of what tests compile runs for less time than optimising it takes.
+QUICKLY_COMPILED = "--xla_backend_optimization_level=1"
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
 
 
@@ -31,7 +34,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput") and COMPILED not in os.environ:
         folder = tempfile.mkdtemp(prefix="snerg-compiled-")
         os.environ[COMPILED] = folder
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {QUICKLY_COMPILED}"
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
 
 
@@ -49,6 +53,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="fail where golden pictures or real data cannot be compared, instead of skipping; always on where CI is set",
     )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _programs_are_let_go() -> Iterator[None]:
+    """JAX keeps each program that it ever compiled: gigabytes by the end of all tests. What is needed again lies on the disk."""
+    yield
+    if "jax" in sys.modules:
+        sys.modules["jax"].clear_caches()
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 Each writes to a place where an older output is, but for training and making, which go on with what they find. Afterwards that
 output or the new one must be there, whole, and the same command must end with the new one and with nothing else beside it.
-What falls short is printed; the exit status is then 1. Full disks are of 3 MB (tmpfs) with files in them, where they can be mounted.
+What falls short is printed; the exit status is then 1. Disks are of 3 MB (tmpfs) with files in them, where they can be mounted.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ class Writer:
     problems: list[str] = field(default_factory=list)
 
     @property
-    def module(self) -> str:
-        return MODULES[self.name]
+    def program(self) -> list[str]:
+        return ["-m", MODULES[self.name]]
 
     def start(self, out: Path, *more: str) -> subprocess.Popen[str]:
-        line = [sys.executable, "-m", self.module, *self.words, "--out", str(out), *more]
+        line = [sys.executable, *self.program, *self.words, "--out", str(out), *more]
         return subprocess.Popen(
             line, cwd=ROOT, text=True, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         )
@@ -90,8 +90,7 @@ class Writer:
         """Ends it after that share of its usual time: "finished", or the output that is there: "old", "new", "begun"."""
         old = self._prepare(place)
         child = self.start(place / self.out)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(moment * self.seconds)
+        self.wait(child, moment)
         finished = child.poll() is not None
         with contextlib.suppress(ProcessLookupError):
             os.killpg(child.pid, signal.SIGKILL)
@@ -99,6 +98,11 @@ class Writer:
         found = self._found(place, old, f"killed after {moment:.2f} of its time")
         self._must_end_well(place, f"killed after {moment:.2f} of its time")
         return "finished" if finished else found
+
+    def wait(self, child: subprocess.Popen[str], moment: float) -> None:
+        """Until that share of its usual time is over, or it has ended."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(moment * self.seconds)
 
     def fill(self, place: Path, free: int) -> str:
         """Runs it where so many bytes are free: "refused" in one line, or "new" where they were enough."""
@@ -131,7 +135,10 @@ class Writer:
         return "new" if now == self.expected else "old"
 
     def _must_end_well(self, place: Path, told_of: str) -> None:
+        began = time.monotonic()
         status, said = self.run(place / self.out)
+        if self.older is not None:  # so that the next kill falls within its time, however busy the machine is now
+            self.seconds = time.monotonic() - began
         if status or digest(place / self.out) != self.expected:
             self.problems.append(f"{self.name} {told_of}: the same line again: status {status}: {said[-600:]}")
         if left := [path.name for path in place.iterdir() if path.name != self.out]:
