@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import gc
 import os
 import shutil
 import signal
@@ -9,6 +12,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -16,9 +20,8 @@ from hypothesis import settings
 settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
 settings.load_profile("busy machine")
 
-# Most of what tests compile runs for less time than optimising it takes.
-QUICKLY_COMPILED = "--xla_backend_optimization_level=1"
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
+HELD = 3 << 29  # bytes of a process beyond which it lets go of the programs that it compiled
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -35,7 +38,6 @@ def pytest_configure(config: pytest.Config) -> None:
         folder = tempfile.mkdtemp(prefix="snerg-compiled-")
         os.environ[COMPILED] = folder
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {QUICKLY_COMPILED}"
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
 
 
@@ -59,8 +61,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def _programs_are_let_go() -> Iterator[None]:
     """JAX keeps each program that it ever compiled: gigabytes by the end of all tests. What is needed again lies on the disk."""
     yield
-    if "jax" in sys.modules:
+    if "jax" in sys.modules and _held() > HELD:
         sys.modules["jax"].clear_caches()
+        gc.collect()
+        with contextlib.suppress(OSError, AttributeError):  # other C libraries than glibc
+            ctypes.CDLL(None).malloc_trim(0)
+
+
+def _held() -> int:
+    """Bytes of memory that this process has; 0 where the system does not tell as Linux does."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
 
 
 @pytest.fixture
