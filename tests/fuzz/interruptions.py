@@ -2,7 +2,7 @@
 
 Each writes to a place where an older output is, but for training and making, which go on with what they find. Afterwards that
 output or the new one must be there, whole, and the same command must end with the new one and with nothing else beside it.
-What falls short is printed; the exit status is then 1. Disks are of 3 MB (tmpfs) with files in them, where they can be mounted.
+What falls short is printed; the exit status is then 1. Disks are tmpfs that is filled, where that can be mounted.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MODULES = {
     "picture": "viewer.commands.render",
     "film": "viewer.commands.render",
 }
-DISK = "3m"
+DISK = "64m"  # enough for each of them where it is empty
 PATIENCE_S = 900.0
 TRAINING = ["--preset", "tiny", "--steps", "60", "--checkpoint-every", "15", "--validate-every", "30"]
 BAKING = ["--resolution", "40", "--fine-tune", "none", "--tau-weight", "0"]
@@ -185,7 +185,7 @@ def filled(place: Path, free: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def small_disk(place: Path) -> Iterator[bool]:
-    """Mounts a disk of 3 MB at `place`; False where that is not permitted."""
+    """Mounts a disk at `place`; False where that is not permitted."""
     words = ["mount", "-t", "tmpfs", "-o", f"size={DISK}", "tmpfs", str(place)]
     mounted = shutil.which("mount") is not None and subprocess.run(words, capture_output=True).returncode == 0
     try:
