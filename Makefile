@@ -3,15 +3,17 @@
 #   make install  viewer, trainer and baker           make lint   ruff and pyright
 #   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
 #   make fuzz     spoilt files until one breaks something; MINUTES=10, SEED=0, FUZZ="--only packs"
+#   make kills    commands ended with kill -9 at random moments, and on full disks; TIMES=10, ONLY="--only bake"
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 MINUTES ?= 10
 SEED ?= 0
+TIMES ?= 10
 DEMO := viewer/demo/demo.zip
 
-.PHONY: view install test fuzz bench lint demo clean gl
+.PHONY: view install test fuzz kills bench lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -25,6 +27,9 @@ test: $(VENV)/.developer gl
 
 fuzz: $(VENV)/.developer
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --seed $(SEED) $(FUZZ)
+
+kills: $(VENV)/.developer gl
+	$(BIN)/python -m tests.fuzz.interruptions --times $(TIMES) --disks $(TIMES) --seed $(SEED) $(ONLY)
 
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400

@@ -35,6 +35,8 @@ NEW, OLD, GONE = "new", "old", "gone"
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 _LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process since
 _SWAP_PATIENCE_S = 2.0
+_GIVE_WAY_S = 5.0
+_LOOK_S = 0.2  # far longer than any process holds a lock only to see whether it can be had
 
 
 def write_file(path: Path, data: bytes | str | Iterable[Any]) -> None:
@@ -54,12 +56,12 @@ def is_stream(path: Path) -> bool:
 
 
 @contextmanager
-def replacing(target: Path, *, folder: bool = False, durable: bool = True) -> Iterator[Path]:
+def replacing(target: Path, *, folder: bool = False, durable: bool = True, alone: bool = False) -> Iterator[Path]:
     """Yields the path of a Replacement; on a clean exit it takes target's place.
 
     Where the block raises, what was written is deleted and the target is untouched. Raises OSError.
     """
-    replacement = Replacement(target, folder=folder, durable=durable)
+    replacement = Replacement(target, folder=folder, durable=durable, alone=alone)
     try:
         yield replacement.path
         replacement.finish()
@@ -67,20 +69,40 @@ def replacing(target: Path, *, folder: bool = False, durable: bool = True) -> It
         replacement.discard()
 
 
+@contextmanager
+def writing_alone(target: Path) -> Iterator[None]:
+    """For work of a while that ends in writing to the file or folder `target`. OSError where another process is at such work."""
+    claim, target = None, target.resolve()
+    if target.name and not is_stream(target):  # to which as many may write as like
+        try:
+            claim = Replacement(target, durable=False, alone=True)
+        except OSError as error:  # a folder, say, that may be written to, but not what it lies in
+            if error.errno == errno.EBUSY:
+                raise
+    try:
+        yield
+    finally:
+        if claim is not None:
+            claim.discard()
+
+
 class Replacement:
     """What is to take the place of `target`, whose folder exists. path: to be written, an empty folder or an empty file.
 
     Where `target` is a symbolic link, what it leads to is replaced, not the link.
-    durable: False spares the disk, for what nobody misses after a power cut. Raises OSError, also where `target` is a
-    device or a pipe.
+    durable: False spares the disk, for what nobody misses after a power cut. alone: what takes a while to write is written by
+    one process at a time; otherwise the last one stays. Raises OSError, also where `target` is a device or a pipe, or another
+    process writes it alone.
     """
 
-    def __init__(self, target: Path, *, folder: bool = False, durable: bool = True) -> None:
+    def __init__(self, target: Path, *, folder: bool = False, durable: bool = True, alone: bool = False) -> None:
         if is_stream(target):
             raise OSError(errno.EINVAL, "a device or a pipe is there", str(target))
         target = target.resolve() if target.is_symlink() else target
         recover_interrupted_write(target)
         remove_leftovers(target)
+        if alone:
+            _require_alone(target)
         self.target, self._durable = target, durable
         self.path = _sibling(target, NEW)
         if folder:
@@ -90,8 +112,13 @@ class Replacement:
         self._lock = -1
         if fcntl:
             self._lock = os.open(self.path, _lock_flags(self.path))
-            with suppress(OSError):  # some network file systems have no locks
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _hold(self._lock)
+        if alone:
+            try:
+                _require_alone(target, self.path)
+            except OSError:
+                self.discard()
+                raise
 
     def finish(self) -> None:
         """It is whole: flushes it to the disk and puts it in its place."""
@@ -239,6 +266,53 @@ def _siblings(target: Path, kind: str) -> list[Path]:
                 with suppress(OSError):
                     found.append((entry.stat(follow_symlinks=False).st_mtime, Path(entry.path)))
     return [path for _, path in sorted(found)]
+
+
+def _require_alone(target: Path, own: Path | None = None) -> None:
+    """OSError where another process is writing `target`; own: what this one writes.
+
+    Two that begin in one moment see each other: the one whose name comes first waits for the other to give way.
+    """
+    deadline = time.monotonic() + (_GIVE_WAY_S if own else _LOOK_S)
+    while others := [path for path in _siblings(target, NEW) if path != own and _is_held(path)]:
+        if (own and own > min(others)) or time.monotonic() > deadline:
+            raise OSError(errno.EBUSY, "another process is writing it", str(target))
+        time.sleep(0.02)
+
+
+def _hold(handle: int) -> None:
+    """Takes the lock on what one writes oneself, which another may hold for a moment to see whether it can be had."""
+    deadline = time.monotonic() + _LOOK_S
+    while True:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[union-attr]
+            return
+        except BlockingIOError:
+            if time.monotonic() > deadline:
+                return
+            time.sleep(0.01)
+        except OSError:  # some network file systems have no locks
+            return
+
+
+def _is_held(path: Path) -> bool:
+    """Whether another process has a lock on the hidden name `path`; False on file systems without locks."""
+    if fcntl is None or int(path.name.rsplit("-", 2)[1]) == os.getpid():
+        return False
+    with suppress(FileNotFoundError):
+        try:
+            handle = os.open(path, _lock_flags(path))
+        except PermissionError:  # another person's, and at work for all that can be told
+            return _process_exists(int(path.name.rsplit("-", 2)[1]))
+        try:
+            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        finally:
+            os.close(handle)
+    return False
 
 
 def _is_alive(path: Path) -> bool:

@@ -23,6 +23,7 @@ _NOT_WRITTEN = {
     errno.EROFS: ("that disk is read-only", "choose another disk"),
     errno.ENOSPC: ("the disk is full", "make room or choose another disk"),
     errno.EDQUOT: ("your share of the disk is used up", "make room or choose another disk"),
+    errno.EBUSY: ("another process is writing it", "wait for it, or choose another name"),
     errno.ENAMETOOLONG: ("the name is too long", "choose a shorter one"),
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -66,7 +67,7 @@ def save_pack(
         recover_interrupted_write(path)
         _require_replaceable(path, as_zip)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path, folder=not as_zip) as new:
+        with replacing(path, folder=not as_zip, alone=True) as new:
             files = _files(pack, chosen, quality, png_level, on_progress)
             with closing(files):
                 if as_zip:
@@ -75,10 +76,13 @@ def save_pack(
                     for name, data in files:
                         (new / name).write_bytes(data)
     except OSError as error:
+        busy = error.errno == errno.EBUSY
         raise UserError(
             f"the pack cannot be written: {error.strerror or error}",
             where=path,
-            remedy="the old files are untouched; free some space, or choose another place",
+            remedy="wait for it, or choose another place"
+            if busy
+            else "the old files are untouched; free some space, or choose another place",
         ) from error
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import gc
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -16,6 +21,7 @@ settings.register_profile("busy machine", deadline=None)  # how long an example 
 settings.load_profile("busy machine")
 
 COMPILED = "JAX_COMPILATION_CACHE_DIR"
+HELD = 3 << 29  # bytes of a process beyond which it lets go of the programs that it compiled
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -31,7 +37,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput") and COMPILED not in os.environ:
         folder = tempfile.mkdtemp(prefix="snerg-compiled-")
         os.environ[COMPILED] = folder
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
 
 
@@ -49,6 +55,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="fail where golden pictures or real data cannot be compared, instead of skipping; always on where CI is set",
     )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _programs_are_let_go() -> Iterator[None]:
+    """JAX keeps each program that it ever compiled: gigabytes by the end of all tests. What is needed again lies on the disk."""
+    yield
+    if "jax" in sys.modules and _held() > HELD:
+        sys.modules["jax"].clear_caches()
+        gc.collect()
+        with contextlib.suppress(OSError, AttributeError):  # other C libraries than glibc
+            ctypes.CDLL(None).malloc_trim(0)
+
+
+def _held() -> int:
+    """Bytes of memory that this process has; 0 where the system does not tell as Linux does."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
 
 
 @pytest.fixture

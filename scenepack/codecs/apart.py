@@ -158,6 +158,9 @@ class _Process:
         """At once, whatever it does. Safe from any thread, any number of times."""
         self._process.kill()
         self._process.wait()
+        for pipe in (self._in, self._out):  # whoever reads from it in another thread has met its end, or does now
+            with contextlib.suppress(OSError, ValueError):
+                pipe.close()
 
     @contextlib.contextmanager
     def _ended_after(self, seconds: float) -> Iterator[None]:

@@ -135,3 +135,15 @@ def test_decoders_are_used_again_and_do_not_stay(tmp_path: Path) -> None:
         os.kill(process._process.pid, signal.SIGKILL)  # as a machine does that runs out of memory
     waits_for(lambda: not any(process.lives for process in apart._idle))
     load_pack(tmp_path / "pack")
+
+
+@pytest.mark.filterwarnings("error::ResourceWarning")
+def test_a_decoder_that_ends_leaves_no_pipe_open(pack: Path) -> None:
+    apart._end_idle()
+    before = len(os.listdir("/proc/self/fd")) if Path("/proc/self/fd").exists() else None
+    load_pack(pack)
+    ended = list(apart._idle)
+    assert ended
+    apart._end_idle()
+    assert all(process._in.closed and process._out.closed for process in ended)
+    assert before is None or len(os.listdir("/proc/self/fd")) <= before

@@ -10,6 +10,7 @@ steps. Rays are spread over the devices of the dataset's mesh (training.devices)
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -98,8 +99,12 @@ class NerfMethod:
 
     def restore(self, arrays: dict[str, np.ndarray]) -> NerfState:
         """The inverse of save; UserError where the arrays are of another configuration."""
-        template = jax.eval_shape(self._fresh, jax.random.PRNGKey(0))
-        return put_whole(from_arrays(template, arrays), self.mesh)
+        return put_whole(from_arrays(self._template, arrays), self.mesh)
+
+    @cached_property
+    def _template(self) -> NerfState:
+        """A state's shapes and types, without its numbers."""
+        return jax.eval_shape(self._fresh, jax.random.PRNGKey(0))
 
     def _fresh(self, key: jax.Array) -> NerfState:
         params = init_nerf(key, self.config.nerf)

@@ -78,4 +78,6 @@ def _read_split(path: Path, description: Path, downscale: int) -> tuple[Photogra
 def _picture_path(path: Path, file_path: str) -> Path:
     """The picture that a frame names, with or without its .png."""
     named = path / file_path
+    if not named.name:
+        raise UserError("a frame without a picture", where=path, expected="a file_path", found=repr(file_path))
     return named if named.suffix.lower() in (".png", ".jpg", ".jpeg") else named.with_name(named.name + ".png")

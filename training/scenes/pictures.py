@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
+from PIL.JpegImagePlugin import JpegImageFile
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
@@ -28,6 +29,8 @@ Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 # Of a mask that is all white, as DEFLATE stores it; photographs have a few. Pictures up to the latter size need not tell.
 MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
+# A JPEG goes over all its pixels once for each scan, which may have 30 bytes: cameras write 1, other programs 10 to 64.
+MOST_SCANS, SCAN = 100, b"\xff\xda"
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
 # What Pillow raises for damaged files; its readers were not written with one error in mind.
 UNREADABLE = (
@@ -67,7 +70,7 @@ def decoded(path: Path) -> np.ndarray:
     """What read_picture decodes, as it is stored: uint8 [H, W, 3 or 4], float32 [H, W, 3] where that has 16 bits."""
     picture_size(path)
     try:
-        with _opened(path) as image:
+        with _decodable(path) as image:
             if image.mode.startswith("I"):  # 16 bit grey
                 return np.repeat(np.asarray(image, np.float32)[..., None] / 65535.0, 3, axis=-1)
             mode = "RGBA" if image.has_transparency_data else "RGB"
@@ -108,6 +111,25 @@ def _opened(path: Path) -> Iterator[Image.Image]:
                 f"its header claims {times(image.size)} pixels, more than {os.path.getsize(path)} bytes can hold"
             )
         yield image
+
+
+@contextmanager
+def _decodable(path: Path) -> Iterator[Image.Image]:
+    """The same, whose pixels take no longer than its size explains: so it may be decoded here, without a process and a clock."""
+    with _opened(path) as image:
+        if isinstance(image, JpegImageFile) and (scans := _scans(path)) > MOST_SCANS:
+            raise OSError(f"it has {scans} scans; at most {MOST_SCANS} are read")
+        yield image
+
+
+def _scans(path: Path) -> int:
+    """How many scans a JPEG has. Its marker stands nowhere else in compressed data; a copy for the camera's screen has some."""
+    count, last = 0, b""
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            count += (last + block).count(SCAN)
+            last = block[-1:]
+    return count
 
 
 class _Bounded(io.BufferedReader):
@@ -241,7 +263,7 @@ class PictureLoader:
 
 
 def _small(path: Path, side: int, mode: str) -> Image.Image:
-    with _opened(path) as image:
+    with _decodable(path) as image:
         image.draft("RGB", (2 * side, 2 * side))
         if image.mode.startswith("I"):  # 16 bit; Pillow clips where it should scale
             picture = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8)).convert(mode)

@@ -20,6 +20,7 @@ from training.scenes.rays import camera_rays
 from training.scenes.scene import Scene, SceneOptions
 
 MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some pixels have no ray
+LEAST_FOCAL = 1e-3  # pixels; below, squares of the picture's own coordinates leave the range of floats
 PROBES = 5  # pixels along each side of a picture whose rays are tried
 AS_IT_IS = SceneOptions()
 LAYOUTS = (blender, llff, transforms, colmap)  # COLMAP last: others keep its files beside their own
@@ -77,9 +78,10 @@ def _require_rays(scene: Scene) -> None:
         with np.errstate(all="ignore"):
             directions = camera_rays(camera, *np.meshgrid(x, y))[1]
         numbers = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
-        if not np.isfinite(directions).all() or not (np.abs(numbers) < MOST_OF_A_LENS).all():
+        sound = (np.abs(numbers) < MOST_OF_A_LENS).all() and min(camera.fx, camera.fy) >= LEAST_FOCAL
+        if not sound or not np.isfinite(directions).all():
             raise UserError("the camera's lens leads to no rays", where=f"{scene.path}: {photograph.name}",
-                            expected=f"fx, fy, cx, cy, k1, k2, p1, p2 below {MOST_OF_A_LENS:g}",
+                            expected=f"fx, fy, cx, cy, k1, k2, p1, p2 below {MOST_OF_A_LENS:g}, fx and fy from {LEAST_FOCAL:g}",
                             found=", ".join(f"{number:g}" for number in numbers))  # fmt: skip
 
 

@@ -105,6 +105,8 @@ def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], stored: tupl
         )
     place = Path(where)
     width, height = (number(values, key, place, float(size)) for key, size in zip("wh", stored, strict=True))
+    if min(width, height) < 1:
+        raise UserError("w and h must be pixels, at least 1", where=where, found=f"{width:g}x{height:g}")
     if abs(stored[0] / stored[1] - width / height) > 0.01 * width / height:
         raise UserError(
             "the picture is of another size",

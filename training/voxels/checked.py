@@ -59,6 +59,8 @@ def _require_grid(arrays: Mapping[str, np.ndarray]) -> None:
 def _require_rays(arrays: Mapping[str, np.ndarray], rays: int) -> None:
     hits = arrays["hits"]
     _require({"hit_count": np.asarray(arrays.get("hit_count", np.int32(len(hits))))}, "hit_count", (), "i")
+    if len(hits) > rays:
+        raise unfit("hits", f"at most {rays} rays", len(hits))
     count = int(arrays.get("hit_count", len(hits)))
     if not 1 <= count <= (len(hits) or rays):
         raise unfit("hit_count", f"1 to {len(hits) or rays}", count)

@@ -112,7 +112,7 @@ def _sink(target: Path, width: int, height: int, fps: float):
 
 class _Still:
     def __init__(self, target: Path) -> None:
-        self.aside = Replacement(target)
+        self.aside = Replacement(target, alone=True)
 
     def add(self, picture: np.ndarray) -> None:
         Image.fromarray(picture).save(self.aside.path, format="PNG")
@@ -129,7 +129,7 @@ class _Sequence:
     def __init__(self, target: Path) -> None:
         if target.exists() and (not target.is_dir() or any(target.iterdir())):
             raise UserError("is not empty", where=target, remedy="choose a new folder for the pictures")
-        self.aside, self.count = Replacement(target, folder=True), 0
+        self.aside, self.count = Replacement(target, folder=True, alone=True), 0
 
     def add(self, picture: np.ndarray) -> None:
         Image.fromarray(picture).save(self.aside.path / f"frame_{self.count:05d}.png", compress_level=4)

@@ -40,7 +40,7 @@ class FilmWriter:
             raise UserError("a film needs at least 2 × 2 pixels", where=path)
         if size[0] % 2 or size[1] % 2:
             raise UserError("H.264 needs an even width and height", where=path, found=f"{size[0]}x{size[1]}")
-        self._av, self.aside = av, Replacement(path)
+        self._av, self.aside = av, Replacement(path, alone=True)
         try:
             self._container = av.open(str(self.aside.path), "w", format="mp4")
             self._stream = self._container.add_stream("libx264", rate=fps, options={"crf": "17", "preset": "medium"})

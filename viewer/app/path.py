@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field, replace
-from math import floor
 from pathlib import Path
 from typing import Any
 
@@ -67,61 +66,66 @@ class CameraPath:
 
     def at(self, seconds: float) -> tuple[np.ndarray, float]:
         """grid_T_camera (float64 [4, 4]) and vertical fov (degrees) at a time; held at the ends. ValueError if empty."""
-        if not self.keyframes:
-            raise ValueError("a path without keyframes leads nowhere")
-        index, share = self._leg(seconds)
-        near = [self.keyframes[self._index(index + i)] for i in (-1, 0, 1, 2)]
-        matrix = np.eye(4)
-        matrix[:3, 3] = _catmull_rom([k.grid_T_camera[:3, 3] for k in near], share)
-        matrix[:3, :3] = _rotation([k.grid_T_camera[:3, :3] for k in near], share)
-        fov = float(_catmull_rom([np.array(k.fov) for k in near], share))
-        return matrix, min(max(fov, 1.0), 170.0)
+        matrices, fov = self.poses(np.array([seconds]))
+        return matrices[0], float(fov[0])
+
+    def poses(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same at N times: float64 [N, 4, 4] and [N]."""
+        near, share = self._near(seconds)
+        keys = np.array([key.grid_T_camera for key in self.keyframes])
+        matrices = np.tile(np.eye(4), (len(near), 1, 1))
+        matrices[:, :3, 3] = _catmull_rom(keys[near, :3, 3], share)
+        matrices[:, :3, :3] = _rotations(keys[near, :3, :3], share)
+        fov = _catmull_rom(np.array([key.fov for key in self.keyframes])[near, None], share)[:, 0]
+        return matrices, np.clip(fov, 1.0, 170.0)
+
+    def places(self, seconds: np.ndarray) -> np.ndarray:
+        """Where the camera is at N times, float64 [N, 3]."""
+        near, share = self._near(seconds)
+        return _catmull_rom(np.array([key.grid_T_camera[:3, 3] for key in self.keyframes])[near], share)
 
     def start_of(self, index: int) -> float:
         """Seconds at which keyframe `index` is passed."""
         return sum(keyframe.seconds for keyframe in self.keyframes[:index])
 
-    def _leg(self, seconds: float) -> tuple[int, float]:
-        """The keyframe that was passed last, and the share 0 … 1 of the way to the next."""
-        if self.duration <= 0:
-            return 0, 0.0
-        if self.closed:
-            seconds -= self.duration * floor(seconds / self.duration)
-        seconds = min(max(seconds, 0.0), self.duration)
-        legs = len(self.keyframes) if self.closed else len(self.keyframes) - 1
-        for index in range(legs):
-            length = self.keyframes[index].seconds
-            if seconds <= length or index == legs - 1:
-                return index, min(seconds / max(length, 1e-9), 1.0)
-            seconds -= length
-        return 0, 0.0
-
-    def _index(self, index: int) -> int:
+    def _near(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """At N times: the keyframes before, passed last, next and after that, int [N, 4], and the share 0 … 1 of the way [N]."""
+        if not self.keyframes:
+            raise ValueError("a path without keyframes leads nowhere")
         count = len(self.keyframes)
-        return index % count if self.closed else min(max(index, 0), count - 1)
+        index, share = np.zeros(len(seconds), int), np.zeros(len(seconds))
+        if self.duration > 0:
+            lengths = np.array([key.seconds for key in (self.keyframes if self.closed else self.keyframes[:-1])])
+            ends = np.cumsum(lengths)
+            seconds = seconds - ends[-1] * np.floor(seconds / ends[-1]) if self.closed else seconds
+            index = np.minimum(np.searchsorted(ends, seconds), len(lengths) - 1)
+            share = np.clip((seconds - (ends - lengths)[index]) / np.maximum(lengths[index], 1e-9), 0.0, 1.0)
+        near = index[:, None] + np.arange(-1, 3)
+        return near % count if self.closed else np.clip(near, 0, count - 1), share
 
     def sample(self, fps: float) -> list[tuple[np.ndarray, float]]:
         """Matrix and fov of every frame of a film; a closed path does not repeat its first frame at the end."""
         count = max(1, round(self.duration * fps)) + (0 if self.closed else 1)
-        return [self.at(i / fps) for i in range(count)]
+        matrices, fov = self.poses(np.arange(count) / fps)
+        return list(zip(matrices, fov.tolist(), strict=True))
 
 
-def _catmull_rom(points: list[np.ndarray], t: float) -> np.ndarray:
-    """The uniform Catmull-Rom spline between points 1 and 2 of four, t in 0 … 1."""
-    a, b, c, d = points
+def _catmull_rom(points: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The uniform Catmull-Rom spline between points 1 and 2 of four, [N, 4, C], at t [N] in 0 … 1: [N, C]."""
+    a, b, c, d = np.moveaxis(points, 1, 0)
+    t = t[:, None]
     return 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3)
 
 
-def _rotation(rotations: list[np.ndarray], t: float) -> np.ndarray:
-    handed = np.sign(np.linalg.det(rotations[1]))  # mirrored frames hold reflections, all of one hand
+def _rotations(rotations: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The same of the quaternions of [N, 4, 3, 3], brought back to unit length: [N, 3, 3]."""
+    handed = np.sign(np.linalg.det(rotations[0, 1]))  # mirrored frames hold reflections, all of one hand
     mirror = np.diag([handed, 1.0, 1.0])
-    quaternions = Rotation.from_matrix(np.stack(rotations) @ mirror).as_quat()
-    for i in (0, 2, 3):  # q and -q are the same rotation: take those on the side of the one before
-        if quaternions[1] @ quaternions[i] < 0:
-            quaternions[i] = -quaternions[i]
-    if quaternions[2] @ quaternions[3] < 0:
-        quaternions[3] = -quaternions[3]
-    return Rotation.from_quat(_catmull_rom(list(quaternions), t)).as_matrix() @ mirror  # of unit length there
+    quaternions = Rotation.from_matrix((rotations @ mirror).reshape(-1, 3, 3)).as_quat().reshape(-1, 4, 4)
+    for i, of in ((0, 1), (2, 1), (3, 2)):  # q and -q are the same rotation: take those on the side of the one before
+        opposite = np.sum(quaternions[:, i] * quaternions[:, of], axis=1) < 0
+        quaternions[opposite, i] *= -1
+    return Rotation.from_quat(_catmull_rom(quaternions, t)).as_matrix() @ mirror  # of unit length there
 
 
 # nerfstudio's file
@@ -167,6 +171,8 @@ def load_path(file: Path, training_T_grid: np.ndarray) -> CameraPath:
         grid_T_training = np.linalg.inv(training_T_grid)
         default = float(document.get("default_transition_sec", DEFAULT_SECONDS))
         keyframes = [_keyframe(entry, grid_T_training, default) for entry in document["keyframes"]]
+        if len({np.linalg.det(key.grid_T_camera[:3, :3]) > 0 for key in keyframes}) > 1:
+            raise ValueError("some of its keyframes are mirrored and others are not")
         return CameraPath(keyframes, bool(document.get("is_cycle", False)))
     except OSError as error:
         raise UserError("cannot be read", where=file, found=error.strerror) from error

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from console import UserError, check_results, progress, run_command
+from console import UserError, check_results, not_written, progress, run_command
 from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
-from console.atomic import replacing
+from console.atomic import replacing, writing_alone
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from training.scenes import load_scene, picture_stems
@@ -106,8 +107,21 @@ def render(
         )
     if len({(v.camera.width, v.camera.height) for v in views}) > 1 and kind == ".mp4":
         raise UserError("the photographs differ in size", where=scene, remedy="choose one with --size")
-    with OffscreenRenderer(loaded, marcher) as renderer:
+    with _written_by_us_alone(out), OffscreenRenderer(loaded, marcher) as renderer:
         _write(out, kind, views, _pictures(renderer, views, settings), fps)
+
+
+@contextmanager
+def _written_by_us_alone(out: Path) -> Iterator[None]:
+    """UserError where another process is rendering to the same place; files of two films or views would be mixed."""
+    with ExitStack() as stack:
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(writing_alone(out))
+        except OSError as error:
+            words, remedy = not_written(error)
+            raise UserError(f"cannot be written: {words}", where=out, remedy=remedy) from error
+        yield
 
 
 def _check_choice(
@@ -205,7 +219,8 @@ def _pictures(renderer: OffscreenRenderer, views: list[View], settings: RenderSe
 
 def _write(out: Path, kind: str, views: list[View], pictures: Iterator[np.ndarray], fps: int) -> None:
     """Writes pictures as they come, each file aside first and then renamed, and prints what was written."""
-    (out if kind == "" else out.parent).mkdir(parents=True, exist_ok=True)
+    if kind == "":
+        out.mkdir(exist_ok=True)
     if kind == ".mp4":
         write_film(out, pictures, fps)
         print(out)

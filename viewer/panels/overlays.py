@@ -142,7 +142,7 @@ def draw_path(app: App, box: Box) -> None:
     screen, path = _Screen(app, box), filming.path
     if len(path.keyframes) > 1:
         count = PATH_STEPS * len(path.keyframes)
-        track = np.array([path.at(path.duration * i / count)[0][:3, 3] for i in range(count + 1)])
+        track = path.places(path.duration * np.arange(count + 1) / count)
         screen.lines(track, [(i, i + 1) for i in range(count)], theme.packed(theme.ACCENT), px(2))
     depth = 0.05 if app.scene.rig.bounded else 0.12 * app.scene.rig.radius
     for i, key in enumerate(path.keyframes):

@@ -39,6 +39,26 @@ def test_a_path_passes_through_its_keyframes_and_stays_rigid(some, closed, mirro
         assert np.sign(np.linalg.det(R)) == (-1 if mirrored else 1)
 
 
+@settings(max_examples=20)
+@given(st.lists(poses, min_size=1, max_size=6), st.booleans(), st.booleans())
+def test_many_times_at_once_are_each_of_them(some, closed, mirrored):
+    path = CameraPath(keyframes(some, mirrored), closed)
+    seconds = np.linspace(-1.0, 1.3 * path.duration + 1.0, 23)
+    matrices, fovs = path.poses(seconds)
+    for time, matrix, fov, place in zip(seconds, matrices, fovs, path.places(seconds), strict=True):
+        np.testing.assert_allclose(matrix, path.at(time)[0], atol=1e-12)
+        assert fov == pytest.approx(path.at(time)[1]) and place == pytest.approx(matrix[:3, 3])
+
+
+def test_a_file_with_a_mirrored_keyframe_among_others_is_refused(tmp_path):
+    """No turn leads from one to the other."""
+    file = tmp_path / "mixed.json"
+    frames = [{"matrix": np.diag([hand, 1.0, 1.0, 1.0]).ravel().tolist(), "fov": 50} for hand in (1, -1)]
+    file.write_text(json.dumps({"keyframes": frames}))
+    with pytest.raises(UserError, match=r"is not a camera path.*mirrored"):
+        load_path(file, np.eye(4))
+
+
 def test_a_closed_path_ends_where_it_begins():
     path = CameraPath(keyframes([Pose(azimuth=a) for a in (0, 90, 180, 270)]), closed=True)
     np.testing.assert_allclose(path.at(path.duration)[0], path.at(0.0)[0], atol=1e-9)

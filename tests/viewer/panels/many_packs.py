@@ -1,8 +1,9 @@
 """Opens many packs from disk, one after the other, and prints what memory they left behind: a process of its own.
 
-    python -m tests.viewer.panels.many_packs WARM_UP PACKS ROUNDS PACK [PACK ...]
+    python -m tests.viewer.panels.many_packs WARM_UP PACKS ROUNDS TOLERATED PACK [PACK ...]
 
-Prints JSON: host and card, bytes held after the warm-up and after each round of PACKS, [before, after, after, ...].
+Prints JSON: host and card, bytes held after the warm-up and after each round of PACKS, [before, after, after, ...]. A round in
+which no more than the share TOLERATED is added is the last: what is forgotten is forgotten in every round.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def open_and_close(ui: OffscreenUi, packs: list[Path], times: int) -> None:
         ui.frame()
 
 
-def main(warm_up: str, times: str, rounds: str, *packs: str) -> None:
+def main(warm_up: str, times: str, rounds: str, tolerated: str, *packs: str) -> None:
     """See the module."""
     ctx = moderngl.create_context(standalone=True, backend="egl")  # pyright: ignore[reportArgumentType]
     ui = OffscreenUi(ctx, App(), size=(480, 360))
@@ -57,6 +58,8 @@ def main(warm_up: str, times: str, rounds: str, *packs: str) -> None:
     for _ in range(int(rounds)):
         open_and_close(ui, paths, int(times))
         held.append((resident_bytes(), ui.canvas.gpu_bytes))
+        if held[-1][0] < (1 + float(tolerated)) * held[-2][0]:
+            break
     assert ctx.error == "GL_NO_ERROR"
     print(json.dumps(dict(zip(("host", "card"), zip(*held, strict=True), strict=True))))
 

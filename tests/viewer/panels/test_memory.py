@@ -36,7 +36,13 @@ def test_fifty_packs_opened_from_disk_and_closed_leave_memory_where_it_was(tmp_p
     save_pack(smallest, tmp_path / "c")
     shutil.make_archive(str(tmp_path / "b"), "zip", tmp_path / "b")
     packs = [str(tmp_path / name) for name in ("a", "b.zip", "c")]
-    line = [sys.executable, "-m", "tests.viewer.panels.many_packs", *map(str, (WARM_UP, PACKS, ROUNDS)), *packs]
+    line = [
+        sys.executable,
+        "-m",
+        "tests.viewer.panels.many_packs",
+        *map(str, (WARM_UP, PACKS, ROUNDS, TOLERATED)),
+        *packs,
+    ]
     run = subprocess.run(line, cwd=REPOSITORY, env=os.environ, capture_output=True, text=True, timeout=600)
     assert run.returncode == 0, run.stderr
     held = json.loads(run.stdout.splitlines()[-1])

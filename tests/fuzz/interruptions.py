@@ -1,0 +1,274 @@
+"""Commands that are ended with kill -9 at random moments, or whose disk is full: python -m tests.fuzz.interruptions --times 40
+
+Each writes to a place where an older output is, but for training and making, which go on with what they find. Afterwards that
+output or the new one must be there, whole, and the same command must end with the new one and with nothing else beside it.
+What falls short is printed; the exit status is then 1. Disks are tmpfs that is filled, where that can be mounted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tests.told import told
+
+ROOT = Path(__file__).parents[2]
+MODULES = {
+    "train": "training.commands.train",
+    "make": "baker.commands.make",
+    "bake": "baker.commands.bake",
+    "convert": "baker.commands.pack",
+    "picture": "viewer.commands.render",
+    "film": "viewer.commands.render",
+}
+DISK = "64m"  # enough for each of them where it is empty
+PATIENCE_S = 900.0
+TRAINING = ["--preset", "tiny", "--steps", "60", "--checkpoint-every", "15", "--validate-every", "30"]
+BAKING = ["--resolution", "40", "--fine-tune", "none", "--tau-weight", "0"]
+
+
+@dataclass
+class Writer:
+    """A command. words: of its line, but for what follows --out. older: puts an earlier output there, if it replaces one."""
+
+    name: str
+    words: list[str]
+    out: str
+    older: Callable[[Path], object] | None = None
+    expected: str = ""
+    seconds: float = 0.0
+    problems: list[str] = field(default_factory=list)
+
+    @property
+    def program(self) -> list[str]:
+        return ["-m", MODULES[self.name]]
+
+    def start(self, out: Path, *more: str) -> subprocess.Popen[str]:
+        line = [sys.executable, *self.program, *self.words, "--out", str(out), *more]
+        return subprocess.Popen(
+            line, cwd=ROOT, text=True, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        )
+
+    def run(self, out: Path) -> tuple[int, str]:
+        """To its end: the exit status, and what it said on stderr."""
+        begun = self.name == "train" and (out / "config.json").is_file()
+        child = self.start(out, *(["--resume"] if begun else []))
+        _, said = child.communicate(timeout=PATIENCE_S)
+        return child.returncode, said
+
+    def measure(self, place: Path) -> None:
+        """What an undisturbed run leaves, twice, and how long the second one takes."""
+        found = []
+        for _ in range(2):
+            shutil.rmtree(place, ignore_errors=True)
+            place.mkdir()
+            began = time.monotonic()
+            status, said = self.run(place / self.out)
+            self.seconds = time.monotonic() - began
+            if status:
+                raise RuntimeError(f"{self.name} fails undisturbed: {said[-2000:]}")
+            found.append(digest(place / self.out))
+        if found[0] != found[1]:
+            raise RuntimeError(f"{self.name} leaves something else each time; nothing can be compared")
+        self.expected = found[0]
+
+    def kill(self, place: Path, moment: float) -> str:
+        """Ends it after that share of its usual time: "finished", or the output that is there: "old", "new", "begun"."""
+        old = self._prepare(place)
+        child = self.start(place / self.out)
+        self.wait(child, moment)
+        finished = child.poll() is not None
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
+        child.communicate()
+        found = self._found(place, old, f"killed after {moment:.2f} of its time")
+        self._must_end_well(place, f"killed after {moment:.2f} of its time")
+        return "finished" if finished else found
+
+    def wait(self, child: subprocess.Popen[str], moment: float) -> None:
+        """Until that share of its usual time is over, or it has ended."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(moment * self.seconds)
+
+    def fill(self, place: Path, free: int) -> str:
+        """Runs it where so many bytes are free: "refused" in one line, or "new" where they were enough."""
+        old = self._prepare(place)
+        told_of = f"with {free} bytes free"
+        with filled(place, free):
+            status, said = self.run(place / self.out)
+            lines = [line for line in told(said) if line.startswith("snerg-") and ": warning: " not in line]
+            if status not in (0, 2) or "Traceback" in said or (status == 2 and len(lines) != 1):
+                self.problems.append(f"{self.name} {told_of}: status {status}: {said[-600:]}")
+            found = self._found(place, old, told_of)
+            if status == 0 and digest(place / self.out) != self.expected:
+                self.problems.append(f"{self.name} {told_of}: status 0, and the output is {found}")
+        self._must_end_well(place, told_of)
+        return "refused" if status else "new"
+
+    def _prepare(self, place: Path) -> str:
+        for path in place.iterdir():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        if self.older is not None:
+            self.older(place / self.out)
+        return digest(place / self.out)
+
+    def _found(self, place: Path, old: str, told_of: str) -> str:
+        if self.older is None:
+            return "begun"
+        now = digest(place / self.out)
+        if now not in (old, self.expected):
+            self.problems.append(f"{self.name} {told_of}: neither the old output nor the new one: {now[:200]}")
+        return "new" if now == self.expected else "old"
+
+    def _must_end_well(self, place: Path, told_of: str) -> None:
+        began = time.monotonic()
+        status, said = self.run(place / self.out)
+        if self.older is not None:  # so that the next kill falls within its time, however busy the machine is now
+            self.seconds = time.monotonic() - began
+        if status or digest(place / self.out) != self.expected:
+            self.problems.append(f"{self.name} {told_of}: the same line again: status {status}: {said[-600:]}")
+        if left := [path.name for path in place.iterdir() if path.name != self.out]:
+            self.problems.append(f"{self.name} {told_of}: left behind: {left}")
+
+
+def digest(path: Path) -> str:
+    """Of all that matters of an output: pixels and voxels, and the arrays of a run's last checkpoint."""
+    if (path / "run").is_dir() or (path / "checkpoints").is_dir():
+        from training.checkpoints import list_checkpoints, read_checkpoint
+
+        run = path / "run" if (path / "run").is_dir() else path
+        try:
+            arrays = read_checkpoint(list_checkpoints(run / "checkpoints")[-1][1])[1]
+        except Exception as error:
+            return f"no checkpoint: {error!r}"
+        parts = [name.encode() + array.tobytes() for name, array in sorted(arrays.items())]
+        if run != path:
+            parts.append(digest(path / "pack").encode())
+        return hashlib.sha256(b"".join(parts)).hexdigest()
+    if path.is_dir():
+        return hashlib.sha256(b"".join(f.name.encode() + _content(f) for f in sorted(path.iterdir()))).hexdigest()
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else "nothing"
+
+
+def _content(file: Path) -> bytes:
+    if file.name != "scene_params.json":
+        return file.read_bytes()
+    document = json.loads(file.read_text(encoding="utf-8"))
+    document.get("snerg", {}).pop("provenance", None)  # which holds times
+    return json.dumps(document, sort_keys=True).encode()
+
+
+@contextlib.contextmanager
+def filled(place: Path, free: int) -> Iterator[None]:
+    """A disk with no more than so many bytes free."""
+    ballast, disk = place / "ballast", os.statvfs(place)
+    ballast.write_bytes(bytes(max(disk.f_bavail * disk.f_frsize - free, 0)))
+    try:
+        yield
+    finally:
+        ballast.unlink()
+
+
+@contextlib.contextmanager
+def small_disk(place: Path) -> Iterator[bool]:
+    """Mounts a disk at `place`; False where that is not permitted."""
+    words = ["mount", "-t", "tmpfs", "-o", f"size={DISK}", "tmpfs", str(place)]
+    mounted = shutil.which("mount") is not None and subprocess.run(words, capture_output=True).returncode == 0
+    try:
+        yield mounted
+    finally:
+        if mounted:
+            subprocess.run(["umount", str(place)], check=True)
+
+
+def writers(base: Path) -> list[Writer]:
+    """All of them, over a scene, a run and two packs that are made in `base`."""
+    from PIL import Image
+
+    from scenepack import save_pack
+    from tests.viewer.conftest import toy_pack
+    from training.scenes.procedural import write_procedural_scene
+
+    scene, run, pack = base / "scene", base / "run", base / "pack"
+    write_procedural_scene(scene, size=24, views=6, subpixels=1)
+    train = Writer("train", [str(scene), *TRAINING], "run")
+    if (made := train.run(run))[0]:
+        raise RuntimeError(f"there is no run: {made[1][-2000:]}")
+    save_pack(toy_pack(), pack)
+
+    def older_pack(out: Path) -> None:
+        save_pack(toy_pack(seed=1), out)
+
+    def older_picture(out: Path) -> None:
+        Image.new("RGB", (8, 8)).save(out, format="PNG")
+
+    view = [str(pack), "--size", "160x160"]
+    return [
+        train,
+        Writer("make", [str(scene), *TRAINING[:4], "--resolution", "40", "--no-view"], "made"),
+        Writer("bake", [str(run), *BAKING], "baked", older_pack),
+        Writer("convert", ["convert", str(pack), "--codec", "webp"], "converted", older_pack),
+        Writer("picture", [str(pack), "--size", "800x800"], "picture.png", older_picture),
+        Writer("film", [*view, "--orbit", "24"], "film.mp4", lambda out: out.write_bytes(b"older")),
+    ]
+
+
+def campaign(names: list[str], times: int, disks: int, seed: int) -> tuple[str, list[str]]:
+    """The table, and what fell short."""
+    rows = [
+        "| command | kills | had finished | old output | new output | disks | refused | problems |",
+        "| --- " * 8 + "|",
+    ]
+    problems = []
+    moments = random.Random(seed)
+    with tempfile.TemporaryDirectory(prefix="snerg-interruptions-") as folder:
+        base, place, disk = (Path(folder) / name for name in ("base", "place", "disk"))
+        base.mkdir(), disk.mkdir()
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(base / "compiled"))
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+        for writer in writers(base):
+            if writer.name not in names:
+                continue
+            writer.measure(place)
+            size = sum(f.stat().st_size for f in [place / writer.out, *place.rglob("*")] if f.is_file())
+            kills = Counter(writer.kill(place, moments.uniform(0.25, 1.05)) for _ in range(times))
+            with small_disk(disk) as mounted:
+                count = disks if mounted else 0
+                fits = Counter(writer.fill(disk, int(moments.uniform(0, 1.1) * size)) for _ in range(count))
+            found = [sum(kills.values()), kills["finished"], kills["old"], kills["new"], count, fits["refused"]]
+            if writer.older is None:
+                found[2] = found[3] = "–"
+            rows.append(f"| {writer.name} | {' | '.join(map(str, found))} | {len(writer.problems)} |")
+            print(rows[-1], *writer.problems, sep="\n", flush=True)
+            problems += writer.problems
+    return "\n".join(rows), problems
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.interruptions", description=__doc__)
+    parser.add_argument("--times", type=int, default=40, help="kills of each command (default 40)")
+    parser.add_argument("--disks", type=int, default=10, help="full disks under each command (default 10)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", choices=MODULES, action="append", help="one command; may be given several times")
+    given = parser.parse_args()
+    table, problems = campaign(given.only or list(MODULES), given.times, given.disks, given.seed)
+    print(table)
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
