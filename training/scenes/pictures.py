@@ -42,7 +42,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     if not os.path.isfile(path):  # also where the system would not even look for such a name
         raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
     try:
-        with _opened(path) as image:
+        with opened(path) as image:
             return image.size
     except UnidentifiedImageError as error:
         found = told(_head(path))
@@ -54,7 +54,7 @@ def picture_size(path: Path) -> tuple[int, int]:
 def may_be_transparent(path: Path) -> bool:
     """Whether a picture has alpha at all, from its header. UserError where it is missing or no picture."""
     picture_size(path)
-    with _opened(path) as image:
+    with opened(path) as image:
         return image.has_transparency_data
 
 
@@ -67,7 +67,7 @@ def decoded(path: Path) -> np.ndarray:
     """What read_picture decodes, as it is stored: uint8 [H, W, 3 or 4], float32 [H, W, 3] where that has 16 bits."""
     picture_size(path)
     try:
-        with _opened(path) as image:
+        with opened(path) as image:
             if image.mode.startswith("I"):  # 16 bit grey
                 return np.repeat(np.asarray(image, np.float32)[..., None] / 65535.0, 3, axis=-1)
             mode = "RGBA" if image.has_transparency_data else "RGB"
@@ -99,9 +99,9 @@ def as_bytes(picture: np.ndarray) -> np.ndarray:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Image.Image]:
+def opened(path: Path, formats: Sequence[str] = FORMATS) -> Iterator[Image.Image]:
     """The picture, its pixels not decoded yet. OSError where its header claims more of them than its bytes can hold."""
-    with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=FORMATS) as image:
+    with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=formats) as image:
         most = MOST_PIXELS_PER_BYTE * os.path.getsize(path) * (8 if image.mode == "1" else 1)
         if image.width * image.height > max(most, UNDOUBTED_PIXELS):
             raise OSError(
@@ -241,7 +241,7 @@ class PictureLoader:
 
 
 def _small(path: Path, side: int, mode: str) -> Image.Image:
-    with _opened(path) as image:
+    with opened(path) as image:
         image.draft("RGB", (2 * side, 2 * side))
         if image.mode.startswith("I"):  # 16 bit; Pillow clips where it should scale
             picture = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8)).convert(mode)
