@@ -22,14 +22,14 @@ from console.json_text import read_json_file
 from training.lock import only_one_trains
 from training.posing.child import ask
 from training.posing.prepare import IMAGES, LOG, Prepared, cameras, fingerprint, focal_of, prepare, store, stored
-from training.posing.sources import Source, find_source
+from training.posing.sources import FEWEST, Source, find_source
 from training.scenes.read import has_poses
 
 SCENE, WORK, REPORT, TABLE = "scene", "posing", "poses.json", "photographs.txt"
 MODEL = "model"  # where training.posing.mapping leaves the largest
 FORMAT = 1
 FRAMES = 120  # of a film, at most
-FEWEST, FEWEST_SHARE = 8, 0.6  # pictures that must have a pose
+FEWEST_SHARE = 0.6  # of the pictures that must have a pose
 NAMED = 8  # pictures that a message names
 STAGE = "poses"
 CONTINUE = "what is finished is kept; the same command line continues"

@@ -12,6 +12,7 @@ from console import UserError
 PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 FILMS = (".mp4", ".m4v", ".mov", ".webm", ".mkv")
 HEAD = 12  # bytes of a film that tell its container
+FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can come
 SUBFOLDER = "images"  # where other programs keep a scene's pictures
 
 
