@@ -18,6 +18,8 @@ from typing import Any
 
 from console import UserError
 
+MOST_MEMORY = 8 << 30  # of a film's decoder
+
 
 def main() -> None:
     """Serves one request."""
@@ -51,11 +53,20 @@ def _reconstruct(request: Mapping[str, Any], tell: Callable[[str, float, float],
 def _take_frames(request: Mapping[str, Any], tell: Callable[[str, float, float], None]) -> list[dict[str, Any]]:
     from training.posing.film import take_frames
 
+    _limit_memory(MOST_MEMORY)
     frames = take_frames(Path(request["film"]), Path(request["images"]), request["most"], tell)
     return [asdict(frame) for frame in frames]
 
 
 SERVICES = {"reconstruct": _reconstruct, "take_frames": _take_frames}
+
+
+def _limit_memory(most: int) -> None:
+    """Address space in bytes: a film may ask a decoder for far more than its frames need. On Linux alone."""
+    if sys.platform == "linux":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (most, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 def _line() -> bytes:
