@@ -100,13 +100,14 @@ def _begin_database(task: Task) -> None:
             for image in database.read_all_images()
         )
         database.close()
-        if whole:
-            return
-    for leftover in task.work.glob(f"{DATABASE}*"):
-        leftover.unlink()
-    pycolmap.Database.open(task.database).close()
-    for group in task.groups:
-        pycolmap.import_images(task.database, task.images, pycolmap.CameraMode.SINGLE, group.names, _reading())
+    else:
+        whole = False
+    if not whole:
+        for leftover in task.work.glob(f"{DATABASE}*"):
+            leftover.unlink()
+        pycolmap.Database.open(task.database).close()
+        for group in task.groups:
+            pycolmap.import_images(task.database, task.images, pycolmap.CameraMode.SINGLE, group.names, _reading())
     database = pycolmap.Database.open(task.database)
     camera_of = {image.name: image.camera_id for image in database.read_all_images()}
     for group in task.groups:
@@ -195,9 +196,9 @@ def _map(task: Task, tell: Tell) -> list[Any]:
     folder = task.work / MODELS
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    options = pycolmap.IncrementalPipelineOptions(min_model_size=3, max_num_models=10, num_threads=_threads())
+    options = pycolmap.IncrementalPipelineOptions(min_model_size=3, max_num_models=10)
+    options.num_threads = options.mapper.num_threads = 1  # with four, one in three reconstructions came out otherwise
     options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = task.seed
-    options.ba_min_num_residuals_for_cpu_multi_threading = 1 << 30  # several threads add up in any order
     total, added = len(task.names), 0
 
     def next_image() -> None:

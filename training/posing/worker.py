@@ -10,14 +10,20 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from console import UserError
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+LOCK = "worker.lock"
 MOST_MEMORY = 8 << 30  # of a film's decoder
 
 
@@ -47,7 +53,8 @@ def _reconstruct(request: Mapping[str, Any], tell: Callable[[str, float, float],
 
     groups = tuple(Group(tuple(group["names"]), group["focal"]) for group in request["groups"])
     task = Task(Path(request["images"]), Path(request["work"]), tuple(request["names"]), groups, request["seed"])
-    return asdict(reconstruct(task, tell))
+    with _alone(task.work / LOCK):
+        return asdict(reconstruct(task, tell))
 
 
 def _take_frames(request: Mapping[str, Any], tell: Callable[[str, float, float], None]) -> list[dict[str, Any]]:
@@ -59,6 +66,16 @@ def _take_frames(request: Mapping[str, Any], tell: Callable[[str, float, float],
 
 
 SERVICES = {"reconstruct": _reconstruct, "take_frames": _take_frames}
+
+
+@contextmanager
+def _alone(lock: Path) -> Iterator[None]:
+    """Waits until no other child works there: one whose parent was killed may need a moment to notice."""
+    with lock.open("w") as file:
+        if fcntl is not None:
+            with suppress(OSError):  # some network file systems have no locks
+                fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def _limit_memory(most: int) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from baker.commands.make import main as snerg_make
 from console import UserError
 from tests.training.posing.conftest import COUNT, SIDEWAYS, STRANGER, Found, write_photographs, write_stranger
 from tests.training.posing.rooms import SIZE, photograph
@@ -155,6 +156,17 @@ def test_one_ctrl_c_ends_it_in_one_line(found: Found, tmp_path: Path):
     told = process.communicate(timeout=60)[1].splitlines()
     assert process.returncode == 130
     assert told[-1].startswith("go: interrupted; ") and not [line for line in told if "Traceback" in line]
+
+
+def test_snerg_make_trains_on_the_scene_whose_poses_it_found(
+    found: Found, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def train(scene: Path, run: Path, *_: object, **__: object) -> None:
+        raise UserError("trained", where=scene)
+
+    monkeypatch.setattr("training.loop.train", train)
+    assert snerg_make([str(found.source.path), "--out", str(found.scene.parent)]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == f"snerg-make: {found.scene}: trained"
 
 
 # --- why none are found -----------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import pytest
 from imgui_bundle import imgui
 from PIL import Image
 
+from console.driven import Report
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.app.test_application import FakeStage
 from tests.viewer.waiting import until
@@ -18,6 +19,7 @@ from viewer.app import make_plan
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.make_plan import Plan
+from viewer.app.making import Job
 
 
 def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
@@ -109,6 +111,15 @@ def test_a_run_whose_poses_were_found_is_gone_on_with(tmp_path):
     unfinished(out, out / "scene")
     plan = Plan.of("scene", folder)
     assert plan.attempt is not None and plan.problem() is None
+
+
+@pytest.mark.parametrize(("stage", "title", "number"), [
+    ("poses", "features", 1), ("poses", "matches", 1), ("training", "training", 2), ("baking", "culling", 3),
+])  # fmt: skip
+def test_the_card_says_that_poses_come_before_training(stage, title, number, tmp_path):
+    job = Job(Plan.of("scene", photographs(tmp_path / "shed")), None)
+    job.report = Report(title, 1, 2, stage=stage)
+    assert job.stage == number and job.plan.stages[number - 1].lower() == stage
 
 
 def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
