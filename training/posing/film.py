@@ -63,18 +63,16 @@ def take_frames(film: Path, folder: Path, most: int, tell: Callable[[str, float,
         intervals = intervals_of(times, most)
         start, end = min(times), max(times)
         kept: list[Frame] = []
-        shown: np.ndarray | None = None
-        for best in _sharpest(film, dict(zip(times, intervals, strict=True)),
-                              lambda seconds: tell("frames", seconds - start, max(end - start, 1e-3))):  # fmt: skip
-            small = thumbnail(best.preview)
-            if shown is not None and (shown.shape != small.shape or same_view(small, shown)):
-                continue
-            if kept and kept[0].size != best.picture.shape[1::-1]:
-                continue
+        for best in _differing(
+            _sharpest(
+                film,
+                dict(zip(times, intervals, strict=True)),
+                lambda seconds: tell("frames", seconds - start, max(end - start, 1e-3)),
+            )
+        ):
             name = write_picture(Image.fromarray(best.picture), folder, f"frame_{len(kept) + 1:04d}", lossy=True)
             height, width = best.picture.shape[:2]
             kept.append(Frame(name, (width, height), round(best.seconds - start, 3), best.sharpness))
-            shown = small
     return kept
 
 
@@ -114,6 +112,23 @@ def _sharpest(film: Path, interval_at: dict[float, int], tell: Callable[[float],
                 best = _Best(interval, seconds, value, _upright(frame, aspect), preview)
     if best is not None:
         yield best
+
+
+def _differing(frames: Iterator[_Best]) -> Iterator[_Best]:
+    """Of frames in a row that show the same, since the camera rests, the sharpest; none of another size than the first."""
+    before: _Best | None = None
+    for frame in frames:
+        if before is None:
+            before = frame
+        elif frame.picture.shape != before.picture.shape:
+            continue
+        elif not same_view(thumbnail(frame.preview), thumbnail(before.preview)):
+            yield before
+            before = frame
+        elif frame.sharpness > before.sharpness:
+            before = frame
+    if before is not None:
+        yield before
 
 
 def _grey(frame: Any) -> np.ndarray:
