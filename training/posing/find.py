@@ -98,7 +98,7 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
     _assemble(out / SCENE, work, found["registered"], report)
     shutil.rmtree(work, ignore_errors=True)
     if unposed:
-        text = f"{len(unposed)} of {len(by_name)} pictures have no pose and are left out ({_few(unposed)})"
+        text = f"{_left_out(len(unposed))}: no pose was found ({_few(unposed)})"
         warnings.warn(Notice(f"{source.path}: {text}"), stacklevel=2)
     return out / SCENE
 
@@ -194,11 +194,10 @@ def _tell_aside(source: Source, prepared: Prepared) -> None:
     by_reason: dict[str, list[str]] = {}
     for name, reason in prepared.aside.items():
         if reason.startswith("the same as "):
-            name, reason = f"{name} = {reason.removeprefix('the same as ')}", "repeat others"
+            name, reason = f"{name} = {reason.removeprefix('the same as ')}", "repeated"
         by_reason.setdefault(reason, []).append(name)
     for reason, names in by_reason.items():
-        text = f"{len(names)} pictures {'are ' if reason == 'blurred' else ''}{reason} and are left out ({_few(names)})"
-        warnings.warn(Notice(f"{source.path}: {text}"), stacklevel=2)
+        warnings.warn(Notice(f"{source.path}: {_left_out(len(names))}: {reason} ({_few(names)})"), stacklevel=2)
 
 
 def _require_enough(source: Source, count: int) -> None:
@@ -243,6 +242,10 @@ def _write_table(work: Path, prepared: Prepared, found: Mapping[str, Any]) -> No
     rows += [("", "", reason, name) for name, reason in prepared.aside.items()]
     lines = [f"{features:>8}  {matches:>7}  {pose:<4}  {name}" for features, matches, pose, name in rows]
     write_file(work / TABLE, "\n".join(lines) + "\n")
+
+
+def _left_out(count: int) -> str:
+    return f"{count} pictures are left out" if count > 1 else "1 picture is left out"
 
 
 def _few(names: Sequence[str]) -> str:

@@ -90,7 +90,7 @@ def _photographs(source: Source, folder: Path, bar: Progress) -> Prepared:
             looks.append((file, look_at(file)))
         except UserError as error:
             first_error = first_error or error
-            aside[source.name_of(file)] = "cannot be read"
+            aside[source.name_of(file)] = "; ".join(filter(None, (error.what, error.remedy)))
     if first_error is not None and len(looks) < len(aside):
         raise first_error
     chosen = _chosen(source, looks, aside)
@@ -99,8 +99,8 @@ def _photographs(source: Source, folder: Path, bar: Progress) -> Prepared:
     for (file, look), name in zip(chosen, names, strict=True):
         try:
             pictures.append(Picture(put(file, look, folder, name), source.name_of(file), look.camera, look.focal))
-        except UserError:  # its header was whole
-            aside[source.name_of(file)] = "cannot be read"
+        except UserError as error:  # its header was whole
+            aside[source.name_of(file)] = error.what
     bar.update(len(source.files))
     return Prepared(tuple(pictures), aside)
 

@@ -16,7 +16,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from console import UserError
+from console import UserError, refusal
 
 try:
     import fcntl
@@ -46,6 +46,11 @@ def main() -> None:
     except UserError as error:
         parts = {name: getattr(error, name) for name in ("what", "where", "expected", "found", "remedy")}
         say({"error": {name: None if part is None else str(part) for name, part in parts.items()}})
+    except Exception as error:
+        line = refusal(error) or ("the disk is full" if "disk is full" in str(error) else None)  # in SQLite's words
+        if line is None:
+            raise
+        say({"error": {"what": line}})
 
 
 def _reconstruct(request: Mapping[str, Any], tell: Callable[[str, float, float], None]) -> dict[str, Any]:

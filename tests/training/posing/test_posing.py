@@ -65,8 +65,8 @@ def test_pictures_of_every_kind_come_upright_with_eight_bits_a_channel(found: Fo
 def test_what_is_not_used_is_told_by_name(found: Found):
     told = " | ".join(found.notices)
     assert "p0b.jpg = p0.jpg" in told
-    assert "1 pictures are blurred" in told and "p6b.jpg" in told
-    assert f"have no pose and are left out ({STRANGER})" in told
+    assert "1 picture is left out: blurred (p6b.jpg)" in told
+    assert f"1 picture is left out: no pose was found ({STRANGER})" in told
     assert not (found.scene / "images" / STRANGER).exists()
 
 
@@ -229,6 +229,18 @@ def test_without_pycolmap_it_says_what_to_install(tmp_path: Path, monkeypatch: p
 def test_a_child_that_dies_is_told_with_its_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(child, "PROGRAM", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
     with pytest.raises(UserError, match="SIGKILL"):
+        child.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
+    full = "raise RuntimeError('database or disk is full')"
+    monkeypatch.setattr(
+        child,
+        "PROGRAM",
+        f"""
+from training.posing import worker
+def fill(request, tell): {full}
+worker.SERVICES['reconstruct'] = fill
+worker.main()""",
+    )
+    with pytest.raises(UserError, match="the disk is full"):
         child.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
     monkeypatch.setattr(child, "PROGRAM", "raise ValueError('that went wrong')")
     with pytest.raises(RuntimeError, match="that went wrong"):
