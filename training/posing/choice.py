@@ -12,7 +12,7 @@ import numpy as np
 
 from training.scenes.pictures import area_average
 
-BLURRED = 0.15  # of the median sharpness of the pictures to either side
+BLURRED = 0.35  # of the median sharpness of the pictures to either side
 AROUND = 7  # pictures to either side
 MOST_BLURRED = 0.25  # of all pictures; where more seem so, they differ in what they show
 SAME = 1.5 / 255  # root mean square difference of thumbnails below which two pictures show the same from the same place
@@ -20,10 +20,26 @@ THUMBNAIL = 32
 
 
 def sharpness(preview: np.ndarray) -> float:
-    """Variance of the Laplacian, by the picture's own variance, so that light and contrast count little."""
-    p = preview
-    laplacian = p[:-2, 1:-1] + p[2:, 1:-1] + p[1:-1, :-2] + p[1:-1, 2:] - 4.0 * p[1:-1, 1:-1]
-    return float(laplacian.var() / (p.var() + 1e-6)) if laplacian.size else 0.0
+    """Variance of second differences at half the preview's scale, by that at a quarter: detail that a blur takes away, by detail
+    that it leaves. Light, contrast and what is shown count little. The lesser of both directions, for a camera that moved.
+    """
+    half = _halved(preview)
+    fine, coarse = _curvature(half), _curvature(_halved(half))
+    return min(a / (b + 1e-7) for a, b in zip(fine, coarse, strict=True))
+
+
+def _halved(picture: np.ndarray) -> np.ndarray:
+    """Means of 2 × 2 pixels."""
+    height, width = (side // 2 * 2 for side in picture.shape)
+    rows = picture[:height:2, :width] + picture[1:height:2, :width]
+    return (rows[:, ::2] + rows[:, 1::2]) / 4.0
+
+
+def _curvature(picture: np.ndarray) -> tuple[float, float]:
+    """Variance of second differences along rows, and along columns; 0 for pictures of a few pixels."""
+    along = (np.diff(picture, 2, axis=axis) for axis in (1, 0))
+    across, down = (float(values.var()) if values.size else 0.0 for values in along)
+    return across, down
 
 
 def thumbnail(preview: np.ndarray) -> np.ndarray:

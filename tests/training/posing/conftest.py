@@ -11,7 +11,7 @@ import pytest
 from PIL import Image, ImageFilter
 
 from console import Notice
-from tests.training.posing.rooms import cameras, photograph
+from tests.training.posing.rooms import cameras, photograph, texture
 from training.posing.find import find_poses
 from training.posing.sources import Source, find_source
 from training.scenes import Camera
@@ -66,8 +66,7 @@ def write_photographs(folder: Path, count: int = COUNT) -> dict[str, Camera]:
 
 def write_stranger(file: Path, seed: int) -> None:
     """A picture that shows nothing that others show."""
-    noise = np.random.default_rng(seed).integers(0, 256, (60, 80, 3), np.uint8)
-    Image.fromarray(noise).resize((320, 240), Image.Resampling.BICUBIC).save(file, quality=95)
+    Image.fromarray(texture(100 + seed)[:240, :320].astype(np.uint8)).save(file, quality=95)
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from PIL import Image
 
@@ -12,13 +14,14 @@ TILE = 512  # pixels of a wall's texture, over WALL units of length
 WALL = 4.0
 
 
+@lru_cache
 def texture(seed: int) -> np.ndarray:
     """Noise at many scales, uint8-like float32 [TILE, TILE, 3]: features everywhere, none like another."""
     rng = np.random.default_rng(seed)
     out = np.zeros((TILE, TILE, 3), np.float32)
-    for cells in (8, 16, 32, 64, 128):
+    for cells in (8, 16, 32, 64, 128, 256):
         noise = Image.fromarray(rng.integers(0, 256, (cells, cells, 3), np.uint8))
-        out += np.asarray(noise.resize((TILE, TILE), Image.Resampling.BICUBIC), np.float32) / 5
+        out += np.asarray(noise.resize((TILE, TILE), Image.Resampling.BICUBIC), np.float32) / 6
     return np.clip((out - 128) * 1.6 + 128, 0, 255)
 
 
