@@ -57,7 +57,7 @@ def write_photographs(folder: Path, count: int = COUNT) -> dict[str, Camera]:
             name = "p5.webp"
             picture.save(folder / name, quality=95)
         elif i == SMALLER:
-            picture.resize((240, 180), Image.Resampling.BOX).save(folder / name, quality=95)
+            picture.resize((192, 144), Image.Resampling.BOX).save(folder / name, quality=95)
         else:
             picture.save(folder / name, quality=95)
         names.append(name.replace(" ", "_").split(".")[0])
@@ -66,7 +66,7 @@ def write_photographs(folder: Path, count: int = COUNT) -> dict[str, Camera]:
 
 def write_stranger(file: Path, seed: int) -> None:
     """A picture that shows nothing that others show."""
-    Image.fromarray(texture(100 + seed)[:240, :320].astype(np.uint8)).save(file, quality=95)
+    Image.fromarray(texture(100 + seed)[:192, :256].astype(np.uint8)).save(file, quality=95)
 
 
 @pytest.fixture(scope="session")

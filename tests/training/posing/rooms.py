@@ -9,7 +9,7 @@ from PIL import Image
 
 from training.scenes import Camera
 
-SIZE, FOCAL = (320, 240), 336.0  # pixels
+SIZE, FOCAL = (256, 192), 268.8  # pixels
 TILE = 512  # pixels of a wall's texture, over WALL units of length
 WALL = 4.0
 

@@ -46,7 +46,7 @@ def test_the_cameras_of_bare_photographs_are_found(found: Found):
     assert len(result.names) == COUNT
     assert result.positions.max() < 0.01 and result.degrees.max() < 1.0
     focals = {name: one.camera.fx / one.camera.width for name, one in photographs_of(scene).items()}
-    assert np.allclose(list(focals.values()), 336 / 320, rtol=0.02)
+    assert np.allclose(list(focals.values()), 268.8 / 256, rtol=0.02)
 
 
 def test_pictures_of_every_kind_come_upright_with_eight_bits_a_channel(found: Found):
