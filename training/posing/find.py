@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from console import Notice, Progress, UserError, progress
-from console.atomic import replacing, write_file
+from console.atomic import is_leftover, replacing, write_file
 from console.json_text import read_json_file
 from training.lock import only_one_trains
 from training.posing.child import ask
@@ -26,6 +26,8 @@ from training.posing.sources import FEWEST, Source, find_source
 from training.scenes.read import has_poses
 
 SCENE, WORK, REPORT, TABLE = "scene", "posing", "poses.json", "photographs.txt"
+MARK = "README.txt"  # in WORK: it is ours
+MARK_TEXT = "snerg keeps unfinished work here, to go on with. Nothing else is lost if you delete this folder.\n"
 MODEL = "model"  # where training.posing.mapping leaves the largest
 FORMAT = 1
 FRAMES = 120  # of a film, at most
@@ -52,6 +54,7 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
             raise UserError("holds a run of other photographs, or they were changed since", where=out,
                             expected=source.path, remedy="choose another --out")  # fmt: skip
     require(source)
+    _require_ours(out)
     if source.kind == "photographs":
         _require_enough(source, len(source.files))  # before anything is written
     with only_one_trains(out / WORK, "finding camera poses"), _told_how_to_go_on():
@@ -73,12 +76,22 @@ def require(source: Source) -> None:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 
+def _require_ours(out: Path) -> None:
+    """UserError where what will be replaced or emptied holds other files: the user's photographs, say."""
+    for folder, mark in ((out / SCENE, REPORT), (out / WORK, MARK)):
+        ours = (folder / mark).is_file() or not os.path.lexists(folder)
+        if not ours and not (folder.is_dir() and all(is_leftover(entry.name) for entry in folder.iterdir())):
+            raise UserError("is in the way: snerg did not make it", where=folder, remedy="choose another --out")
+
+
 def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
     work = out / WORK
     prepared = stored(work, key)
     if prepared is None:
         for entry in work.iterdir():  # of other photographs, or of no use
-            shutil.rmtree(entry) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
+            if entry.name != MARK:
+                shutil.rmtree(entry) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
+        write_file(work / MARK, MARK_TEXT)
         with _timed(work, "pictures"), progress("choosing pictures", len(source.files), stage=STAGE) as bar:
             prepared = prepare(source, work, key["frames"], bar)
         store(work, key, prepared)

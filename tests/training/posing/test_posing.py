@@ -183,6 +183,16 @@ def test_photographs_that_show_different_things_are_named(tmp_path: Path):
     assert len(table) == 9 and all(line.split()[1:3] == ["0", "no"] for line in table[1:])
 
 
+@pytest.mark.parametrize("name", [find.SCENE, find.WORK])
+def test_folders_that_it_did_not_make_are_left_alone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(find, "require", lambda source: None)
+    write_photographs(tmp_path / name, 8)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(UserError, match=f"{name}: is in the way"):
+        posed_scene(tmp_path / name, tmp_path)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 def test_too_few_photographs_are_refused_before_anything_is_written(tmp_path: Path):
     write_photographs(tmp_path / "photographs", 3)
     with pytest.raises(UserError, match=r"too few photographs to find camera poses .*at least 8, found 3"):
