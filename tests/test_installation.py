@@ -117,7 +117,7 @@ def test_every_command_tells_its_help(installed: Path, wheel: Path, tmp_path: Pa
 
 def test_whatever_an_extra_brings_is_told_with_its_name() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    for extra in ("train", "video"):
+    for extra in ("train", "video", "poses"):
         for requirement in extras[extra]:
             name = re.split(r"[<>=\[]", requirement)[0]
             told = missing_extra(ModuleNotFoundError(f"No module named {name!r}", name=name))

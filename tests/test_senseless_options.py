@@ -38,6 +38,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         (snerg_bake, "{scene} --out {out} --pictures -3", "training.run.load_run", "--pictures"),
         (snerg_make, "{scene} --out {out} --resolution 7650", "training.loop.train", "--resolution"),
         (snerg_make, "{scene} --out {out} --resolution 0", "training.loop.train", "--resolution"),
+        (snerg_make, "{scene} --out {out} --frames 7", "training.loop.train", "--frames"),
         (snerg_make, "{scene} --out {out} --seed -7", "training.loop.train", "--seed"),
         (snerg_render, "{pack} --out {film.mp4} --orbit 2 --fps -1", "viewer.commands.render.load_pack", "--fps"),
         (snerg_render, "{pack} --out {film.mp4} --orbit 2 --fps 0", "viewer.commands.render.load_pack", "--fps"),

@@ -16,11 +16,11 @@ except ImportError:  # Windows
 
 
 @contextmanager
-def only_one_trains(run: Path) -> Iterator[None]:
+def only_one_trains(run: Path, doing: str = "training into this run") -> Iterator[None]:
     """Holds the folder `run`, which is made where it is not there, and taken away again where it is left empty.
 
-    UserError where another process holds it. The lock (flock) is on the folder itself, counts on all hosts that share it,
-    and ends with its process, however that ends.
+    UserError where another process holds it, in which it is `doing` the same. The lock (flock) is on the folder itself,
+    counts on all hosts that share it, and ends with its process, however that ends.
     """
     if fcntl is None or (run.exists() and not run.is_dir()):
         yield
@@ -32,7 +32,7 @@ def only_one_trains(run: Path) -> Iterator[None]:
             run.mkdir(parents=True, exist_ok=True)
             handle = os.open(run, os.O_RDONLY)
         try:
-            _hold(handle, run)
+            _hold(handle, run, doing)
             yield
         finally:
             if handle >= 0:
@@ -43,14 +43,14 @@ def only_one_trains(run: Path) -> Iterator[None]:
                 folder.rmdir()
 
 
-def _hold(handle: int, run: Path) -> None:
+def _hold(handle: int, run: Path, doing: str) -> None:
     if fcntl is None or handle < 0:
         return
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         raise UserError(
-            "another process is training into this run", where=run, remedy="wait for it, or choose another --out"
+            f"another process is {doing}", where=run, remedy="wait for it, or choose another --out"
         ) from error
     except OSError:  # some network file systems have no locks
         return

@@ -1,4 +1,4 @@
-"""`snerg-make SCENE --out DIR`: photographs to fly-through in one line (docs/commands.md)."""
+"""`snerg-make PHOTOS --out DIR`: photographs or a film to fly-through in one line (docs/commands.md)."""
 
 from __future__ import annotations
 
@@ -15,9 +15,14 @@ import tyro
 
 from console import UserError, run_command
 from console.arguments import join_negative_values
+from training.posing.find import FRAMES, SCENE, posed_scene
+from training.posing.sources import FEWEST
 from training.scenes.presets import PRESETS, BakeablePreset, names_with_about
 
-DESCRIPTION = "Turns photographs into a scene that you can fly through: trains, bakes, and opens the viewer."
+DESCRIPTION = (
+    "Turns photographs or a film into a scene that you can fly through: finds camera poses, trains, bakes, "
+    "and opens the viewer."
+)
 PRESET_HELP = f"Named settings: {names_with_about(BakeablePreset)}."
 
 
@@ -34,13 +39,15 @@ def snerg_make(
     resolution: int | None = None,
     fine_tune: Literal["none", "view-mlp", "all"] = "all",
     seed: int = 0,
+    frames: int = FRAMES,
     no_view: bool = False,
 ) -> None:
-    """Trains, bakes and opens the viewer. If it stops, the same command line continues.
+    """Finds camera poses, trains, bakes and opens the viewer. If it stops, the same command line continues.
 
     Args:
-        scene: Folder of photographs with camera poses. docs/scenes.md lists the layouts.
-        out: Folder for the results: DIR/run and DIR/pack.
+        scene: Folder of photographs, or a film. If the folder has no camera poses, they are found first. docs/scenes.md lists
+            the layouts of folders with poses.
+        out: Folder for the results: DIR/run and DIR/pack; and DIR/scene, where poses had to be found.
         downscale: Divide width and height of the photographs by this whole number. The default is 1; for the presets cpu and
             full, the smallest number that gives a longer side of at most 256 or 1024 pixels. LLFF scenes count from their
             full-size pictures.
@@ -52,7 +59,8 @@ def snerg_make(
         resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the presets cpu and
             full, 1.25 per pixel of the photographs, from 512 to 1000.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: also the voxels (sharper, takes minutes).
-        seed: Random seed of the training.
+        seed: Random seed of the training, and of finding poses.
+        frames: Number of frames of a film that are used, at most.
         no_view: Do not open the viewer at the end.
     """
     from baker.baking.bake import BakeConfig
@@ -75,6 +83,12 @@ def snerg_make(
     require_plausible(config)
     baking = BakeConfig(PRESETS[preset].resolution if resolution is None else resolution, fine_tune=fine_tune)
     baking.check()
+    if frames < FEWEST:
+        raise UserError(
+            "too few frames to find camera poses", where="--frames", expected=f"at least {FEWEST}", found=frames
+        )
+    began = time.monotonic()
+    scene = posed_scene(scene, out, seed=seed, most_frames=frames)
     started = time.monotonic()
     stored = read_description(run_path) if is_run(run_path) else None
     if stored is not None:
@@ -95,7 +109,8 @@ def snerg_make(
         baking = dataclasses.replace(baking, resolution=PRESETS[preset].resolution_for(pixels))
     bake_to(run, baking, pack_path, last=True)
     baked = time.monotonic()
-    print(f"trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
+    posed = f"poses found in {minutes(started - began)}, " if scene == out / SCENE else ""
+    print(f"{posed}trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
     if not no_view and (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("darwin", "win32")
     ):

@@ -45,7 +45,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     if not os.path.isfile(path):  # also where the system would not even look for such a name
         raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
     try:
-        with _opened(path) as image:
+        with opened(path) as image:
             return image.size
     except UnidentifiedImageError as error:
         found = told(_head(path))
@@ -57,7 +57,7 @@ def picture_size(path: Path) -> tuple[int, int]:
 def may_be_transparent(path: Path) -> bool:
     """Whether a picture has alpha at all, from its header. UserError where it is missing or no picture."""
     picture_size(path)
-    with _opened(path) as image:
+    with opened(path) as image:
         return image.has_transparency_data
 
 
@@ -70,7 +70,7 @@ def decoded(path: Path) -> np.ndarray:
     """What read_picture decodes, as it is stored: uint8 [H, W, 3 or 4], float32 [H, W, 3] where that has 16 bits."""
     picture_size(path)
     try:
-        with _decodable(path) as image:
+        with decodable(path) as image:
             if image.mode.startswith("I"):  # 16 bit grey
                 return np.repeat(np.asarray(image, np.float32)[..., None] / 65535.0, 3, axis=-1)
             mode = "RGBA" if image.has_transparency_data else "RGB"
@@ -102,9 +102,9 @@ def as_bytes(picture: np.ndarray) -> np.ndarray:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Image.Image]:
+def opened(path: Path, formats: Sequence[str] = FORMATS) -> Iterator[Image.Image]:
     """The picture, its pixels not decoded yet. OSError where its header claims more of them than its bytes can hold."""
-    with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=FORMATS) as image:
+    with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=formats) as image:
         most = MOST_PIXELS_PER_BYTE * os.path.getsize(path) * (8 if image.mode == "1" else 1)
         if image.width * image.height > max(most, UNDOUBTED_PIXELS):
             raise OSError(
@@ -114,9 +114,9 @@ def _opened(path: Path) -> Iterator[Image.Image]:
 
 
 @contextmanager
-def _decodable(path: Path) -> Iterator[Image.Image]:
+def decodable(path: Path, formats: Sequence[str] = FORMATS) -> Iterator[Image.Image]:
     """The same, whose pixels take no longer than its size explains: so it may be decoded here, without a process and a clock."""
-    with _opened(path) as image:
+    with opened(path, formats) as image:
         if isinstance(image, JpegImageFile) and (scans := _scans(path)) > MOST_SCANS:
             raise OSError(f"it has {scans} scans; at most {MOST_SCANS} are read")
         yield image
@@ -263,7 +263,7 @@ class PictureLoader:
 
 
 def _small(path: Path, side: int, mode: str) -> Image.Image:
-    with _decodable(path) as image:
+    with decodable(path) as image:
         image.draft("RGB", (2 * side, 2 * side))
         if image.mode.startswith("I"):  # 16 bit; Pillow clips where it should scale
             picture = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8)).convert(mode)

@@ -23,7 +23,7 @@ from viewer.app.forward_facing import rig_for
 from viewer.app.gallery import Gallery
 from viewer.app.keyboard import Keyboard
 from viewer.app.loading import Loading
-from viewer.app.log import Dialog, Messages
+from viewer.app.log import Messages
 from viewer.app.making import Making
 from viewer.app.opening import Opening
 from viewer.app.pose import pose_from_text, pose_to_text
@@ -171,15 +171,8 @@ class App:
     def _drop(self, path: Path) -> None:
         path = scene_around(path)
         kind = kind_of(path)
-        if kind == "scene" or kind == "run":
-            self.making.offer(self, kind, path)
-        elif kind == "pictures":
-            text = (
-                "There are pictures in it, but nothing says where the camera stood. COLMAP finds that out: its automatic "
-                "reconstruction writes a folder sparse beside a folder images, and the two make a scene. nerfstudio's "
-                "ns-process-data does the same, and writes a transforms.json."
-            )
-            self.messages.dialogs.append(Dialog(f"{path.name} has no camera poses", text))
+        if kind in ("scene", "run", "pictures"):
+            self.making.offer(self, "run" if kind == "run" else "scene", path)
         else:
             self.open(pack_in(path))
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from console import not_written
+from console import UserError, not_written
 from console.results import try_folder
 from scenepack.files import PARAMS_NAME, ZIP_ERRORS
+from training.posing.sources import PICTURES, find_source, is_film
 
 Kind = Literal["pack", "run", "scene", "pictures", "unknown"]
-PICTURES = (".png", ".jpg", ".jpeg")
 SCENE_FILES = (
     "transforms_train.json",
     "transforms.json",
@@ -42,8 +42,10 @@ class FileRequest:
 
 
 def kind_of(path: Path) -> Kind:
-    """What is at `path`, told by names alone. pictures: photographs without poses."""
+    """What is at `path`, told by names alone. pictures: photographs without poses, or a film."""
     if path.is_file():
+        if is_film(path):
+            return "pictures"
         return "pack" if path.suffix.lower() == ".zip" and _holds_params(path) else "unknown"
     if (path / PARAMS_NAME).is_file() or (any(path.glob(f"*/{PARAMS_NAME}")) and not _is_scene(path)):
         return "pack"
@@ -51,7 +53,7 @@ def kind_of(path: Path) -> Kind:
         return "scene"
     if any((path / folder / "config.json").is_file() for folder in ("", "run")):
         return "run"  # of snerg-train; or what snerg-make left when it was stopped
-    return "pictures" if _holds_pictures(path) else "unknown"
+    return "pictures" if _bare(path) else "unknown"
 
 
 def pack_in(path: Path) -> Path:
@@ -69,6 +71,13 @@ def scene_around(path: Path) -> Path:
     if not any(_holds_pictures(folder) for folder in (path, *path.glob("*/"))):
         return path
     return next((parent for parent in path.resolve().parents[:2] if _is_scene(parent)), path)
+
+
+def _bare(path: Path) -> bool:
+    try:
+        return find_source(path) is not None
+    except UserError:  # several films: whoever finds poses says so
+        return True
 
 
 def _holds_pictures(folder: Path) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import math
 import shlex
 import sys
 import threading
@@ -18,18 +19,23 @@ from typing import Literal
 
 from console import Notice, UserError
 from console.json_text import read_json_file
+from training.posing.sources import FEWEST, Source, find_source, is_film
 from training.scenes import Scene, load_scene
 from training.scenes.downscale import suggested_downscale
+from training.scenes.pictures import picture_size
 from training.scenes.presets import PRESETS
+from training.scenes.read import has_poses
 from viewer.app.files import why_not_writable
 
 Subject = Literal["scene", "run"]
+POSED = "scene"  # the folder of a scene whose poses were found, in the folder for the results
 OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
 DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
 KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
 MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may have masks beside them
 PARTS = ("jax", "matplotlib", "optax", "safetensors", "scipy")  # the extra `train`
+POSES_FIRST = "Nothing says where the camera stood: that is found first."
 
 
 def trainer_missing() -> bool:
@@ -37,24 +43,37 @@ def trainer_missing() -> bool:
     return any(importlib.util.find_spec(name) is None for name in PARTS)
 
 
+def poser_missing(source: Source) -> str | None:
+    """The extras that this installation lacks to find poses of photographs or of a film; None where it can."""
+    needed = {"pycolmap": "poses", **({"av": "video"} if source.kind == "film" else {})}
+    missing = [extra for name, extra in needed.items() if importlib.util.find_spec(name) is None]
+    return ",".join(missing) or None
+
+
 class Survey:
     """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest.
 
     error: why it is no scene that can be read. text: one line about it. sizes: width, height in pixels by downscale.
     automatic: the downscale of a preset that shrinks. forward: cameras (LLFF, COLMAP) that may be read as looking all around.
-    masks: whether there are any. masked: the downscales at which there is one for each photograph.
+    masks: whether there are any. masked: the downscales at which there is one for each photograph. bare: photographs or a
+    film without poses, which are found before training; None where there are poses.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.bare: Source | None = None
         self.error: Exception | None = None
         self.text = ""
         self.notes: list[str] = []
         self.sizes: dict[int, tuple[int, int]] = {}
         self.automatic: dict[str, int] = {}
         self.forward = False
-        self.masks = any(path.glob("masks*"))
+        self.masks = False
         self.masked: set[int] = set()
+        with contextlib.suppress(UserError):  # several films: told by the thread
+            self.bare = None if has_poses(path) else find_source(path)
+        if self.bare is None:
+            self.masks = any(path.glob("masks*"))
         self._thread = threading.Thread(target=self._run, name="snerg-survey", daemon=True)
         self._thread.start()
 
@@ -77,6 +96,10 @@ class Survey:
 
     def _run(self) -> None:
         try:
+            self.bare = self.bare or (None if has_poses(self.path) else find_source(self.path))
+            if self.bare is not None:
+                self._look_at_bare(self.bare)
+                return
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 scene = load_scene(self.path)
@@ -102,6 +125,28 @@ class Survey:
             self.text = f"{count} photographs of {width} × {height}, {seen}  ({kind})"
         except Exception as error:  # told in the dialog
             self.error = error
+
+    def _look_at_bare(self, source: Source) -> None:
+        """What the first photograph tells of all. UserError where there are too few."""
+        if source.kind == "film":
+            self.text = f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB. {POSES_FIRST}"
+            return
+        count, size = len(source.files), None
+        if count < FEWEST:
+            raise UserError("too few photographs to find camera poses", where=self.path, expected=f"at least {FEWEST}",
+                            found=count)  # fmt: skip
+        with contextlib.suppress(UserError):  # HEIC, say: what cannot be read is told by whoever finds the poses
+            size = picture_size(source.files[0])
+        if size is None:
+            self.text = f"{count} photographs. {POSES_FIRST}"
+            return
+        self.text = f"{count} photographs of {size[0]} × {size[1]}. {POSES_FIRST}"
+        for name, preset in OFFERED.items():
+            if preset.longest_side is not None:
+                self.automatic[name] = max(math.ceil(max(size) / preset.longest_side), 1)
+        for downscale in {*DOWNSCALES, *self.automatic.values()}:
+            if min(size) >= downscale:
+                self.sizes[downscale] = (size[0] // downscale, size[1] // downscale)
 
 
 def _size(scene: Scene) -> tuple[int, int]:
@@ -147,7 +192,9 @@ class Plan:
         """How `path` would be made if nothing else is said. UserError where an unfinished run's description is broken."""
         path = path.resolve()
         if subject == "scene":
-            return cls("scene", path, _beside(path, f"{path.name}-snerg"), survey=Survey(path))
+            return cls(
+                "scene", path, _beside(path, f"{path.stem if is_film(path) else path.name}-snerg"), survey=Survey(path)
+            )
         if (path / "run").is_dir() and not (path / "config.json").is_file():  # snerg-make's DIR
             scene = _description(path / "run")["scene"]
             if scene and Path(scene).is_dir():
@@ -155,6 +202,16 @@ class Plan:
             path = path / "run"
         name = "pack" if path.name == "run" else f"{path.name}-pack"
         return cls("run", path, _beside(path, name))
+
+    @property
+    def bare(self) -> Source | None:
+        """The photographs or the film whose poses must be found first."""
+        return None if self.survey is None else self.survey.bare
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """What the command does, one after the other."""
+        return ("Poses", "Training", "Baking") if self.bare is not None else ("Training", "Baking")
 
     @property
     def masked(self) -> bool:
@@ -193,16 +250,20 @@ class Plan:
             return "Only the viewer is installed. pip install 'snerg[train]' adds the trainer and the baker."
         if self.survey is not None and self.survey.error is not None:
             return str(self.survey.error)
+        if self.bare is not None and (extras := poser_missing(self.bare)) is not None:
+            return f"This installation cannot find camera poses. pip install 'snerg[{extras}]' adds what does."
         if self.subject == "scene" and self.attempt is not None:
             other = self.attempt["scene"]
-            if other and Path(other) != self.source:
+            if other and Path(other) not in (self.source, self.out / POSED):
                 return f"There is a run of another scene in {self.out}; choose another folder."
         return None
 
     def attempt_text(self) -> str:
         """How far the earlier attempt is, "" where there is none."""
         if self.attempt is None:
-            return ""
+            return (
+                "Finding camera poses has begun in this folder. It continues." if (self.out / "posing").is_dir() else ""
+            )
         steps = [int(path.stem.removeprefix("step_")) for path in (self.run / "checkpoints").glob("step_*.safetensors")]
         total = self.attempt["steps"]
         if steps and max(steps) >= total:

@@ -61,10 +61,11 @@ class Job:
 
     @property
     def stage(self) -> int:
-        """0 nothing heard yet, 1 training, 2 baking."""
+        """0 nothing heard yet, else which of the plan's stages it is, from 1."""
         if self.report is None:
             return 0
-        return 1 if self.report.stage == "training" else 2
+        name = {"poses": "Poses", "training": "Training"}.get(self.report.stage, "Baking")
+        return self.plan.stages.index(name) + 1 if name in self.plan.stages else 1
 
     def look(self) -> bool:
         """Takes in what the child has done since; True where there is something new to show."""

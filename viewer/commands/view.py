@@ -191,8 +191,8 @@ def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
     if chosen is None:
         raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
     chosen = scene_around(chosen)
-    if kind_of(chosen) in ("scene", "run"):
-        command = "snerg-make" if kind_of(chosen) == "scene" else "snerg-bake"
+    if kind_of(chosen) in ("scene", "run", "pictures"):
+        command = "snerg-bake" if kind_of(chosen) == "run" else "snerg-make"
         raise UserError("is not a pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
     loaded = load_pack(chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)

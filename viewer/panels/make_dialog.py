@@ -20,7 +20,6 @@ from viewer.panels.widgets import coloured, font, hint, label, main_button, px, 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
 CARD_WIDTH, CARD_MARGIN = 372.0, 16.0
 PICTURE = "making"
-STAGES = ("Training", "Baking")
 AUTOMATIC = "Automatic"
 
 
@@ -252,7 +251,7 @@ def _curve(job: Job) -> None:
 
 
 def _stages(job: Job) -> None:
-    for i, name in enumerate(STAGES, 1):
+    for i, name in enumerate(job.plan.stages, 1):
         if i > 1:
             imgui.same_line(0, px(8))
             with coloured(text=theme.FAINT):
@@ -270,10 +269,17 @@ def _stages(job: Job) -> None:
 def _told(job: Job) -> str:
     """How far it is, in words."""
     if job.stopping:
-        return "Ending…" if job.child.killed else "Stopping: saving a checkpoint…"
+        saving = (
+            "Stopping: saving a checkpoint…" if job.plan.stages[max(job.stage, 1) - 1] == "Training" else "Stopping…"
+        )
+        return "Ending…" if job.child.killed else saving
     report = job.report
     if report is None:
-        return "Starting: reading the photographs and compiling…"
+        return (
+            "Starting: reading the photographs…"
+            if job.plan.bare
+            else "Starting: reading the photographs and compiling…"
+        )
     if report.stage == "training":
         parts = [f"Step {report.done:,.0f} of {report.total:,.0f}"]
     else:

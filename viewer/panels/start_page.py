@@ -43,7 +43,7 @@ def show(app: App, fonts: Fonts) -> None:
     _button(app, f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make a scene from photographs…", "make", column)
     imgui.dummy(ImVec2(0, px(2)))
     with coloured(text=theme.FAINT):
-        imgui.text_unformatted("or drop a pack, or a folder of photographs, anywhere on this window")
+        imgui.text_unformatted("or drop a pack, a folder of photographs or a film anywhere on this window")
     if recent:
         imgui.dummy(ImVec2(0, px(16)))
         with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):

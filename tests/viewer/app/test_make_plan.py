@@ -10,6 +10,7 @@ import pytest
 from imgui_bundle import imgui
 from PIL import Image
 
+from console.driven import Report
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.app.test_application import FakeStage
 from tests.viewer.waiting import until
@@ -18,6 +19,7 @@ from viewer.app import make_plan
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.make_plan import Plan
+from viewer.app.making import Job
 
 
 def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
@@ -80,11 +82,71 @@ def test_the_viewer_alone_says_what_is_missing(scene, monkeypatch, tmp_path):
     assert "pip install 'snerg[train]'" in Plan("scene", scene, tmp_path).problem()
 
 
-def test_pictures_without_poses_are_told_what_they_need(tmp_path):
-    Image.new("RGB", (4, 4)).save(tmp_path / "IMG_1.JPG", format="JPEG")
+def photographs(folder: Path, count: int = 8) -> Path:
+    """A folder of pictures, and nothing that says where the camera stood."""
+    folder.mkdir()
+    for i in range(count):
+        Image.new("RGB", (1200, 900)).save(folder / f"IMG_{i}.JPG", format="JPEG")
+    return folder
+
+
+def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
+    folder = photographs(tmp_path / "shed")
     app = App(stage=FakeStage())
-    app.drop([tmp_path])
-    assert "COLMAP" in app.messages.dialogs[0].text and app.loading is None
+    app.drop([folder])
+    plan = app.making.plan
+    until(lambda: plan.survey.finished)
+    assert not app.messages.dialogs and plan.problem() is None
+    assert plan.survey.text.startswith("8 photographs of 1200 × 900. Nothing says where the camera stood")
+    assert plan.survey.size("cpu", None) == (240, 180) and plan.survey.size("fast", 2) == (600, 450)
+    assert plan.stages == ("Poses", "Training", "Baking") and plan.out == tmp_path / "shed-snerg"
+    assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset cpu"
+
+
+def test_a_run_whose_poses_were_found_is_gone_on_with(tmp_path):
+    folder = photographs(tmp_path / "shed")
+    out = tmp_path / "shed-snerg"
+    (out / "posing").mkdir(parents=True)
+    assert "It continues" in Plan.of("scene", folder).attempt_text()
+    unfinished(out, out / "scene")
+    plan = Plan.of("scene", folder)
+    assert plan.attempt is not None and plan.problem() is None
+
+
+@pytest.mark.parametrize(("stage", "title", "number"), [
+    ("poses", "features", 1), ("poses", "matches", 1), ("training", "training", 2), ("baking", "culling", 3),
+])  # fmt: skip
+def test_the_card_says_that_poses_come_before_training(stage, title, number, tmp_path):
+    job = Job(Plan.of("scene", photographs(tmp_path / "shed")), None)
+    job.report = Report(title, 1, 2, stage=stage)
+    assert job.stage == number and job.plan.stages[number - 1].lower() == stage
+
+
+def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
+    film = tmp_path / "walk.MOV"
+    film.write_bytes(bytes(3_000_000))
+    app = App(stage=FakeStage())
+    app.drop([film])
+    plan = app.making.plan
+    until(lambda: plan.survey.finished)
+    assert plan.survey.text.startswith("A film of 3 MB") and plan.problem() is None
+    assert plan.out == tmp_path / "walk-snerg" and plan.command()[3] == str(film)
+    app.drop([photographs(tmp_path / "shed", 2)])
+    until(lambda: app.making.plan.survey.finished)
+    assert "at least 8, found 2" in app.making.plan.problem()
+
+
+def test_without_pycolmap_bare_photographs_say_what_is_missing(tmp_path, monkeypatch):
+    plan = Plan.of("scene", photographs(tmp_path / "shed"))
+    film = tmp_path / "walk.mp4"
+    film.touch()
+    until(lambda: plan.survey.finished)
+    there = make_plan.importlib.util.find_spec
+    monkeypatch.setattr(
+        make_plan.importlib.util, "find_spec", lambda name: None if name in ("pycolmap", "av") else there(name)
+    )
+    assert "pip install 'snerg[poses]'" in plan.problem()
+    assert "pip install 'snerg[poses,video]'" in Plan.of("scene", film).problem()
 
 
 def unfinished(folder: Path, scene: Path) -> Path:

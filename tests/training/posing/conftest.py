@@ -1,0 +1,88 @@
+"""Photographs of the room as different cameras write them, and the scene that comes of them, found once for all tests."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageFilter
+
+from console import Notice
+from tests.training.posing.rooms import cameras, photograph, texture
+from training.posing.find import find_poses
+from training.posing.sources import Source, find_source
+from training.scenes import Camera
+
+COUNT = 9
+SIDEWAYS, SMALLER, STRANGER = 1, 7, "stranger.jpg"
+
+
+@dataclass(frozen=True)
+class Found:
+    """A set of photographs, where their cameras stood, by name, and the scene that was made of it."""
+
+    source: Source
+    cameras: dict[str, Camera]
+    scene: Path
+    notices: list[str]
+
+
+def write_photographs(folder: Path, count: int = COUNT) -> dict[str, Camera]:
+    """Photographs as cameras, phones and scanners write them. The cameras by the names that the pictures get in a scene."""
+    folder.mkdir(parents=True, exist_ok=True)
+    given = cameras(count)
+    names = []
+    for i, camera in enumerate(given):
+        picture = Image.fromarray(photograph(camera))
+        name = f"p{i}.jpg"
+        if (
+            i == SIDEWAYS
+        ):  # the camera was held upright: pixels are stored turned by 90° counter-clockwise, and EXIF says so
+            exif = Image.Exif()
+            exif[0x0112] = 6
+            picture.transpose(Image.Transpose.ROTATE_90).save(folder / name, quality=95, exif=exif)
+        elif i == 2:
+            name = "p2.png"
+            Image.fromarray(np.asarray(picture.convert("L")).astype(np.uint16) * 257).save(folder / name)
+        elif i == 3:
+            name = "p3.tif"
+            picture.convert("CMYK").save(folder / name)
+        elif i == 4:
+            name = "p 4.JPG"
+            picture.save(folder / name, quality=95)
+        elif i == 5:
+            name = "p5.webp"
+            picture.save(folder / name, quality=95)
+        elif i == SMALLER:
+            picture.resize((192, 144), Image.Resampling.BOX).save(folder / name, quality=95)
+        else:
+            picture.save(folder / name, quality=95)
+        names.append(name.replace(" ", "_").split(".")[0])
+    return dict(zip(names, given, strict=True))
+
+
+def write_stranger(file: Path, seed: int) -> None:
+    """A picture that shows nothing that others show."""
+    Image.fromarray(texture(100 + seed)[:192, :256].astype(np.uint8)).save(file, quality=95)
+
+
+@pytest.fixture(scope="session")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
+    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
+    folder = tmp_path_factory.mktemp("posing")
+    photographs = folder / "photographs"
+    given = write_photographs(photographs)
+    (photographs / "p0b.jpg").write_bytes((photographs / "p0.jpg").read_bytes())
+    Image.open(photographs / "p6.jpg", formats=["JPEG"]).filter(ImageFilter.GaussianBlur(4)).save(
+        photographs / "p6b.jpg"
+    )
+    write_stranger(photographs / STRANGER, 5)
+    source = find_source(photographs)
+    assert source is not None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = find_poses(source, folder / "out")
+    return Found(source, given, scene, [str(warning.message) for warning in caught if warning.category is Notice])

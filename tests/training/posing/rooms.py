@@ -1,0 +1,66 @@
+"""Photographs of a textured corner of a room, by cameras that are known: what finds poses must find these."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from PIL import Image
+
+from training.scenes import Camera
+
+SIZE, FOCAL = (256, 192), 268.8  # pixels
+TILE = 512  # pixels of a wall's texture, over WALL units of length
+WALL = 4.0
+
+
+@lru_cache
+def texture(seed: int) -> np.ndarray:
+    """Noise at many scales, uint8-like float32 [TILE, TILE, 3]: features everywhere, none like another."""
+    rng = np.random.default_rng(seed)
+    out = np.zeros((TILE, TILE, 3), np.float32)
+    for cells in (8, 16, 32, 64, 128, 256):
+        noise = Image.fromarray(rng.integers(0, 256, (cells, cells, 3), np.uint8))
+        out += np.asarray(noise.resize((TILE, TILE), Image.Resampling.BICUBIC), np.float32) / 6
+    return np.clip((out - 128) * 1.6 + 128, 0, 255)
+
+
+def cameras(count: int) -> list[Camera]:
+    """Cameras on an arc, looking into the corner at the origin from (1, 1, 1)."""
+    out = []
+    for angle in np.linspace(-0.45, 0.45, count):
+        turn = np.pi / 4 + angle
+        eye = np.array([3.2 * np.cos(turn), 3.2 * np.sin(turn), 1.6 + 0.5 * np.sin(7 * angle)])
+        back = eye - np.array([0.6, 0.6, 0.7])
+        back /= np.linalg.norm(back)
+        right = np.cross([0, 0, 1], back)
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3] = np.stack([right, np.cross(back, right), back, eye], axis=1)
+        out.append(Camera(pose, *SIZE, FOCAL, FOCAL, SIZE[0] / 2, SIZE[1] / 2))
+    return out
+
+
+def photograph(camera: Camera) -> np.ndarray:
+    """What the camera sees of the walls x = 0, y = 0 and the floor z = 0: uint8 [H, W, 3]."""
+    x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    at = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -np.ones_like(x)], axis=-1)
+    directions = at @ camera.world_T_camera[:3, :3].T
+    origin = camera.world_T_camera[:3, 3]
+    with np.errstate(divide="ignore"):
+        reach = np.where(directions < 0, -origin / directions, np.inf)
+    wall = reach.argmin(axis=-1)
+    points = origin + directions * reach.min(axis=-1)[..., None]
+    out = np.zeros((*x.shape, 3), np.float32)
+    for axis in range(3):
+        seen = wall == axis
+        u, v = (np.clip(points[seen][:, other] / WALL, 0, 0.998) * (TILE - 1) for other in range(3) if other != axis)
+        out[seen] = _bilinear(texture(axis), u, v)
+    return np.rint(out).astype(np.uint8)
+
+
+def _bilinear(values: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    i, j = u.astype(int), v.astype(int)
+    a, b = (u - i)[:, None], (v - j)[:, None]
+    low = values[i, j] * (1 - b) + values[i, j + 1] * b
+    return low * (1 - a) + (values[i + 1, j] * (1 - b) + values[i + 1, j + 1] * b) * a

@@ -1,0 +1,109 @@
+"""Which files are photographs, which of them are used, and which pairs are matched."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageFilter
+
+from console import UserError
+from tests.training.posing.rooms import texture
+from training.posing import pairs as pairs_module
+from training.posing.agreement import similarity
+from training.posing.camera_files import look_at
+from training.posing.choice import blurred, repeated, sharpness, thumbnail
+from training.posing.pairs import OVERLAP, all_pairs, chosen_pairs
+from training.posing.prepare import file_stems
+from training.posing.sources import find_source
+
+
+def files(folder: Path, *names: str) -> Path:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(b"")
+    return folder
+
+
+def test_photographs_are_found_in_the_folder_or_just_below_it_in_the_order_of_their_numbers(tmp_path: Path):
+    source = find_source(files(tmp_path / "a", "IMG_10.jpg", "IMG_9.JPG", "notes.txt", ".IMG_1.jpg", "film.mp4"))
+    assert source is not None and [file.name for file in source.files] == ["IMG_9.JPG", "IMG_10.jpg"]
+    source = find_source(files(tmp_path / "b", "images/1.heic", "masks/1.png"))
+    assert source is not None and [source.name_of(file) for file in source.files] == ["images/1.heic"]
+    source = find_source(files(tmp_path / "c", "left/1.png", "right/1.png"))
+    assert source is not None and [source.name_of(file) for file in source.files] == ["left/1.png", "right/1.png"]
+    source = find_source(files(tmp_path / "d", "walk.MOV"))
+    assert source is not None and source.kind == "film"
+    assert find_source(files(tmp_path / "e", "notes.txt")) is None and find_source(tmp_path / "none") is None
+    with pytest.raises(UserError, match="several films"):
+        find_source(files(tmp_path / "f", "a.mp4", "b.webm"))
+
+
+def test_a_blurred_picture_is_told_from_plain_ones_and_from_pictures_of_other_things():
+    walls = [texture(seed)[:200, :300].mean(axis=-1) / 255 for seed in range(12)]
+    walls[4] = (
+        np.asarray(Image.fromarray((walls[4] * 255).astype(np.uint8)).filter(ImageFilter.GaussianBlur(3))) / 255.0
+    )
+    walls[7] = walls[7] * 0.2 + 0.5  # little contrast is no blur
+    moved = np.cumsum(walls[9], axis=1)
+    walls[9] = np.pad(
+        (moved[:, 16:] - moved[:, :-16]) / 16, ((0, 0), (0, 16)), mode="edge"
+    )  # nor a sharp edge sharpness
+    assert [i for i, bad in enumerate(blurred([sharpness(wall) for wall in walls])) if bad] == [4, 9]
+    assert not any(blurred([1.0] * 6 + [0.05] * 6))  # half of them: these show something else
+
+
+def test_repeated_pictures_are_set_aside_and_similar_ones_are_not():
+    wall = texture(0).mean(axis=-1) / 255
+    views = [wall[:300, :400], wall[:300, :400] + 0.002, wall[:300, 4:404]]
+    assert repeated(["a", "b", "c"], [thumbnail(view) for view in views]) == [None, 0, None]
+    assert repeated(["a", "b", "a"], [thumbnail(wall[i * 9 :]) for i in range(3)]) == [None, None, 0]
+
+
+def test_names_become_such_as_lists_of_pairs_can_hold():
+    assert file_stems(["a b.jpg", "a_b.png", "#1.jpg", "left/1.jpg"]) == ["a_b", "a_b-2", "_1", "left-1"]
+
+
+def test_pictures_of_one_lens_share_a_camera_and_exif_says_its_focal_length(tmp_path: Path):
+    for name, focal in (("a", 26), ("b", 26), ("c", 52)):
+        exif = Image.Exif()
+        exif[0x010F], exif[0x0110] = "Make", "Model"
+        exif.get_ifd(0x8769)[0xA405] = focal
+        Image.new("RGB", (120, 90)).save(tmp_path / f"{name}.jpg", exif=exif)
+    a, b, c = (look_at(tmp_path / f"{name}.jpg") for name in "abc")
+    assert a.camera == b.camera != c.camera
+    assert a.focal == pytest.approx(26 * 150 / 43.27, rel=1e-3) and c.focal == pytest.approx(2 * a.focal)
+
+
+def test_heic_says_what_to_install_or_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "a.heic").write_bytes(b"\x00\x00\x00\x18ftypheic" + bytes(64))
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    with pytest.raises(UserError, match="pip install pillow-heif"):
+        look_at(tmp_path / "a.heic")
+    heif = monkeypatch.undo() or pytest.importorskip("pillow_heif", reason="HEIC needs pillow-heif")
+    heif.from_pillow(Image.new("RGB", (64, 48), "red")).save(tmp_path / "b.heic")
+    assert look_at(tmp_path / "b.heic").size == (64, 48) and not look_at(tmp_path / "b.heic").as_it_is
+
+
+def test_few_pictures_are_all_matched_and_of_many_those_that_look_alike(monkeypatch: pytest.MonkeyPatch):
+    """A walk once around something: its end looks like its beginning."""
+    monkeypatch.setattr(pairs_module, "LARGEST", 50)
+    count, rng = 60, np.random.default_rng(0)
+    world = rng.integers(0, 256, (count * 10, 128), np.uint8)
+    around = np.concatenate([world, world])
+    descriptors = [around[10 * i : 10 * i + 50] for i in range(count)]
+    pairs = set(chosen_pairs(descriptors))
+    assert {(i, i + step) for i in range(count - OVERLAP) for step in range(1, OVERLAP + 1)} <= pairs
+    assert {(0, count - 1), (1, count - 2)} <= pairs  # which are far from one another in their order
+    assert len(pairs) < 0.6 * len(all_pairs(count)) and all(i < j for i, j in pairs)
+    assert chosen_pairs([np.zeros((0, 128), np.uint8)] * 3)  # nothing to see, but neighbours
+
+
+def test_a_similarity_is_found_back():
+    rng = np.random.default_rng(1)
+    points, (R, _) = rng.normal(size=(9, 3)), np.linalg.qr(rng.normal(size=(3, 3)))
+    R *= np.linalg.det(R)
+    scale, found, t = similarity(points, 2.5 * points @ R.T + [1, 2, 3])
+    assert scale == pytest.approx(2.5) and np.allclose(found, R) and np.allclose(t, [1, 2, 3])

@@ -1,0 +1,257 @@
+"""Poses of bare photographs: the cameras that took them are found, and what cannot be used is told by name."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from baker.commands.make import main as snerg_make
+from console import UserError
+from tests.training.posing.conftest import COUNT, SIDEWAYS, STRANGER, Found, write_photographs, write_stranger
+from tests.training.posing.rooms import SIZE, photograph
+from training.posing import child, find
+from training.posing.agreement import agreement
+from training.posing.find import find_poses, posed_scene
+from training.posing.sources import find_source
+from training.scenes import Photograph, Scene, load_scene
+
+ROOT = Path(__file__).parents[3]
+
+
+def load(scene: Path) -> Scene:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return load_scene(scene, spherify=True)
+
+
+def photographs_of(scene: Scene) -> dict[str, Photograph]:
+    return {Path(one.name).stem: one for split in scene.splits.values() for one in split}
+
+
+def test_the_cameras_of_bare_photographs_are_found(found: Found):
+    scene = load(found.scene)
+    given = replace(scene, splits={"train": tuple(Photograph(n, c, lambda: None) for n, c in found.cameras.items())})  # type: ignore[arg-type, return-value]
+    result = agreement(scene, given)
+    assert len(result.names) == COUNT
+    assert result.positions.max() < 0.01 and result.degrees.max() < 1.0
+    focals = {name: one.camera.fx / one.camera.width for name, one in photographs_of(scene).items()}
+    assert np.allclose(list(focals.values()), 268.8 / 256, rtol=0.02)
+
+
+def test_pictures_of_every_kind_come_upright_with_eight_bits_a_channel(found: Found):
+    there = photographs_of(load(found.scene))
+    for name, camera in found.cameras.items():
+        picture = there[name].load()[..., :3]
+        expected = photograph(camera) / 255.0
+        if picture.shape[:2] == SIZE[::-1]:
+            grey = name == "p2"  # of which 16 bits were kept, and no colour
+            apart = (picture - expected).mean(axis=-1) if grey else picture - expected
+            assert np.abs(apart).mean() < 0.08, name
+    assert there[f"p{SIDEWAYS}"].camera.width == SIZE[0]
+    assert Image.open(found.scene / "images" / f"p{SIDEWAYS}.jpg", formats=["JPEG"]).getexif().get(0x0112) is None
+
+
+def test_what_is_not_used_is_told_by_name(found: Found):
+    told = " | ".join(found.notices)
+    assert "p0b.jpg = p0.jpg" in told
+    assert "1 picture is left out: blurred (p6b.jpg)" in told
+    assert f"1 picture is left out: no pose was found ({STRANGER})" in told
+    assert not (found.scene / "images" / STRANGER).exists()
+
+
+def test_the_users_folder_is_left_as_it_was_and_the_scene_holds_no_copies_of_what_can_be_used(found: Found):
+    assert len(list(found.source.path.iterdir())) == COUNT + 3
+    assert (found.scene / "images" / "p0.jpg").is_symlink() or os.name == "nt"
+    assert not (found.scene.parent / find.WORK).exists()
+
+
+def test_the_same_line_again_finds_the_poses_there(found: Found, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(find, "ask", None)
+    assert find_poses(found.source, found.scene.parent) == found.scene
+    assert posed_scene(found.scene, found.scene.parent / "other") == found.scene  # which has poses
+
+
+def test_a_run_of_other_photographs_is_not_overwritten(found: Found, tmp_path: Path):
+    out = tmp_path / "out"
+    (out / "run").mkdir(parents=True)
+    (out / "run" / "config.json").write_text("{}")
+    (out / "scene").mkdir()
+    report = json.loads((found.scene / find.REPORT).read_text())
+    report["key"]["files"][0][1] += 1
+    (out / "scene" / find.REPORT).write_text(json.dumps(report))
+    with pytest.raises(UserError, match="run of other photographs"):
+        find_poses(found.source, out)
+
+
+def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
+    found: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    stage = "poses"
+    ends: list[subprocess.Popen] = []
+    asked: list[tuple[str, float]] = []
+    before = child.ask
+
+    def interrupted(service: str, request: Any, log: Path, tell: Any) -> Any:
+        def stopping(title: str, done: float, total: float) -> None:
+            asked.append((title, done))
+            tell(title, done, total)
+            if title == stage:
+                raise KeyboardInterrupt
+
+        return before(service, request, log, stopping)
+
+    popen = subprocess.Popen
+
+    def started(*args: Any, **kwargs: Any) -> subprocess.Popen:
+        ends.append(popen(*args, **kwargs))
+        return ends[-1]
+
+    monkeypatch.setattr(child.subprocess, "Popen", started)
+    monkeypatch.setattr(find, "ask", interrupted)
+    with pytest.raises(KeyboardInterrupt, match="the same command line continues"):
+        find_poses(found.source, tmp_path / "out")
+    assert (
+        ends[0].poll() is not None and not (tmp_path / "out" / "scene").exists()
+    )  # the child is gone, and nothing half done
+
+    asked.clear()
+    stage = "never"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene = find_poses(found.source, tmp_path / "out")
+    assert asked[:2] == [("features", COUNT + 1), ("matches", (COUNT + 1) * COUNT / 2)]  # all of which are kept
+    first, second = (photographs_of(load(folder)) for folder in (found.scene, scene))
+    assert list(first) == list(second)
+    for name, one in first.items():
+        assert np.array_equal(one.camera.world_T_camera, second[name].camera.world_T_camera)
+        assert one.camera.fx == second[name].camera.fx
+
+
+def test_one_ctrl_c_ends_it_in_one_line(found: Found, tmp_path: Path):
+    code = (
+        "import sys; from pathlib import Path; from console import run_command; from training.posing.find import posed_scene\n"
+        "def go(photos: Path, out: Path, /) -> None:\n    posed_scene(photos, out)\n"
+        "sys.exit(run_command(go, prog='go', args=sys.argv[1:]))"
+    )
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(found.source.path), str(out)], cwd=ROOT, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "SNERG_PROGRESS": str(tmp_path / "progress.json")},
+    )  # fmt: skip
+    while process.poll() is None:  # until COLMAP is at work
+        if (out / find.WORK / "database.db").exists():
+            break
+    process.send_signal(signal.SIGINT)
+    told = process.communicate(timeout=60)[1].splitlines()
+    assert process.returncode == 130
+    assert told[-1].startswith("go: interrupted; ") and not [line for line in told if "Traceback" in line]
+
+
+def test_snerg_make_trains_on_the_scene_whose_poses_it_found(
+    found: Found, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def train(scene: Path, run: Path, *_: object, **__: object) -> None:
+        raise UserError("trained", where=scene)
+
+    monkeypatch.setattr("training.loop.train", train)
+    assert snerg_make([str(found.source.path), "--out", str(found.scene.parent)]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == f"snerg-make: {found.scene}: trained"
+
+
+# --- why none are found -----------------------------------------------------------------------------------------------
+
+
+def test_photographs_that_show_different_things_are_named(tmp_path: Path):
+    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
+    for seed in range(8):
+        write_stranger(tmp_path / f"s{seed}.jpg", seed)
+    with pytest.raises(UserError) as error:
+        posed_scene(tmp_path, tmp_path / "out")
+    assert "do not overlap enough" in str(error.value) and "8 of 8 match no other: s0.jpg, s1.jpg" in str(error.value)
+    table = (tmp_path / "out" / find.WORK / find.TABLE).read_text().splitlines()
+    assert len(table) == 9 and all(line.split()[1:3] == ["0", "no"] for line in table[1:])
+
+
+@pytest.mark.parametrize("name", [find.SCENE, find.WORK])
+def test_folders_that_it_did_not_make_are_left_alone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(find, "require", lambda source: None)
+    write_photographs(tmp_path / name, 8)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(UserError, match=f"{name}: is in the way"):
+        posed_scene(tmp_path / name, tmp_path)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_too_few_photographs_are_refused_before_anything_is_written(tmp_path: Path):
+    write_photographs(tmp_path / "photographs", 3)
+    with pytest.raises(UserError, match=r"too few photographs to find camera poses .*at least 8, found 3"):
+        posed_scene(tmp_path / "photographs", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("registered", "enough"), [(9, True), (8, True), (7, False)])
+def test_a_part_of_the_photographs_must_do(
+    registered: int, enough: bool, found: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def answer(service: str, request: dict, log: Path, tell: Any) -> dict:
+        model = Path(request["work"]) / find.MODEL
+        model.mkdir()
+        (model / "cameras.bin").write_bytes(b"")
+        names = request["names"]
+        return {"registered": names[:registered], "features": dict.fromkeys(names, 9), "matched": dict.fromkeys(names, 1),
+                "points": 1, "error": 0.5}  # fmt: skip
+
+    monkeypatch.setattr(find, "ask", answer)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if enough:
+            assert (find_poses(found.source, tmp_path / "out") / "images").is_dir()
+            assert f"{STRANGER}" in str(caught[-1].message)
+        else:
+            with pytest.raises(UserError, match=f"only {registered} of 10 .*at least 8, found none for .*{STRANGER}"):
+                find_poses(found.source, tmp_path / "out")
+
+
+def test_without_pycolmap_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    write_photographs(tmp_path, 3)
+    source = find_source(tmp_path)
+    assert source is not None
+    with pytest.raises(ModuleNotFoundError) as error:
+        find.require(source)
+    from console.errors import missing_extra
+
+    assert "pip install 'snerg[poses]'" in str(missing_extra(error.value))
+
+
+def test_a_child_that_dies_is_told_with_its_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(child, "PROGRAM", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+    with pytest.raises(UserError, match="SIGKILL"):
+        child.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
+    full = "raise RuntimeError('database or disk is full')"
+    monkeypatch.setattr(
+        child,
+        "PROGRAM",
+        f"""
+from training.posing import worker
+def fill(request, tell): {full}
+worker.SERVICES['reconstruct'] = fill
+worker.main()""",
+    )
+    with pytest.raises(UserError, match="the disk is full"):
+        child.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
+    monkeypatch.setattr(child, "PROGRAM", "raise ValueError('that went wrong')")
+    with pytest.raises(RuntimeError, match="that went wrong"):
+        child.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
