@@ -67,13 +67,24 @@ def test_rays_through_a_points_pixels_meet_where_colmap_has_it_and_up_is_up(tmp_
 
 def test_the_points_say_where_things_are_whatever_was_matched_wrongly(tmp_path):
     path = write_colmap(tmp_path, around(), ball(), mistakes=2)
-    scene = load_scene(path)
+    for picture in (path / "images").rglob("*.png"):
+        save_picture(path / "masks" / picture.relative_to(path / "images"))
+    scene = load_scene(path, masks=True)
     met, _, _ = met_points(load_scene(write_colmap(tmp_path / "clean", around(), ball())), tmp_path / "clean/sparse/0")
     inside = np.all((met > scene.aabb[0]) & (met < scene.aabb[1]), axis=1)
     assert inside.mean() > 0.95 and np.ptp(scene.aabb, axis=0).max() < 2 * np.ptp(met, axis=0).max()
     eyes = np.stack([p.camera.world_T_camera[:3, 3] for p in everyone(scene)])
     distances = np.linalg.norm(met[:, None] - eyes, axis=-1)
     assert 0.3 < scene.near < distances.min() and scene.far > distances.max() and scene.disparity and not scene.ndc
+
+
+def test_opaque_photographs_are_in_the_box_up_to_their_corners(tmp_path):
+    scene = load_scene(write_colmap(tmp_path, around(), ball(), ("PINHOLE",)))
+    x, y = (side.ravel() for side in np.meshgrid([0.0, SIZE[0]], [0.0, SIZE[1]]))
+    rays = [camera_rays(photograph.camera, x, y) for photograph in everyone(scene)]
+    corners = np.concatenate([origins + directions for origins, directions in rays])  # about as far away as the points
+    inside = np.all((corners > scene.aabb[0] - 0.02) & (corners < scene.aabb[1] + 0.02), axis=1)
+    assert inside.all() and np.abs(scene.aabb).max() <= 1.5
 
 
 def test_a_capture_that_looks_outwards_has_its_walls_in_the_box(tmp_path):

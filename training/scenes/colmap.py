@@ -20,6 +20,7 @@ from training.scenes.blender import WORLDSPACE_T_OPENGL
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
 from training.scenes.llff import NEAR_360, ndc_facts, picture_folders, recentre, target_size
 from training.scenes.pictures import PictureLoader, picture_size
+from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
 from training.scenes.transforms import FAR, HALF_SIDE, NEAR, normalise
@@ -33,6 +34,7 @@ ROOM = 0.1  # added to each end of the box, as a share of its extent
 NEAREST, NEAREST_FAR = 0.02, 10.0  # near is at least, far at least
 FARTHEST = 30.0  # reach of the box of a capture that looks outwards
 LEAST_ROOM = 0.05
+FRAMED, FEW_FRAMES = 0.95, 0.02  # how much of its points a picture's frame is put behind; share of the frames left out
 
 
 def recognises(path: Path) -> bool:
@@ -195,6 +197,8 @@ def _placed(
         points = scale * (found.points - centre) @ axes
         near, far = _near_far(P, points, found)
         box = _box(P, points, found.tracks, otherwise=box)
+        if not options.masks and not may_be_transparent(photographs):
+            box = _with_frames(box, P, points, found, photographs)
     else:
         text = f"{len(found.points)} points say too little of where things are; the box is a guess, which --aabb mends"
         warnings.warn(Notice(f"{path}: {text}"), stacklevel=3)
@@ -243,6 +247,28 @@ def _box(P: np.ndarray, points: np.ndarray, tracks: np.ndarray, otherwise: np.nd
     room = np.maximum(ROOM * (high - low), LEAST_ROOM)
     box = np.clip(np.stack([low - room, high + room]), -reach, reach)
     return box if (box[1] > box[0]).all() else otherwise
+
+
+def _with_frames(
+    box: np.ndarray, P: np.ndarray, points: np.ndarray, found: Reconstruction, photographs: list[Photograph]
+) -> np.ndarray:
+    """The box [2, 3] grown to nearly all that opaque photographs show, up to their corners: points thin out towards these, and
+    what is cut off is trained as specks before the lens."""
+    frames = []
+    for pose, photograph, rows in zip(P, photographs, found.seen, strict=True):
+        if len(rows) < FEWEST_POINTS:
+            continue
+        depths = -(points[rows] - pose[:3, 3]) @ pose[:3, 2]
+        _, depth = _quantiles(depths, found.tracks[rows], (0.0, FRAMED))
+        lens = photograph.camera
+        x, y = np.meshgrid([0.0, lens.width], [0.0, lens.height])
+        corners = np.stack([(x - lens.cx) / lens.fx, -(y - lens.cy) / lens.fy, np.full_like(x, -1.0)], -1).reshape(4, 3)
+        frames.append(pose[:3, 3] + depth * corners @ pose[:3, :3].T)
+    if not frames:
+        return box
+    low, high = np.quantile(np.min(frames, 1), FEW_FRAMES, 0), np.quantile(np.max(frames, 1), 1 - FEW_FRAMES, 0)
+    reach = max(HALF_SIDE, np.abs(box).max())  # as far as the points' box may reach, where cameras look inwards
+    return np.stack([np.minimum(box[0], np.maximum(low, -reach)), np.maximum(box[1], np.minimum(high, reach))])
 
 
 def _quantiles(values: np.ndarray, weights: np.ndarray, shares: tuple[float, float]) -> np.ndarray:

@@ -69,7 +69,7 @@ def close_holes(engine: Engine, state: Any, geometry: RayDataset, plan: Plan, se
     if loops is not None:
         side = -(-max(occupancy.present.shape) // CELLS)
         walls = _walls(engine, state, geometry, occupancy, side, loops)
-        walls &= _covered(geometry, occupancy, walls.shape, side, plan.least_views)
+        walls = walls & _covered(geometry, occupancy, walls.shape, side, plan.least_views)
     plain = engine.end(state)
     if walls.any():
         solid = _opacity(np.asarray(plain.trainable.rows)[1:], occupancy.voxel, settings) >= SOLID

@@ -70,8 +70,9 @@ def test_nothing_compiles_between_the_announced_stages_and_old_buffers_are_given
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:
-        finer = int(np.ceil(small_config.voxels.finer_samples_from * small_config.steps))
-        announced = {0, *method.plan.schedule, finer}
+        voxels = small_config.voxels
+        later = (int(np.ceil(at * small_config.steps)) for at in (voxels.finer_samples_from, voxels.close_holes_from))
+        announced = {0, *method.plan.schedule, *later}
         for step in range(small_config.steps):
             before, old = len(compiled), state.trainable.rows
             state, _ = method.step(state, step)
