@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 # from bottom to top: a module of voxels/ may import those before it
 VOXELS = ["config", "settings", "sparse_grid", "checked", "state", "smoothness", "coverage", "field", "engine", "lists",
-          "step", "survey", "render", "saving", "jax_engine", "engines", "refine", "method"]  # fmt: skip
+          "step", "survey", "render", "saving", "jax_engine", "engines", "refine", "holes", "method"]  # fmt: skip
 
 
 def imports(path: Path) -> dict[str, bool]:
