@@ -20,13 +20,15 @@ from collections.abc import Iterator
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy import ndimage
 
 from training.dataset import RayDataset
 from training.devices import agree
-from training.marching.rays import to_grid
+from training.marching.rays import GridRays, to_grid
+from training.method import Rays
 from training.views_between import with_views_between
 from training.voxels.coverage import views_that_see
 from training.voxels.engine import Engine
@@ -171,12 +173,21 @@ def _looks(engine: Engine, state: Any, views: RayDataset, occupancy: Occupancy, 
         )  # the same for each, so that JAX compiles once
         x, y = (random.integers(0, apart) + apart * np.arange(count) for count in counts)
         columns, rows = (jnp.asarray(a.ravel(), jnp.float32) for a in np.meshgrid(x, y))
-        rays = views.rays(jnp.full(columns.shape, view), columns, rows)
-        shown, grid = engine.render(state, rays), to_grid(box, rays)
+        rays, grid = _rays(views, box, jnp.int32(view), columns, rows)
+        shown = engine.render(state, rays)
         meets = np.asarray(shown.alpha) >= SOLID
         origins, directions, start, end = (np.asarray(a) for a in (grid.origins, grid.directions, grid.start, grid.end))
         stop = np.where(meets, np.asarray(shown.depth * grid.scale), end)
         yield Lines(origins, directions, start, end, meets, stop.astype(np.float32), len(y))
+
+
+@jax.jit
+def _rays(
+    views: RayDataset, box: GridLayout, view: jax.Array, columns: jax.Array, rows: jax.Array
+) -> tuple[Rays, GridRays]:
+    """Rays through columns and rows [N] of a view, and the same in the box."""
+    rays = views.rays(jnp.full(columns.shape, view), columns, rows)
+    return rays, to_grid(box, rays)
 
 
 def _walled(state: VoxelState, occupancy: Occupancy, walls: np.ndarray, settings: Settings) -> VoxelState:
