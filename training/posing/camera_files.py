@@ -9,7 +9,6 @@ import contextlib
 import hashlib
 import os
 import shutil
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -122,7 +121,7 @@ def _preview(image: Image.Image) -> np.ndarray:
     return np.asarray(grey, np.float32) / 255.0
 
 
-def _formats(file: Path) -> Sequence[str]:
+def _formats(file: Path) -> tuple[str, ...]:
     """Which formats may be in a file, by its name."""
     if file.suffix.lower() not in HEIC:
         return FORMATS

@@ -102,7 +102,7 @@ def as_bytes(picture: np.ndarray) -> np.ndarray:
 
 
 @contextmanager
-def opened(path: Path, formats: Sequence[str] = FORMATS) -> Iterator[Image.Image]:
+def opened(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
     """The picture, its pixels not decoded yet. OSError where its header claims more of them than its bytes can hold."""
     with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=formats) as image:
         most = MOST_PIXELS_PER_BYTE * os.path.getsize(path) * (8 if image.mode == "1" else 1)
@@ -114,7 +114,7 @@ def opened(path: Path, formats: Sequence[str] = FORMATS) -> Iterator[Image.Image
 
 
 @contextmanager
-def decodable(path: Path, formats: Sequence[str] = FORMATS) -> Iterator[Image.Image]:
+def decodable(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
     """The same, whose pixels take no longer than its size explains: so it may be decoded here, without a process and a clock."""
     with opened(path, formats) as image:
         if isinstance(image, JpegImageFile) and (scans := _scans(path)) > MOST_SCANS:
