@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "scenepack": {"console"},
     "training": {"console", "scenepack.constants"},
     "baker": {"console", "scenepack", "training", "viewer.rendering"},
-    "viewer": {"console", "scenepack", "training.scenes", "training.posing.sources"},
+    "viewer": {"console", "scenepack", "training.scenes"},
 }
 JAX = {"jax", "jaxlib", "optax"}
 MOST_LINES, MOST_PARAMETERS = 400, 10

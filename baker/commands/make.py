@@ -16,8 +16,8 @@ import tyro
 from console import UserError, run_command
 from console.arguments import join_negative_values
 from training.posing.find import FRAMES, SCENE, posed_scene
-from training.posing.sources import FEWEST
 from training.scenes.presets import PRESETS, BakeablePreset, names_with_about
+from training.scenes.sources import FEWEST
 
 DESCRIPTION = (
     "Turns photographs or a film into a scene that you can fly through: finds camera poses, trains, bakes, "

@@ -21,7 +21,7 @@ from console import UserError
 from console.contents import HEAD_BYTES, told
 from training.posing.camera_files import PREVIEW_SIDE, write_picture
 from training.posing.choice import same_view, sharpness, thumbnail
-from training.posing.sources import container_of
+from training.scenes.sources import container_of
 
 CODECS = ("h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mjpeg", "prores")
 OPTIONS = {"enable_drefs": "0", "protocol_whitelist": "none", "format_whitelist": "mov,mp4,matroska,webm"}

@@ -22,8 +22,8 @@ from console.json_text import read_json_file
 from training.lock import only_one_trains
 from training.posing.child import ask
 from training.posing.prepare import IMAGES, LOG, Prepared, cameras, fingerprint, focal_of, prepare, store, stored
-from training.posing.sources import FEWEST, Source, find_source
 from training.scenes.read import has_poses
+from training.scenes.sources import FEWEST, Source, find_source
 
 SCENE, WORK, REPORT, TABLE = "scene", "posing", "poses.json", "photographs.txt"
 MARK = "README.txt"  # in WORK: it is ours

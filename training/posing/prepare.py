@@ -20,7 +20,7 @@ from console.json_text import read_json_file
 from training.posing.camera_files import Look, look_at, put
 from training.posing.child import ask
 from training.posing.choice import blurred, repeated, sharpness, thumbnail
-from training.posing.sources import Source
+from training.scenes.sources import Source
 
 IMAGES, RECORD, LOG = "images", "pictures.json", "log.txt"
 

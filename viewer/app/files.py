@@ -12,7 +12,7 @@ from typing import Literal
 from console import UserError, not_written
 from console.results import try_folder
 from scenepack.files import PARAMS_NAME, ZIP_ERRORS
-from training.posing.sources import PICTURES, find_source, is_film
+from training.scenes.sources import PICTURES, find_source, is_film
 
 Kind = Literal["pack", "run", "scene", "pictures", "unknown"]
 SCENE_FILES = (

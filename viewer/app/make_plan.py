@@ -19,12 +19,12 @@ from typing import Literal
 
 from console import Notice, UserError
 from console.json_text import read_json_file
-from training.posing.sources import FEWEST, Source, find_source, is_film
 from training.scenes import Scene, load_scene
 from training.scenes.downscale import suggested_downscale
 from training.scenes.pictures import picture_size
 from training.scenes.presets import PRESETS
 from training.scenes.read import has_poses
+from training.scenes.sources import FEWEST, Source, find_source, is_film
 from viewer.app.files import why_not_writable
 
 Subject = Literal["scene", "run"]

@@ -13,8 +13,8 @@ from PIL import Image, ImageFilter
 from console import Notice
 from tests.training.posing.rooms import cameras, photograph, texture
 from training.posing.find import find_poses
-from training.posing.sources import Source, find_source
 from training.scenes import Camera
+from training.scenes.sources import Source, find_source
 
 COUNT = 9
 SIDEWAYS, SMALLER, STRANGER = 1, 7, "stranger.jpg"

@@ -17,7 +17,7 @@ from training.posing.camera_files import look_at
 from training.posing.choice import blurred, repeated, sharpness, thumbnail
 from training.posing.pairs import OVERLAP, all_pairs, chosen_pairs
 from training.posing.prepare import file_stems
-from training.posing.sources import find_source
+from training.scenes.sources import find_source
 
 
 def files(folder: Path, *names: str) -> Path:

@@ -12,7 +12,7 @@ from PIL import Image, ImageFilter
 
 from console import UserError
 from tests.training.posing.rooms import texture
-from training.posing.sources import find_source
+from training.scenes.sources import find_source
 
 av = pytest.importorskip("av", reason="films need PyAV (the extra video)")
 

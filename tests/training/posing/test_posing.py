@@ -23,8 +23,8 @@ from tests.training.posing.rooms import SIZE, photograph
 from training.posing import child, find
 from training.posing.agreement import agreement
 from training.posing.find import find_poses, posed_scene
-from training.posing.sources import find_source
 from training.scenes import Photograph, Scene, load_scene
+from training.scenes.sources import find_source
 
 ROOT = Path(__file__).parents[3]
 
