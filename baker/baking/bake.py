@@ -22,7 +22,7 @@ from baker.baking.supersample import supersample
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.fine_tune import EPOCHS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune
-from baker.tuning.pruning import TAU_WEIGHT, prune
+from baker.tuning.pruning import FIRM, TAU_WEIGHT, Pruned, prune
 from baker.view_mlp import from_params
 from console import UserError, progress
 from console.progress import Progress
@@ -31,6 +31,7 @@ from scenepack.constants import MAX_BLOCK_INDEX
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.allocator import keep_freed_memory
+from training.dataset import RayDataset
 from training.run import Run, require_bakeable
 from training.scenes.box import OPTION, box_text, with_box
 from training.scenes.scene import Box
@@ -39,6 +40,8 @@ from training.views_between import with_views_between
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
 STAGE = "baking"  # in what programs that started us read of our progress
 LARGEST_SEED = 2**32 - 1
+TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
+SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
 FORMAT = 1  # of a work folder: raised whenever the same key would give other pieces
 
 
@@ -151,9 +154,11 @@ def bake(
                 "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
             }  # fmt: skip
     if config.fine_tune == "all":
-        with stages("voxels and view MLP"), progress("fine-tuning voxels and view MLP", 1.0, stage=STAGE) as bar:
-            pack, figures = joint_tune(pack, run.dataset, JointConfig(seed=config.seed), bar.update, by_opacity)
+        pack, figures, again = _with_tuned_voxels(pack, run.dataset, config, stages, by_opacity)
         tuned |= figures
+        if removed and again:
+            removed = Pruned(removed.voxels_before, again.voxels_after, removed.macroblocks + again.macroblocks)
+            counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - again.macroblocks}
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
         **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": config.resolution,
@@ -164,6 +169,35 @@ def bake(
     if tuned:
         provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run), near=float(run.scene.near))
+
+
+def _with_tuned_voxels(
+    pack: Pack, dataset: RayDataset, config: BakeConfig, stages: Stages, by_opacity: bool
+) -> tuple[Pack, dict[str, Any], Pruned | None]:
+    """The pack with voxels and view MLP fine-tuned, figures, and what is pruned meanwhile.
+
+    First some views are held out, which tell whether tuning helps. Where it does, voxels are pruned once more, harder than
+    those that nothing makes up for, and tuning goes on, on all views.
+    """
+    name, label = "voxels and view MLP", "fine-tuning voxels and view MLP"
+    first = JointConfig(seed=config.seed)
+    with stages(name), progress(label, 1.0, stage=STAGE) as bar:
+        pack, figures = joint_tune(pack, dataset, first, bar.update, by_opacity)
+    if not figures or figures["held_out_psnr_after"] <= figures["held_out_psnr_before"]:
+        return pack, figures, None
+    removed = None
+    if config.tau_weight > 0:
+        with stages("pruning again"), progress("emptying voxels that are faint now", 1.0, stage=STAGE) as bar:
+            tau = TUNED_TAU * config.tau_weight
+            pack, removed = prune(pack, with_views_between(dataset), tau, config.seed, bar.update, FIRM)
+    second = JointConfig(seed=config.seed + 1, held_out=0, rate=SECOND_RATE)
+    with stages(name), progress(f"{label}, all views", 1.0, stage=STAGE) as bar:
+        pack, last = joint_tune(pack, dataset, second, bar.update, by_opacity)
+    return (
+        pack,
+        figures | {"passes": first.passes + second.passes, "samples_a_ray_after": last["samples_a_ray_after"]},
+        removed,
+    )
 
 
 def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:

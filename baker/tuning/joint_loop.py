@@ -40,10 +40,7 @@ class JointConfig:
     final_rate_factor: float = 0.05
     """The rates fall log-linearly to this share."""
     held_out: int = 10
-    """One training view in so many tells which state is best, and is not trained on until it has told that tuning helps; 0 trains
-    on all, to the end."""
-    all_from: float = 0.5
-    """Fraction of the steps after which all views are trained on where tuning has helped so far; 1 for never."""
+    """One training view in so many tells which state is best, and is not trained on; 0 trains on all, to the end."""
     checks: int = 8
     """How often the held-out views are looked at."""
     seed: int = 0
@@ -53,8 +50,8 @@ def joint_tune(
     pack: Pack, dataset: RayDataset, config: JointConfig, on_share: Callable[[float, str], None] | None = None,
     by_opacity: bool = False,
 ) -> tuple[Pack, dict[str, Any]]:  # fmt: skip
-    """The pack with voxels and view MLP refined, and figures: PSNR on held-out rays, before and while they were held out last;
-    samples a ray, before and after. The arrays of `pack` are changed.
+    """The pack with voxels and view MLP refined, and figures: PSNR on held-out rays and samples a ray, before and after. The
+    arrays of `pack` are changed.
 
     by_opacity: errors are weighted by the pack's own opacity (see baker.tuning.tuner.Look). A pack that no ray to train on meets
     comes back as it is, without figures.
@@ -71,16 +68,13 @@ def joint_tune(
         tuner.fill(trained_on, max(int(config.samples * steps / LEAST_STEPS), FEWEST_SAMPLES), config.seed)
         steps = config.passes * len(trained_on) / tuner.rays
     steps = max(int(steps), 1)
-    before = best = tuner.score(held_out)
-    all_views = not config.held_out  # from then on the last state is the best: nothing is held out that could tell
-    kept, samples = tuner.snapshot(), before[1]
+    before = best = now = tuner.score(held_out)
+    kept = tuner.snapshot()
     rng, order, at = np.random.default_rng(config.seed), trained_on[:0], 0
     colour = config.rate / 255
     rates = np.array([*[colour] * 3, config.density_rate, *[colour] * 4, config.head_rate], np.float32)
     check_every = max(steps // config.checks, 1)
     for step in range(steps):
-        if not all_views and step >= config.all_from * steps and best[0] > before[0]:
-            all_views, trained_on, order, at = True, hits, hits[:0], 0
         if at + tuner.rays > len(order):
             order, at = np.resize(rng.permutation(trained_on), max(len(trained_on), tuner.rays)), 0
         decay = config.final_rate_factor ** (step / steps)
@@ -88,15 +82,14 @@ def joint_tune(
         at += tuner.rays
         if (step + 1) % check_every == 0 or step + 1 == steps:
             now = tuner.score(held_out)
-            if all_views or now[0] >= best[0]:
-                samples, kept = now[1], tuner.snapshot()
-            if not config.held_out or (not all_views and now[0] >= best[0]):
-                best = now
+            if now[0] >= best[0] or not config.held_out:
+                best, kept = now, tuner.snapshot()
         if on_share:
-            on_share((step + 1) / steps, f"step {step + 1} of {steps}, held-out {best[0]:.2f} dB")
+            known = f"held-out {now[0]:.2f} dB" if config.held_out else f"{now[0]:.2f} dB"
+            on_share((step + 1) / steps, f"step {step + 1} of {steps}, {known}")
     return tuner.tuned(kept), {
         "passes": config.passes, "held_out_psnr_before": round(before[0], 3), "held_out_psnr_after": round(best[0], 3),
-        "samples_a_ray_before": round(before[1], 2), "samples_a_ray_after": round(samples, 2),
+        "samples_a_ray_before": round(before[1], 2), "samples_a_ray_after": round(best[1], 2),
     }  # fmt: skip
 
 

@@ -263,36 +263,6 @@ def test_cells_are_as_large_as_the_rays_that_meet_them_ask_for(rays: int, cell: 
 
 # --- the whole ---
 
-
-def test_views_that_are_held_out_are_trained_on_once_they_have_told_that_tuning_helps(
-    dataset: RayDataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stepped: list[tuple[int, set[int]]] = []
-    make = joint_loop.make_tuner
-
-    def watched(*args: Any, **options: Any) -> Any:
-        tuner = make(*args, **options)
-        update = tuner.update
-
-        def note(ids: np.ndarray, rates: np.ndarray, count: int) -> None:
-            stepped.append((count, set((ids // (dataset.count // dataset.views)).tolist()) & {2, 6, 10}))
-            update(ids, rates, count)
-
-        tuner.update = note
-        return tuner
-
-    monkeypatch.setattr(joint_loop, "make_tuner", watched)
-    for all_from, rate in ((0.5, 20.0), (1.0, 20.0), (0.5, 0.0)):
-        stepped.clear()
-        config = replace(QUICK, all_from=all_from, rate=rate, density_rate=rate, head_rate=rate * 5e-4)
-        joint_tune(pack_of(), dataset, config)
-        steps = len(stepped)
-        helps = rate > 0 and all_from < 1
-        assert {count for count, held_out in stepped if held_out} == {
-            count for count in range(steps) if helps and count >= all_from * steps
-        }
-
-
 QUICK = JointConfig(passes=2, samples=SAMPLES, rate=20.0, density_rate=0.3, head_rate=1e-2, held_out=4, checks=3)
 
 

@@ -11,7 +11,7 @@ from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.tuning import jax_marcher, pruning, sighting
 from baker.tuning.marcher import make_marcher
-from baker.tuning.pruning import closing_gain, light_of, prune
+from baker.tuning.pruning import FIRM, UNSEEN, closing_gain, light_of, prune
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
 from tests.baker.analytic import RADIUS, ball
@@ -76,10 +76,12 @@ def test_a_pack_that_no_camera_sees_is_left_alone(dataset) -> None:
 
 def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None:
     alpha, transmittance = np.full(4, 51, np.uint8), np.array([255, 77, 38, 3], np.uint8)
-    made = alpha * closing_gain(alpha, transmittance)
-    assert np.all(np.round(made[:2]) == 51), "with a transmittance above HIDDEN nothing changes"
+    made = alpha * closing_gain(alpha, transmittance, UNSEEN)
+    assert np.all(np.round(made[:2]) == 51), "with a transmittance above `hidden` nothing changes"
     assert 51 < made[2] < made[3] <= 255
     np.testing.assert_allclose(made[3] / 255, 1 - 0.8**20, rtol=0.02)
+    firmer = alpha * closing_gain(alpha, transmittance, FIRM)
+    assert np.round(firmer[0]) == 51 and np.all(firmer[1:] >= made[1:]) and np.all(firmer[1:] > 200)
 
 
 def test_early_termination_changes_nothing_but_the_work(dataset, monkeypatch) -> None:

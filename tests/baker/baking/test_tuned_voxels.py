@@ -1,0 +1,62 @@
+"""The order in which a bake tunes voxels and prunes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from baker.baking import bake as baking
+from baker.baking.bake import BakeConfig, Stages
+from baker.tuning.pruning import FIRM, Pruned
+from tests.scenepack.random_packs import random_pack
+
+Call = tuple[str, Any]
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
+    """What the stages were called with, in order, while tuning helps by so many dB."""
+    noted: list[Call] = []
+
+    def joint_tune(pack: Any, dataset: Any, config: Any, on_share: Any, by_opacity: bool) -> Any:
+        noted.append(("tune", config))
+        samples = 10.0 - len(noted)
+        return pack, {
+            "passes": config.passes, "held_out_psnr_before": 30.0, "held_out_psnr_after": 30.0 + helps,
+            "samples_a_ray_before": 12.0, "samples_a_ray_after": samples,
+        }  # fmt: skip
+
+    def prune(pack: Any, dataset: Any, tau: float, seed: int, on_share: Any, closing: Any) -> Any:
+        noted.append(("prune", (tau, closing)))
+        return pack, Pruned(100, 80, 3)
+
+    monkeypatch.setattr(baking, "joint_tune", joint_tune)
+    monkeypatch.setattr(baking, "prune", prune)
+    monkeypatch.setattr(baking, "with_views_between", lambda dataset: dataset)
+    return noted
+
+
+@pytest.mark.parametrize(
+    ("helps", "tau", "expected"),
+    [(0.5, 0.01, ["tune", "prune", "tune"]), (0.5, 0.0, ["tune", "tune"]), (0.0, 0.01, ["tune"])],
+)
+def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
+    calls: list[Call], helps: float, tau: float, expected: list[str]
+) -> None:
+    pack = random_pack(np.random.default_rng(0))
+    config = BakeConfig(tau_weight=tau, seed=7)
+    tuned, figures, removed = baking._with_tuned_voxels(pack, None, config, Stages(), False)  # type: ignore[arg-type]
+    assert tuned is pack and [name for name, _ in calls] == expected
+    first = calls[0][1]
+    assert first.held_out > 0 and first.seed == 7, "views are held out until they have told that tuning helps"
+    assert figures["held_out_psnr_after"] == 30.0 + helps
+    if len(expected) > 1:
+        last = calls[-1][1]
+        assert last.held_out == 0 and last.seed != first.seed
+        assert figures["passes"] == first.passes + last.passes and figures["samples_a_ray_after"] == 10.0 - len(calls)
+    if "prune" in expected:
+        assert calls[1][1] == (pytest.approx(0.04), FIRM) and removed == Pruned(100, 80, 3)
+    else:
+        assert removed is None
