@@ -7,13 +7,14 @@ import os
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from console import UserError, run_command
+from console import Notice, UserError, run_command
 from console.arguments import join_negative_values
 from training.posing.find import FRAMES, SCENE, posed_scene
 from training.scenes.presets import PRESETS, BakeablePreset, names_with_about
@@ -89,6 +90,8 @@ def snerg_make(
         )
     began = time.monotonic()
     scene = posed_scene(scene, out, seed=seed, most_frames=frames)
+    if not masks and scene == out / SCENE and (scene / "masks").is_dir():
+        warnings.warn(Notice(f"{scene}: poses were found by the masks; --masks also cuts the object out"), stacklevel=2)
     started = time.monotonic()
     stored = read_description(run_path) if is_run(run_path) else None
     if stored is not None:

@@ -57,7 +57,9 @@ def _reconstruct(request: Mapping[str, Any], tell: Callable[[str, float, float],
     from training.posing.mapping import Group, Task, reconstruct
 
     groups = tuple(Group(tuple(group["names"]), group["focal"]) for group in request["groups"])
-    task = Task(Path(request["images"]), Path(request["work"]), tuple(request["names"]), groups, request["seed"])
+    names, masked = tuple(request["names"]), frozenset(request["masked"])
+    masks = Path(request["masks"])
+    task = Task(Path(request["images"]), Path(request["work"]), names, groups, request["seed"], masks, masked)
     with _alone(task.work / LOCK):
         return asdict(reconstruct(task, tell))
 

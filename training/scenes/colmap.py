@@ -19,7 +19,7 @@ from console import Notice, UserError
 from training.scenes.blender import WORLDSPACE_T_OPENGL
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
 from training.scenes.llff import NEAR_360, ndc_facts, picture_folders, recentre, target_size
-from training.scenes.pictures import PictureLoader, picture_size
+from training.scenes.pictures import PictureLoader, find_mask, picture_size
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
@@ -123,12 +123,9 @@ def _masks_folder(path: Path, factor: int) -> Path:
 
 
 def _mask(path: Path, factor: int, name: str) -> Path:
-    """The mask of a picture: NAME.png as COLMAP calls its own, the same name, or NAME_mask."""
+    """The mask of a picture. UserError where there is none."""
     folder = _masks_folder(path, factor)
-    stem = (folder / name).with_suffix("")
-    beside = stem.with_name(stem.name + "_mask.png")
-    candidates = [folder / f"{name}.png", *(stem.with_suffix(suffix) for suffix in PICTURES), folder / name, beside]
-    mask = next((candidate for candidate in candidates if candidate.is_file()), None)
+    mask = find_mask(folder, name)
     if mask is None:
         raise UserError("a picture without a mask", where=folder, expected=name, remedy="leave out --masks")
     return mask

@@ -20,7 +20,7 @@ from baker.commands.make import main as snerg_make
 from console import UserError
 from tests.training.posing.conftest import COUNT, SIDEWAYS, STRANGER, Found, write_photographs, write_stranger
 from tests.training.posing.rooms import SIZE, photograph
-from training.posing import child, find
+from training.posing import child, find, telling
 from training.posing.agreement import agreement
 from training.posing.find import find_poses, posed_scene
 from training.scenes import Photograph, Scene, load_scene
@@ -179,7 +179,7 @@ def test_photographs_that_show_different_things_are_named(tmp_path: Path):
     with pytest.raises(UserError) as error:
         posed_scene(tmp_path, tmp_path / "out")
     assert "do not overlap enough" in str(error.value) and "8 of 8 match no other: s0.jpg, s1.jpg" in str(error.value)
-    table = (tmp_path / "out" / find.WORK / find.TABLE).read_text().splitlines()
+    table = (tmp_path / "out" / find.WORK / telling.TABLE).read_text().splitlines()
     assert len(table) == 9 and all(line.split()[1:3] == ["0", "no"] for line in table[1:])
 
 
@@ -210,7 +210,7 @@ def test_a_part_of_the_photographs_must_do(
         (model / "cameras.bin").write_bytes(b"")
         names = request["names"]
         return {"registered": names[:registered], "features": dict.fromkeys(names, 9), "matched": dict.fromkeys(names, 1),
-                "points": 1, "error": 0.5}  # fmt: skip
+                "models": [names[:registered]], "still": (0, 9), "points": 1, "error": 0.5}  # fmt: skip
 
     monkeypatch.setattr(find, "ask", answer)
     with warnings.catch_warnings(record=True) as caught:
