@@ -61,7 +61,7 @@ class Look:
 def look_at(file: Path) -> Look:
     """UserError where it is no readable picture, or HEIC and nothing is installed that reads it."""
     try:
-        with decodable(file, _formats(file)) as image:
+        with decodable(file, formats_of(file)) as image:
             exif = image.getexif()
             width, height = image.size
             turned = SIDEWAYS.get(exif.get(ORIENTATION, 1))
@@ -91,7 +91,7 @@ def put(file: Path, look: Look, folder: Path, stem: str) -> str:
             shutil.copyfile(file, folder / name)
         return name
     try:
-        with decodable(file, _formats(file)) as image:
+        with decodable(file, formats_of(file)) as image:
             picture = plain_picture(ImageOps.exif_transpose(image))
     except UNREADABLE as error:
         raise _unreadable(file, error) from error
@@ -130,7 +130,7 @@ def _preview(image: Image.Image) -> np.ndarray:
     return np.asarray(grey, np.float32) / 255.0
 
 
-def _formats(file: Path) -> tuple[str, ...]:
+def formats_of(file: Path) -> tuple[str, ...]:
     """Which formats may be in a file, by its name."""
     if file.suffix.lower() not in HEIC:
         return FORMATS

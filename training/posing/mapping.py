@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,7 +53,7 @@ class Task:
     names: tuple[str, ...]
     groups: tuple[Group, ...]
     seed: int = 0
-    masks: Path | None = None
+    masks: Path = Path()
     masked: frozenset[str] = frozenset()
 
     @property
@@ -94,6 +96,19 @@ def reconstruct(task: Task, tell: Tell) -> Found:
     named = [sorted(model.image(number).name for number in model.reg_image_ids()) for model in (best, *models[1:])]
     error = best.compute_mean_reprojection_error()
     return Found(named[0], features, matched, named, still, best.num_points3D(), error)
+
+
+def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
+    """Seconds that the features and the matches of some pictures of one camera take. Nothing of them is kept."""
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
+    with tempfile.TemporaryDirectory(prefix="snerg-measured-") as folder:
+        task = Task(images, Path(folder), tuple(names), (Group(tuple(names), None),))
+        _begin_database(task)
+        started = time.monotonic()
+        _extract(task, lambda *_: None)
+        between = time.monotonic()
+        _match(task, lambda *_: None)
+        return between - started, time.monotonic() - between
 
 
 # --- features ---------------------------------------------------------------------------------------------------------

@@ -8,19 +8,10 @@ from PIL import ImageOps
 
 from console import UserError
 from training.posing.camera_files import Look
-from training.scenes.pictures import UNREADABLE, decodable, find_mask, times
-from training.scenes.sources import MASKS, SUBFOLDER, Source
+from training.scenes.pictures import UNREADABLE, decodable, times
+from training.scenes.sources import MASKS
 
 BLACK = 8  # of 255: JPEG leaves no black as it was
-
-
-def mask_of(source: Source, file: Path) -> Path | None:
-    """The mask of a photograph, by its name within the source, or else by its own; None where there is none."""
-    folder = source.masks
-    if folder is None:
-        return None
-    within = source.name_of(file).removeprefix(f"{SUBFOLDER}/")
-    return find_mask(folder, within) or find_mask(folder, file.name)
 
 
 def put_mask(mask: Path, photograph: Path, look: Look, folder: Path, name: str) -> None:

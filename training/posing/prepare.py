@@ -20,7 +20,7 @@ from console.json_text import read_json_file
 from training.posing.camera_files import Look, look_at, put
 from training.posing.child import ask
 from training.posing.choice import blurred, repeated, sharpness, thumbnail
-from training.posing.masks import MASKS, mask_of, put_mask
+from training.posing.masks import MASKS, put_mask
 from training.scenes.sources import Source
 
 IMAGES, RECORD, LOG = "images", "pictures.json", "log.txt"
@@ -97,7 +97,7 @@ def _photographs(source: Source, folder: Path, bar: Progress) -> Prepared:
             aside[source.name_of(file)] = "; ".join(filter(None, (error.what, error.remedy)))
     if first_error is not None and len(looks) < len(aside):
         raise first_error
-    chosen = _chosen(source, looks, aside)
+    chosen = chosen_looks(source, looks, aside)
     names = file_stems([source.name_of(file) for file, _ in chosen])
     pictures = []
     for (file, look), name in zip(chosen, names, strict=True):
@@ -106,13 +106,13 @@ def _photographs(source: Source, folder: Path, bar: Progress) -> Prepared:
         except UserError as error:  # its header was whole
             aside[source.name_of(file)] = error.what
             continue
-        if (mask := mask_of(source, file)) is not None:
+        if (mask := source.mask_of(file)) is not None:
             put_mask(mask, file, look, folder.with_name(MASKS), pictures[-1].name)
     bar.update(len(source.files))
     return Prepared(tuple(pictures), aside)
 
 
-def _chosen(source: Source, looks: Sequence[tuple[Path, Look]], aside: dict[str, str]) -> list[tuple[Path, Look]]:
+def chosen_looks(source: Source, looks: Sequence[tuple[Path, Look]], aside: dict[str, str]) -> list[tuple[Path, Look]]:
     """Those that are neither blurred nor there before; the others go aside."""
     repeats = repeated([look.digest for _, look in looks], [thumbnail(look.preview) for _, look in looks])
     is_blurred = blurred([sharpness(look.preview) for _, look in looks])

@@ -32,7 +32,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # libraries print what they like
     request = json.loads(_line())
-    threading.Thread(target=_end_with_stdin, daemon=True).start()
+    threading.Thread(target=end_with_stdin, daemon=True).start()
 
     def say(answer: dict[str, Any]) -> None:
         answers.write(json.dumps(answer) + "\n")
@@ -104,7 +104,7 @@ def _line() -> bytes:
     return line
 
 
-def _end_with_stdin() -> None:
+def end_with_stdin() -> None:
     """Whoever asked is gone, or wants nothing more."""
     with suppress(OSError):
         while os.read(0, 4096):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from console import UserError
+from training.scenes.pictures import find_mask
 
 PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 FILMS = (".mp4", ".m4v", ".mov", ".webm", ".mkv")
@@ -37,6 +38,14 @@ class Source:
             return None
         beside = [self.path / MASKS, *([self.path.parent / MASKS] if self.path.name == SUBFOLDER else [])]
         return next((folder for folder in beside if folder.is_dir()), None)
+
+    def mask_of(self, file: Path) -> Path | None:
+        """The mask of a photograph, by its name within the source, or else by its own; None where there is none."""
+        folder = self.masks
+        if folder is None:
+            return None
+        within = self.name_of(file).removeprefix(f"{SUBFOLDER}/")
+        return find_mask(folder, within) or find_mask(folder, file.name)
 
     def name_of(self, file: Path) -> str:
         """A file's name for messages."""

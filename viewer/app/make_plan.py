@@ -25,6 +25,7 @@ from training.scenes.pictures import picture_size
 from training.scenes.presets import PRESETS
 from training.scenes.read import has_poses
 from training.scenes.sources import FEWEST, Source, find_source, is_film
+from viewer.app.bare_preview import BarePreview
 from viewer.app.files import why_not_writable
 
 Subject = Literal["scene", "run"]
@@ -56,12 +57,14 @@ class Survey:
     error: why it is no scene that can be read. text: one line about it. sizes: width, height in pixels by downscale.
     automatic: the downscale of a preset that shrinks. forward: cameras (LLFF, COLMAP) that may be read as looking all around.
     masks: whether there are any. masked: the downscales at which there is one for each photograph. bare: photographs or a
-    film without poses, which are found before training; None where there are poses.
+    film without poses, which are found before training; None where there are poses. preview: of these, where this
+    installation finds poses.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.bare: Source | None = None
+        self.preview: BarePreview | None = None
         self.error: Exception | None = None
         self.text = ""
         self.notes: list[str] = []
@@ -70,6 +73,7 @@ class Survey:
         self.forward = False
         self.masks = False
         self.masked: set[int] = set()
+        self._closed = False
         with contextlib.suppress(UserError):  # several films: told by the thread
             self.bare = None if has_poses(path) else find_source(path)
         if self.bare is None:
@@ -80,6 +84,21 @@ class Survey:
     @property
     def finished(self) -> bool:
         return not self._thread.is_alive()
+
+    @property
+    def busy(self) -> bool:
+        """Whether there will be more to see."""
+        return not self.finished or (self.preview is not None and self.preview.coming)
+
+    def news(self) -> bool:
+        """Whether more of the preview has arrived since this was asked last."""
+        return self.preview is not None and self.preview.news()
+
+    def close(self) -> None:
+        """Nobody asks any more."""
+        self._closed = True
+        if self.preview is not None:
+            self.preview.close()
 
     @property
     def choices(self) -> list[int]:
@@ -129,12 +148,14 @@ class Survey:
     def _look_at_bare(self, source: Source) -> None:
         """What the first photograph tells of all. UserError where there are too few."""
         if source.kind == "film":
+            self._begin_preview(source)
             self.text = f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB. {POSES_FIRST}"
             return
         count, size = len(source.files), None
         if count < FEWEST:
             raise UserError("too few photographs to find camera poses", where=self.path, expected=f"at least {FEWEST}",
                             found=count)  # fmt: skip
+        self._begin_preview(source)
         with contextlib.suppress(UserError):  # HEIC, say: what cannot be read is told by whoever finds the poses
             size = picture_size(source.files[0])
         if size is None:
@@ -147,6 +168,15 @@ class Survey:
         for downscale in {*DOWNSCALES, *self.automatic.values()}:
             if min(size) >= downscale:
                 self.sizes[downscale] = (size[0] // downscale, size[1] // downscale)
+        self.masks = source.masks is not None
+        if self.masks and all(source.mask_of(file) is not None for file in source.files):
+            self.masked = set(self.sizes)
+
+    def _begin_preview(self, source: Source) -> None:
+        if poser_missing(source) is None and not self._closed:
+            self.preview = BarePreview(source)
+            if self._closed:  # in the meantime
+                self.preview.close()
 
 
 def _size(scene: Scene) -> tuple[int, int]:
@@ -252,6 +282,12 @@ class Plan:
             return str(self.survey.error)
         if self.bare is not None and (extras := poser_missing(self.bare)) is not None:
             return f"This installation cannot find camera poses. pip install 'snerg[{extras}]' adds what does."
+        preview = None if self.survey is None else self.survey.preview
+        if preview is not None and preview.error:
+            return preview.error
+        if preview is not None and preview.used is not None and preview.used < FEWEST:
+            what = "frames differ" if preview.of_film else f"of {preview.count} photographs can be used"
+            return f"Only {preview.used} {what}. Finding camera poses takes at least {FEWEST}."
         if self.subject == "scene" and self.attempt is not None:
             other = self.attempt["scene"]
             if other and Path(other) not in (self.source, self.out / POSED):

@@ -111,7 +111,9 @@ class Making:
             text = f"{self.job.plan.name} is still being made. Wait for it or stop it, then try again."
             host.messages.dialogs.append(Dialog("One scene at a time", text))
             return
-        self.plan, self._surveyed = Plan.of(subject, path), False
+        plan = Plan.of(subject, path)
+        self._forget()
+        self.plan, self._surveyed = plan, False
         host.touch()
 
     def again(self, host: MakingHost) -> None:
@@ -124,11 +126,17 @@ class Making:
     @property
     def busy(self) -> bool:
         """Whether something goes on that tick should look at now and then."""
-        return self.job is not None or (self.plan is not None and not self._surveyed)
+        survey = None if self.plan is None else self.plan.survey
+        return self.job is not None or (survey is not None and (survey.busy or not self._surveyed))
+
+    def _forget(self) -> None:
+        if self.plan is not None and self.plan.survey is not None:
+            self.plan.survey.close()
+        self.plan = None
 
     def dismiss(self, host: MakingHost) -> None:
         """Closes the question."""
-        self.plan = None
+        self._forget()
         host.touch()
 
     def ask_where(self, host: MakingHost) -> None:
@@ -155,7 +163,7 @@ class Making:
         if plan is None or plan.problem() is not None or plan.place_problem is not None:
             return
         self.job = Job(plan, Child(plan.command(), plan.log))
-        self.plan = None
+        self._forget()
         host.messages.log(f"making {plan.name}: {plan.typed()}")
         host.touch()
 
@@ -191,13 +199,15 @@ class Making:
 
     def end(self) -> None:
         """The program ends: no child outlives it."""
+        self._forget()
         if self.job is not None:
             self.job.child.end(PARTING_S)
             self.job = None
 
     def tick(self, host: MakingHost) -> None:
         """Time passes: looks at what the child is doing."""
-        if self.plan is not None and self.plan.survey is not None and not self._surveyed and self.plan.survey.finished:
+        survey = None if self.plan is None else self.plan.survey
+        if survey is not None and survey.finished and (not self._surveyed or survey.news()):
             self._surveyed = True
             host.touch()
         job, now = self.job, time.monotonic()

@@ -12,7 +12,7 @@ from viewer.app.application import App
 from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
 from viewer.app.making import Job
 from viewer.app.stage import Stage
-from viewer.panels import layout, theme
+from viewer.panels import layout, preview_strip, theme
 from viewer.panels.dialogs import pressed_here
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
@@ -23,7 +23,7 @@ PICTURE = "making"
 AUTOMATIC = "Automatic"
 
 
-def show(app: App, size: ImVec2, fonts: Fonts) -> None:
+def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
     """Draws the question while there is one; file dialogs and messages come before it."""
     plan = app.making.plan
     if plan is None or app.file_request is not None or app.messages.dialogs:
@@ -39,6 +39,8 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
     if not shown:
         return
     _heading(plan, fonts)
+    if plan.survey is not None and plan.survey.preview is not None:
+        preview_strip.show(stage, plan.survey.preview)
     imgui.dummy(ImVec2(0, px(6)))
     problem = plan.problem()
     surveying = plan.survey is not None and not plan.survey.finished

@@ -118,7 +118,7 @@ class Ui:
         make_dialog.show_job(app, stage, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
-        make_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
+        make_dialog.show(app, stage, ImVec2(size.x, size.y), self.fonts)
         dialogs.show(app, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
         self.keyboard.seen()
