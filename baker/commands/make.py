@@ -41,6 +41,7 @@ def snerg_make(
     fine_tune: Literal["none", "view-mlp", "all"] = "all",
     seed: int = 0,
     frames: int = FRAMES,
+    poses_only: bool = False,
     no_view: bool = False,
 ) -> None:
     """Finds camera poses, trains, bakes and opens the viewer. If it stops, the same command line continues.
@@ -62,6 +63,7 @@ def snerg_make(
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: also the voxels (sharper, takes minutes).
         seed: Random seed of the training, and of finding poses.
         frames: Number of frames of a film that are used, at most.
+        poses_only: Find camera poses into DIR/scene, and stop there.
         no_view: Do not open the viewer at the end.
     """
     from baker.baking.bake import BakeConfig
@@ -90,6 +92,9 @@ def snerg_make(
         )
     began = time.monotonic()
     scene = posed_scene(scene, out, seed=seed, most_frames=frames)
+    if poses_only:
+        print(f"the poses are in {scene}; {minutes(time.monotonic() - began)}")
+        return
     if not masks and scene == out / SCENE and (scene / "masks").is_dir():
         warnings.warn(Notice(f"{scene}: poses were found by the masks; --masks also cuts the object out"), stacklevel=2)
     started = time.monotonic()

@@ -193,6 +193,10 @@ def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
         imgui.begin("##job", None, flags)
     imgui.pop_style_var()
     _job_head(app, job, fonts)
+    if app.making.look is not None and not app.making.points_shown(app):
+        if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
+            app.making.show_points(app)
+        tip("The scene that is open now is closed")
     if job.picture is not None:
         _picture(stage, job)
     if len(job.figures) > 2:
