@@ -24,7 +24,7 @@ from training.scenes.points import SparsePoints, sparse_points
 from training.scenes.scene import cameras_of
 from training.scenes.transforms import HALF_SIDE
 from viewer.app.photographs import shots_of
-from viewer.app.pose import Pose, Turntable
+from viewer.app.pose import Pose, Turntable, triple
 from viewer.app.rig import DEFAULT_FOV
 
 SIDE = 450  # voxels of the grid's longest side
@@ -32,6 +32,8 @@ BLOCK_SIZE = 6  # data voxels: points are far apart, and a macroblock holds few
 AROUND = 1.5  # of the box that is trained: what lies around it is shown, too, to choose another box by
 FEWEST = 20  # points that show something
 FROM_OUTSIDE = 1.15  # of the distance at which a ball around all cameras fills the picture's height
+MOST = 0.9  # of the points are seen from there
+MOST_OUTSIDE = 0.5  # of the points may lie outside of the box that is trained; else the grid reaches to these, too
 ASIDE, ELEVATION = 35.0, 24.0  # degrees, from behind the cameras
 Kind = Literal["subject", "room", "forward"]
 
@@ -56,12 +58,16 @@ class Look:
 
     def overview(self) -> Pose:
         """From where points and cameras are seen from outside."""
-        table = Turntable()
+        grid_T_training = np.linalg.inv(self.pack.worldspace_T_opengl)
+        places = self.points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
         eyes = np.stack([shot.view.position for shot in shots_of(self.pack)])
-        reach = max(float(np.linalg.norm(eyes, axis=-1).max()), 1e-6)
-        azimuth, _ = table.angles(eyes.mean(0) + np.array([0.0, 0.0, 1e-6]))
-        distance = FROM_OUTSIDE * reach / np.sin(np.radians(DEFAULT_FOV / 2))
-        return Pose((0.0, 0.0, 0.0), azimuth + ASIDE, ELEVATION, distance)
+        middle = 0.5 * (eyes.mean(0) + np.median(places, axis=0))
+        reach = max(
+            np.linalg.norm(eyes - middle, axis=-1).max(), np.quantile(np.linalg.norm(places - middle, axis=-1), MOST)
+        )
+        azimuth, _ = Turntable().angles(eyes.mean(0) - middle + np.array([0.0, 0.0, 1e-6]))
+        distance = FROM_OUTSIDE * max(float(reach), 1e-6) / np.sin(np.radians(DEFAULT_FOV / 2))
+        return Pose(triple(middle), azimuth + ASIDE, ELEVATION, distance)
 
 
 class FirstLook:
@@ -105,13 +111,22 @@ def _kinds(scene: Scene, points: SparsePoints) -> tuple[Kind, dict[Kind, np.ndar
         name: box_of_points(points.places, points.tracks, reach, scene.aabb) for name, reach in reaches.items()
     }
     boxes[kind] = scene.aabb
-    return kind, boxes
+    return kind, {name: box for name, box in boxes.items() if _within(points.places, box).sum() >= FEWEST}
+
+
+def _within(points: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Which points [M, 3] lie in a box [2, 3]: bool [M]."""
+    return ((points > box[0]) & (points < box[1])).all(axis=-1)
 
 
 def points_pack(scene: Scene, points: SparsePoints) -> Pack:
     """The points that lie in or around the scene's box, each a voxel; a diffuse pack. ValueError where none does."""
     grid_T_training = np.linalg.inv(scene.worldspace_T_opengl)
-    corners = (scene.aabb @ grid_T_training[:3, :3].T) + grid_T_training[:3, 3]
+    box = scene.aabb
+    if _within(points.places, box).mean() < MOST_OUTSIDE:
+        far = box_of_points(points.places, points.tracks, FARTHEST, box)
+        box = np.stack([np.minimum(box[0], far[0]), np.maximum(box[1], far[1])])
+    corners = (box @ grid_T_training[:3, :3].T) + grid_T_training[:3, 3]
     low, high = corners.min(0), corners.max(0)
     room = 0.5 * (AROUND - 1) * (high - low)
     low, high = low - room, high + room

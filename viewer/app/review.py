@@ -64,7 +64,8 @@ class Review:
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """What the scene may be taken for. Only what looks forward to the reader can be forward-facing."""
-        return ("subject", "room", "forward") if self.look.kind == "forward" else ("subject", "room")
+        around = tuple(kind for kind in ("subject", "room") if kind in self.look.boxes)
+        return (*around, "forward") if self.look.kind == "forward" else around
 
     def show_box(self, host: ReviewHost, on: bool = True) -> None:
         """Cuts the points to the box that will be trained, so that its faces can be dragged; or shows them all."""

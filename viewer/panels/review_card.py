@@ -65,6 +65,8 @@ def _choices(app: App, review: Review, shown: bool) -> None:
     picked = segments("kind", review.kinds, review.kind, KINDS)
     if picked is not None and picked != review.kind:
         app.making.choose_kind(app, picked)  # type: ignore[arg-type]
+        if app.settings.crop is not None:
+            app.interface.opens("crop")  # where the box is drawn
     hint(ABOUT[review.kind])
     if review.kind == "forward" or not shown:
         return

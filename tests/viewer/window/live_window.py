@@ -11,17 +11,13 @@ import time
 from pathlib import Path
 
 import glfw
-import numpy as np
 import pytest
 from PIL import Image
 
 from scenepack import save_pack
-from tests.training.posing.conftest import COUNT, write_photographs
-from tests.training.posing.test_films import frames_of_film, write_film
 from tests.viewer.conftest import SCREEN, toy_pack
 from tests.viewer.waiting import until
 from viewer.app.application import App
-from viewer.app.bare_preview import BarePreview
 from viewer.app.make_plan import Plan
 from viewer.panels.ui import Ui
 from viewer.window.window import Window
@@ -193,57 +189,6 @@ def test_photographs_that_are_dropped_are_asked_about_and_escape_declines(window
     xdotool("key", "Escape")
     pump(window)
     assert window.app.making.plan is None
-
-
-def test_bare_photographs_that_are_dropped_are_shown_with_what_is_set_aside_and_the_time_it_takes(
-    window, other_client, xdotool, tmp_path
-):
-    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
-    photographs = tmp_path / "attic"
-    write_photographs(photographs)
-    (photographs / "p0b.jpg").write_bytes((photographs / "p0.jpg").read_bytes())
-    other_client("drop", photographs)
-    preview = whole_preview(window)
-    assert preview.count == COUNT + 1 and preview.aside == {"p0b.jpg": "the same as p0.jpg"}
-    assert set(preview.seconds) == {"pictures", "features", "matches", "poses"} and preview.seconds["features"] > 0
-    assert len(preview.boxes) == COUNT + 1 and not preview.error
-    dialog = window.screenshot()
-    assert blue_pixels(dialog) > 300  # of the photographs; nothing else there is blue
-    assert window.app.making.plan.problem() is None
-    process = preview._process
-    xdotool("key", "Escape")
-    pump(window)
-    assert window.app.making.plan is None and process.poll() is not None
-
-
-def test_a_film_that_is_dropped_is_shown_by_some_of_its_frames(window, other_client, xdotool, tmp_path):
-    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
-    pytest.importorskip("av", reason="films need PyAV (the extra video)")
-    frames = frames_of_film(30)
-    film = write_film(tmp_path / "walk.mp4", frames, [100 * i for i in range(30)])
-    other_client("drop", film)
-    preview = whole_preview(window)
-    assert window.app.making.plan.survey.text.startswith("A film of") and preview.count == 17
-    assert len(preview.boxes) > 8 and preview.seconds_in_all > 0 and not preview.error
-    xdotool("key", "Escape")
-    pump(window)
-    assert window.app.making.plan is None
-
-
-def whole_preview(window: Window) -> BarePreview:
-    """What the question shows of bare photographs, once all of it is there."""
-    end = time.monotonic() + 60
-    while window.app.making.busy:
-        assert time.monotonic() < end
-        pump(window, 0.05)
-    pump(window)
-    return window.app.making.plan.survey.preview
-
-
-def blue_pixels(picture: np.ndarray) -> int:
-    """How many pixels of uint8 [H, W, 3] are far more blue than anything else."""
-    red, green, blue = np.moveaxis(picture.astype(int), -1, 0)
-    return int((blue > np.maximum(red, green) + 40).sum())
 
 
 def test_f11_fills_the_screen_and_gives_it_back(window, xdotool):
