@@ -169,6 +169,12 @@ def test_snerg_make_trains_on_the_scene_whose_poses_it_found(
     assert capsys.readouterr().err.splitlines()[-1] == f"snerg-make: {found.scene}: trained"
 
 
+def test_snerg_make_stops_after_the_poses_where_it_is_asked_to(found: Found, capsys: pytest.CaptureFixture[str]):
+    assert snerg_make([str(found.source.path), "--out", str(found.scene.parent), "--poses-only"]) == 0
+    assert capsys.readouterr().out.startswith(f"the poses are in {found.scene}; ")
+    assert not (found.scene.parent / "run").exists()
+
+
 # --- why none are found -----------------------------------------------------------------------------------------------
 
 
