@@ -212,8 +212,10 @@ class Making:
         review = self.review
         if review is None:
             return
-        plan, self.review = review.decided(host.settings), None
-        host.set(crop=None)
+        # The crop box of another scene, opened in the meantime, is none of ours.
+        plan = review.decided(host.settings.crop if self.points_shown(host) else None)
+        self._uncut(host)
+        self.review = None
         try:
             self._begin(host, plan)
         except UserError as error:
@@ -226,14 +228,20 @@ class Making:
         """Nothing is trained now; the poses stay in their folder."""
         if self.review is not None:
             host.messages.say(f"The camera poses of {self.review.plan.name} are kept; make it again to continue")
+        self._uncut(host)
         self.review = None
-        host.set(crop=None)
         host.touch()
+
+    def _uncut(self, host: MakingHost) -> None:
+        if self.points_shown(host):
+            host.set(crop=None)
 
     def choose_kind(self, host: MakingHost, kind: Kind) -> None:
         """In the review: what the scene is taken for."""
-        if self.review is not None:
-            self.review.choose(host, kind)
+        if self.review is not None and kind != self.review.kind:
+            self.review.choose(kind)
+            if self.points_shown(host):
+                host.set(crop=self.review.box_in_grid())
         host.touch()
 
     def show_points(self, host: MakingHost) -> None:

@@ -17,16 +17,13 @@ from viewer.app import crop
 from viewer.app.first_look import FirstLook, Kind, Look
 from viewer.app.make_plan import Plan
 from viewer.app.pose import triple
-from viewer.rendering.settings import RenderSettings
 
 WAIT_S = 60.0
 SAME = 1e-6  # of the box's extent: a face that was not moved
 
 
 class ReviewHost(Protocol):
-    """What is shown, and the crop box over it."""
-
-    settings: RenderSettings
+    """Whose crop box the box is."""
 
     def set(self, **fields: object) -> None:
         """Changes render settings."""
@@ -72,30 +69,28 @@ class Review:
         self.hold()
         host.set(crop=self.box_in_grid() if on else None)
 
-    def choose(self, host: ReviewHost, kind: Kind) -> None:
+    def choose(self, kind: Kind) -> None:
         """Takes the scene for a subject or a room, with the box that fits, or for forward-facing, which has none."""
         self.hold()
-        if kind != self.kind:
-            self.kind = kind
-            host.set(crop=self.box_in_grid())
+        self.kind = kind
 
     def box_in_grid(self) -> crop.Box | None:
         """The box of the chosen kind, as far as the points' grid reaches; None of a forward-facing scene."""
         box = self.look.boxes.get(self.kind)
         return None if box is None else in_grid(self.look.pack, box)
 
-    def decided(self, settings: RenderSettings) -> Plan:
-        """The plan as it is trained, with what was chosen: the box as it is cut now."""
+    def decided(self, cut: crop.Box | None) -> Plan:
+        """The plan as it is trained, with what was chosen. cut: the box that the points are cut to, None for no other."""
         plan = self.plan
         spherify = plan.spherify if self.look.kind != "forward" else self.kind != "forward"
-        return replace(plan, aabb=self.box(settings), spherify=spherify, poses_only=False)
+        return replace(plan, aabb=self._box(cut), spherify=spherify, poses_only=False)
 
-    def box(self, settings: RenderSettings) -> Box | None:
-        """The box to train, training frame: as it is cut now; None where that is the reader's own."""
+    def _box(self, cut: crop.Box | None) -> Box | None:
+        """The box to train, training frame; None where that is the reader's own."""
         given, usual = self.look.boxes.get(self.kind), self.box_in_grid()
         if given is None or usual is None:
             return None
-        cut = settings.crop or usual
+        cut = cut or usual
         moved = np.abs(np.asarray(cut) - np.asarray(usual)) > SAME * (given[1] - given[0]).max()
         if not moved.any() and given is self.look.scene.aabb:
             return None

@@ -74,12 +74,12 @@ def test_the_box_that_was_dragged_is_trained_and_faces_that_were_not_stay_the_re
     app, review = reviewed(posed)
     given = review.look.scene.aabb
     assert app.gallery.frusta and app.scene.pack is review.look.pack
-    assert review.seconds_left is not None and review.decided(app.settings).aabb is None
+    assert review.seconds_left is not None and review.decided(app.settings.crop).aabb is None
     review.show_box(app)
-    assert review.seconds_left is None and review.decided(app.settings).aabb is None  # seen, and left as it was
+    assert review.seconds_left is None and review.decided(app.settings.crop).aabb is None  # seen, and left as it was
     (x0, y0, z0), (x1, y1, z1) = app.settings.crop
     app.set(crop=((x0, y0, z0), (x1, 0.5 * y1, z1)))  # the grid's y is up, and so is the training frame's z
-    plan = review.decided(app.settings)
+    plan = review.decided(app.settings.crop)
     expected = [*given[0], given[1, 0], given[1, 1], 0.5 * y1]
     assert np.allclose(plan.aabb, expected, atol=2e-3)
     words = plan.command()
@@ -89,13 +89,25 @@ def test_the_box_that_was_dragged_is_trained_and_faces_that_were_not_stay_the_re
 def test_what_a_scene_is_taken_for_decides_its_box_and_its_frame(tmp_path):
     app, review = reviewed(write_colmap(tmp_path / "scene", side_by_side(), ball()))
     assert review.kinds == ("room", "forward") and review.kind == "forward"
-    plain = review.decided(app.settings)
+    plain = review.decided(app.settings.crop)
     assert not plain.spherify and plain.aabb is None and app.settings.crop is None
     app.making.choose_kind(app, "room")
-    plan = review.decided(app.settings)
+    plan = review.decided(app.settings.crop)
     assert plan.spherify and app.settings.crop is not None and review.seconds_left is None
     app.making.choose_kind(app, "forward")
-    assert app.settings.crop is None and not review.decided(app.settings).spherify
+    assert app.settings.crop is None and not review.decided(app.settings.crop).spherify
+
+
+def test_the_crop_box_of_another_scene_is_not_trained(posed, pack, pack_folder, monkeypatch):
+    app, review = reviewed(posed)
+    review.show_box(app)
+    app.show(pack, pack_folder)
+    cut = ((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1))
+    app.set(crop=cut)
+    begun = []
+    monkeypatch.setattr(app.making, "_begin", lambda host, plan: begun.append(plan))
+    app.making.train(app)
+    assert begun[0].aabb is None and app.settings.crop == cut and app.making.review is None
 
 
 @pytest.fixture

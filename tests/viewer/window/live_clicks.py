@@ -152,7 +152,7 @@ def _review(app: App, scenes: Scenes) -> None:
     app.making.look = Look(pack, scene, points, "forward", boxes)  # type: ignore[arg-type]
     app.making.review = Review(scenes.plan, app.making.look)
     app.making.review.hold()
-    app.making.review.choose(app, "room")
+    app.making.choose_kind(app, "room")
 
 
 def _plan(subject: str, **changes: object) -> Prepare:
