@@ -24,6 +24,7 @@ from training.posing import child, find, telling
 from training.posing.agreement import agreement
 from training.posing.find import find_poses, posed_scene
 from training.scenes import Photograph, Scene, load_scene
+from training.scenes.points import sparse_points
 from training.scenes.sources import find_source
 
 ROOT = Path(__file__).parents[3]
@@ -47,6 +48,15 @@ def test_the_cameras_of_bare_photographs_are_found(found: Found):
     assert result.positions.max() < 0.01 and result.degrees.max() < 1.0
     focals = {name: one.camera.fx / one.camera.width for name, one in photographs_of(scene).items()}
     assert np.allclose(list(focals.values()), 268.8 / 256, rtol=0.02)
+
+
+def test_the_points_have_the_colours_of_the_walls_and_lie_before_the_cameras(found: Found):
+    scene = load(found.scene)
+    points = sparse_points(scene)
+    assert points is not None and len(points.places) > 300 and points.colours.astype(float).std(axis=0).min() > 20
+    poses = np.stack([one.camera.world_T_camera for one in photographs_of(scene).values()])
+    local = np.einsum("nji,nmj->nmi", poses[:, :3, :3], points.places[None] - poses[:, None, :3, 3])
+    assert (local[..., 2] < 0).mean() > 0.99
 
 
 def test_pictures_of_every_kind_come_upright_with_eight_bits_a_channel(found: Found):
