@@ -34,7 +34,7 @@ from training.allocator import keep_freed_memory
 from training.dataset import RayDataset
 from training.run import Run, require_bakeable
 from training.scenes.box import OPTION, box_text, with_box
-from training.scenes.scene import Box
+from training.scenes.scene import Box, cameras_of
 from training.views_between import with_views_between
 
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
@@ -168,7 +168,7 @@ def bake(
         provenance["voxels"] = {"before": removed.voxels_before, "after": removed.voxels_after}
     if tuned:
         provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
-    return pack.with_metadata(provenance=provenance, cameras=cameras_of(run), near=float(run.scene.near))
+    return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
 
 
 def _with_tuned_voxels(
@@ -293,20 +293,6 @@ class _Rate:
         self.samples += samples
         rate = self.samples / max(time.monotonic() - self.started, 1e-3) / 1e6
         self.bar.update(blocks, f"macroblock {blocks} of {self.count}, {rate:.1f} M samples/s")
-
-
-def cameras_of(run: Run) -> list[dict]:
-    """The scene's cameras for the pack: pose (training frame), intrinsics in pixels, split and photograph name."""
-    return [
-        {
-            "name": photograph.name, "split": split,
-            "world_T_camera": np.asarray(photograph.camera.world_T_camera, float).tolist(),
-            **{key: getattr(photograph.camera, key) for key in ("width", "height", "fx", "fy", "cx", "cy")},
-            "distortion": list(photograph.camera.distortion),
-        }
-        for split, photographs in run.scene.splits.items()
-        for photograph in photographs
-    ]  # fmt: skip
 
 
 class NothingThere(UserError):

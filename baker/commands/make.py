@@ -7,13 +7,14 @@ import os
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from console import UserError, run_command
+from console import Notice, UserError, run_command
 from console.arguments import join_negative_values
 from training.posing.find import FRAMES, SCENE, posed_scene
 from training.scenes.presets import PRESETS, BakeablePreset, names_with_about
@@ -40,6 +41,7 @@ def snerg_make(
     fine_tune: Literal["none", "view-mlp", "all"] = "all",
     seed: int = 0,
     frames: int = FRAMES,
+    poses_only: bool = False,
     no_view: bool = False,
 ) -> None:
     """Finds camera poses, trains, bakes and opens the viewer. If it stops, the same command line continues.
@@ -61,6 +63,7 @@ def snerg_make(
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: also the voxels (sharper, takes minutes).
         seed: Random seed of the training, and of finding poses.
         frames: Number of frames of a film that are used, at most.
+        poses_only: Find camera poses into DIR/scene, and stop there.
         no_view: Do not open the viewer at the end.
     """
     from baker.baking.bake import BakeConfig
@@ -89,6 +92,11 @@ def snerg_make(
         )
     began = time.monotonic()
     scene = posed_scene(scene, out, seed=seed, most_frames=frames)
+    if poses_only:
+        print(f"the poses are in {scene}; {minutes(time.monotonic() - began)}")
+        return
+    if not masks and scene == out / SCENE and (scene / "masks").is_dir():
+        warnings.warn(Notice(f"{scene}: poses were found by the masks; --masks also cuts the object out"), stacklevel=2)
     started = time.monotonic()
     stored = read_description(run_path) if is_run(run_path) else None
     if stored is not None:

@@ -29,7 +29,13 @@ LINKED = {
     "PNG": (".png",),
 }
 LOSSY = ("JPEG", "MPO", "WEBP", "HEIF")
-SIDEWAYS = range(5, 9)  # values of EXIF's orientation that swap width and height
+# Values of EXIF's orientation that swap width and height, and what brings such a picture upright.
+SIDEWAYS = {
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
 ORIENTATION, MAKE, MODEL, EXIF_IFD, FOCAL_MM, FOCAL_35MM = 0x0112, 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
 DIAGONAL_35MM = 43.266615  # of 36 × 24 mm; what "35 mm equivalent" refers to
 
@@ -38,7 +44,8 @@ DIAGONAL_35MM = 43.266615  # of 36 × 24 mm; what "35 mm equivalent" refers to
 class Look:
     """What a photograph's file says before it is used. size: upright, (width, height) in pixels. as_it_is: no conversion is
     needed. lossy: converted to JPEG, others to PNG. camera: the same for pictures of one camera with one focal length.
-    focal: in pixels, as EXIF says; None where it does not. digest: of the bytes. preview: see above.
+    focal: in pixels, as EXIF says; None where it does not. digest: of the bytes. preview: see above. turned: what brings
+    pixels upright that are stored sideways, None where they are not.
     """
 
     size: tuple[int, int]
@@ -48,15 +55,17 @@ class Look:
     focal: float | None
     digest: str
     preview: np.ndarray
+    turned: Image.Transpose | None = None
 
 
 def look_at(file: Path) -> Look:
     """UserError where it is no readable picture, or HEIC and nothing is installed that reads it."""
     try:
-        with decodable(file, _formats(file)) as image:
+        with decodable(file, formats_of(file)) as image:
             exif = image.getexif()
             width, height = image.size
-            size = (height, width) if exif.get(ORIENTATION) in SIDEWAYS else (width, height)
+            turned = SIDEWAYS.get(exif.get(ORIENTATION, 1))
+            size = (width, height) if turned is None else (height, width)
             plain = image.mode in ("RGB", "L") or (image.mode == "RGBA" and image.format == "PNG")
             named = file.suffix.lower() in LINKED.get(image.format or "", ())
             as_it_is = plain and named and exif.get(ORIENTATION, 1) in (0, 1)
@@ -67,7 +76,7 @@ def look_at(file: Path) -> Look:
             digest = hashlib.file_digest(data, "sha256").hexdigest()
     except UNREADABLE as error:
         raise _unreadable(file, error) from error
-    return Look(size, as_it_is, lossy, camera, focal, digest, preview)
+    return Look(size, as_it_is, lossy, camera, focal, digest, preview, turned)
 
 
 def put(file: Path, look: Look, folder: Path, stem: str) -> str:
@@ -82,7 +91,7 @@ def put(file: Path, look: Look, folder: Path, stem: str) -> str:
             shutil.copyfile(file, folder / name)
         return name
     try:
-        with decodable(file, _formats(file)) as image:
+        with decodable(file, formats_of(file)) as image:
             picture = plain_picture(ImageOps.exif_transpose(image))
     except UNREADABLE as error:
         raise _unreadable(file, error) from error
@@ -121,7 +130,7 @@ def _preview(image: Image.Image) -> np.ndarray:
     return np.asarray(grey, np.float32) / 255.0
 
 
-def _formats(file: Path) -> tuple[str, ...]:
+def formats_of(file: Path) -> tuple[str, ...]:
     """Which formats may be in a file, by its name."""
     if file.suffix.lower() not in HEIC:
         return FORMATS

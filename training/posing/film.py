@@ -6,6 +6,8 @@ FFmpeg neither guesses at formats that lead to other files or to the network, no
 
 from __future__ import annotations
 
+import itertools
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +28,8 @@ from training.scenes.sources import container_of
 CODECS = ("h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mjpeg", "prores")
 OPTIONS = {"enable_drefs": "0", "protocol_whitelist": "none", "format_whitelist": "mov,mp4,matroska,webm"}
 MOST_PIXELS = 1 << 26  # of a frame; 8K has half as many
+GLIMPSED = 30  # frames whose decoding is timed
+SOUGHT = 60  # frames that are decoded after a key frame, at most, to come to a place
 PER_SECOND = 6.0  # frames at most: more show the same
 
 
@@ -74,6 +78,37 @@ def take_frames(film: Path, folder: Path, most: int, tell: Callable[[str, float,
             height, width = best.picture.shape[:2]
             kept.append(Frame(name, (width, height), round(best.seconds - start, 3), best.sharpness))
     return kept
+
+
+def glimpse(
+    film: Path, most: int, some: int, count: Callable[[int], None], show: Callable[[int, float, Image.Image], None]
+) -> tuple[int, float]:
+    """A look at a film without decoding all of it: how many frames take_frames would keep at most, and an estimate of its
+    seconds, from GLIMPSED frames. count: told the first, at once. show: gets `some` frames, evenly spaced: number, seconds
+    into the film, picture. UserError as take_frames.
+    """
+    with _told_plainly(film):
+        times = _times(film)
+        frames = max(intervals_of(times, most)) + 1
+        count(frames)
+        started, decoded = time.monotonic(), 0
+        with _opened(film) as (container, stream):
+            for frame in itertools.islice(container.decode(stream), GLIMPSED):
+                sharpness(_grey(frame))
+                decoded += 1
+        seconds = (time.monotonic() - started) / max(decoded, 1) * len(times)
+        with _opened(film) as (container, stream):
+            base, aspect, shown = float(stream.time_base), float(stream.sample_aspect_ratio or 1), -1
+            for number, at in enumerate(np.linspace(times[0], times[-1], some + 1)[:-1]):
+                container.seek(int(at / base), stream=stream)  # to the key frame before
+                frame = None
+                for frame in itertools.islice(container.decode(stream), SOUGHT):
+                    if frame.pts is not None and frame.pts * base >= at:
+                        break
+                if frame is not None and frame.pts is not None and frame.pts > shown:
+                    shown = frame.pts
+                    show(number, shown * base - times[0], Image.fromarray(_upright(frame, aspect)))
+    return frames, seconds
 
 
 def intervals_of(times: Sequence[float], most: int) -> list[int]:

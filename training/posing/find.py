@@ -21,21 +21,20 @@ from console.atomic import is_leftover, replacing, write_file
 from console.json_text import read_json_file
 from training.lock import only_one_trains
 from training.posing.child import ask
+from training.posing.masks import MASKS, masked_names
 from training.posing.prepare import IMAGES, LOG, Prepared, cameras, fingerprint, focal_of, prepare, store, stored
+from training.posing.telling import few, left_out, require_enough, require_poses, tell_aside, tell_masks, write_table
 from training.scenes.read import has_poses
-from training.scenes.sources import FEWEST, Source, find_source
+from training.scenes.sources import Source, find_source
 
-SCENE, WORK, REPORT, TABLE = "scene", "posing", "poses.json", "photographs.txt"
+SCENE, WORK, REPORT = "scene", "posing", "poses.json"
 MARK = "README.txt"  # in WORK: it is ours
 MARK_TEXT = "snerg keeps unfinished work here, to go on with. Nothing else is lost if you delete this folder.\n"
 MODEL = "model"  # where training.posing.mapping leaves the largest
 FORMAT = 1
 FRAMES = 120  # of a film, at most
-FEWEST_SHARE = 0.6  # of the pictures that must have a pose
-NAMED = 8  # pictures that a message names
 STAGE = "poses"
 CONTINUE = "what is finished is kept; the same command line continues"
-OVERLAP = "take more photographs, each showing at least two thirds of what the one before shows"
 
 
 def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = FRAMES) -> Path:
@@ -56,7 +55,7 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
     require(source)
     _require_ours(out)
     if source.kind == "photographs":
-        _require_enough(source, len(source.files))  # before anything is written
+        require_enough(source, len(source.files))  # before anything is written
     with only_one_trains(out / WORK, "finding camera poses"), _told_how_to_go_on():
         return _find(source, out, {**key, "seed": seed})
 
@@ -95,13 +94,14 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
         with _timed(work, "pictures"), progress("choosing pictures", len(source.files), stage=STAGE) as bar:
             prepared = prepare(source, work, key["frames"], bar)
         store(work, key, prepared)
-    _tell_aside(source, prepared)
-    _require_enough(source, len(prepared.pictures))
+    tell_aside(source, prepared)
+    require_enough(source, len(prepared.pictures))
+    tell_masks(source, prepared, masked_names(work))
     found = _asked(prepared, work, key["seed"])
     by_name = {picture.name: picture for picture in prepared.pictures}
     unposed = [picture.told_as for name, picture in by_name.items() if name not in set(found["registered"])]
-    _write_table(work, prepared, found)
-    _require_poses(source, work, prepared, found, unposed)
+    write_table(work, prepared, found)
+    require_poses(source, work, prepared, found, unposed)
     report = {
         "format": FORMAT, "key": {name: key[name] for name in ("files", "frames")}, "photographs": str(source.path.resolve()),
         "names": {name: by_name[name].told_as for name in found["registered"]}, "unposed": unposed,
@@ -111,7 +111,7 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
     _assemble(out / SCENE, work, found["registered"], report)
     shutil.rmtree(work, ignore_errors=True)
     if unposed:
-        text = f"{_left_out(len(unposed))}: no pose was found ({_few(unposed)})"
+        text = f"{left_out(len(unposed))}: no pose was found ({few(unposed)})"
         warnings.warn(Notice(f"{source.path}: {text}"), stacklevel=2)
     return out / SCENE
 
@@ -124,6 +124,7 @@ def _asked(prepared: Prepared, work: Path, seed: int) -> dict[str, Any]:
     request = {
         "images": str((work / IMAGES).resolve()), "work": str(work.resolve()), "seed": seed,
         "names": [picture.name for picture in prepared.pictures],
+        "masks": str((work / MASKS).resolve()), "masked": masked_names(work),
         "groups": [
             {"names": [picture.name for picture in group], "focal": focal_of(group)}
             for group in cameras(prepared.pictures).values()
@@ -173,6 +174,9 @@ def _assemble(scene: Path, work: Path, names: Sequence[str], report: Mapping[str
             else:
                 _linked(picture, new / "images" / name)
         shutil.copytree(work / MODEL, new / "sparse" / "0")
+        for name in set(names) & set(masked_names(work)):
+            (new / MASKS).mkdir(exist_ok=True)
+            _linked(work / MASKS / f"{name}.png", new / MASKS / f"{name}.png")
         write_file(new / REPORT, json.dumps(report, indent=1) + "\n")
 
 
@@ -198,68 +202,3 @@ def _told_how_to_go_on() -> Iterator[None]:
         yield
     except KeyboardInterrupt as interrupt:
         raise KeyboardInterrupt(CONTINUE) from interrupt
-
-
-# --- what is told -----------------------------------------------------------------------------------------------------
-
-
-def _tell_aside(source: Source, prepared: Prepared) -> None:
-    by_reason: dict[str, list[str]] = {}
-    for name, reason in prepared.aside.items():
-        if reason.startswith("the same as "):
-            name, reason = f"{name} = {reason.removeprefix('the same as ')}", "repeated"
-        by_reason.setdefault(reason, []).append(name)
-    for reason, names in by_reason.items():
-        warnings.warn(Notice(f"{source.path}: {_left_out(len(names))}: {reason} ({_few(names)})"), stacklevel=2)
-
-
-def _require_enough(source: Source, count: int) -> None:
-    if count >= FEWEST:
-        return
-    if source.kind == "film":
-        raise UserError("too few frames of this film differ", where=source.path, expected=f"at least {FEWEST}",
-                        found=count, remedy="walk around what you film")  # fmt: skip
-    raise UserError("too few photographs to find camera poses", where=source.path, expected=f"at least {FEWEST}",
-                    found=count, remedy="20 to 100 from all around show a shape")  # fmt: skip
-
-
-def _require_poses(
-    source: Source, work: Path, prepared: Prepared, found: Mapping[str, Any], unposed: Sequence[str]
-) -> None:
-    """UserError, with names, where too few pictures have a pose."""
-    total, registered = len(prepared.pictures), len(found["registered"])
-    if registered >= max(FEWEST, FEWEST_SHARE * total):
-        return
-    told_as = {picture.name: picture.told_as for picture in prepared.pictures}
-    alone = [told_as[name] for name, count in found["matched"].items() if count == 0]
-    table = f"table of all: {work / TABLE}"
-    if not registered:
-        what = "the photographs do not overlap enough to find camera poses"
-        text = (
-            f"{len(alone)} of {total} match no other: {_few(alone)}"
-            if alone
-            else "no two show one thing from two places"
-        )
-        raise UserError(what, where=source.path, found=text, remedy=f"{OVERLAP}; {table}")
-    raise UserError(f"only {registered} of {total} photographs have a camera pose", where=source.path,
-                    expected=f"at least {max(FEWEST, round(FEWEST_SHARE * total))}", found=f"none for {_few(unposed)}",
-                    remedy=f"{OVERLAP}, or remove these; {table}")  # fmt: skip
-
-
-def _write_table(work: Path, prepared: Prepared, found: Mapping[str, Any]) -> None:
-    """What was found of each picture, for people."""
-    registered = set(found["registered"])
-    rows = [("features", "matches", "pose", "photograph")]
-    rows += [(str(found["features"].get(p.name, 0)), str(found["matched"].get(p.name, 0)),
-              "yes" if p.name in registered else "no", p.told_as) for p in prepared.pictures]  # fmt: skip
-    rows += [("", "", reason, name) for name, reason in prepared.aside.items()]
-    lines = [f"{features:>8}  {matches:>7}  {pose:<4}  {name}" for features, matches, pose, name in rows]
-    write_file(work / TABLE, "\n".join(lines) + "\n")
-
-
-def _left_out(count: int) -> str:
-    return f"{count} pictures are left out" if count > 1 else "1 picture is left out"
-
-
-def _few(names: Sequence[str]) -> str:
-    return ", ".join(names[:NAMED]) + (f", … ({len(names)} in all)" if len(names) > NAMED else "")

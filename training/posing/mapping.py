@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +19,7 @@ import numpy as np
 import pycolmap
 
 from training.posing.pairs import ALL_UP_TO, LARGEST, all_pairs, chosen_pairs
+from training.posing.stillness import pairs_that_stand_still, stands_still
 
 DATABASE, PAIRS, MODELS, MODEL = "database.db", "pairs.txt", "models", "model"
 LENS = "SIMPLE_RADIAL"  # while pictures are being added; the parameters of richer ones need many pictures
@@ -40,13 +43,18 @@ class Group:
 
 @dataclass(frozen=True)
 class Task:
-    """images: the folder of prepared pictures. work: what is found is kept there. names: of all pictures, in order."""
+    """images: the folder of prepared pictures. work: what is found is kept there. names: of all pictures, in order.
+
+    masks: a folder of masks NAME.png. masked: the pictures that have one: features are found where it is not black.
+    """
 
     images: Path
     work: Path
     names: tuple[str, ...]
     groups: tuple[Group, ...]
     seed: int = 0
+    masks: Path = Path()
+    masked: frozenset[str] = frozenset()
 
     @property
     def database(self) -> Path:
@@ -56,14 +64,16 @@ class Task:
 @dataclass(frozen=True)
 class Found:
     """registered: names of the pictures that have a pose in the largest model. features, matched: by name, how many features
-    a picture has and with how many others it matches. models: how many pictures each model has, the largest first. points,
-    error: of the largest model: their number, and their mean distance in pixels from where they should be seen.
+    a picture has and with how many others it matches. models: the pictures of each model, the largest first. points,
+    error: of the largest model: their number, and their mean distance in pixels from where they should be seen. still: of
+    how many pairs the camera stands still, and of how many pairs that match; where it is most, poses are not looked for.
     """
 
     registered: list[str] = field(default_factory=list)
     features: dict[str, int] = field(default_factory=dict)
     matched: dict[str, int] = field(default_factory=dict)
-    models: list[int] = field(default_factory=list)
+    models: list[list[str]] = field(default_factory=list)
+    still: tuple[int, int] = (0, 0)
     points: int = 0
     error: float = 0.0
 
@@ -74,18 +84,31 @@ def reconstruct(task: Task, tell: Tell) -> Found:
     _begin_database(task)
     _extract(task, tell)
     _match(task, tell)
-    models = _map(task, tell)
-    features, matched = _table(task)
-    sizes = [model.num_reg_images() for model in models]
+    features, matched, still = _table(task)
+    models = [] if stands_still(*still) else _map(task, tell)
     if not models:
-        return Found(features=features, matched=matched)
+        return Found(features=features, matched=matched, still=still)
     best = _with_fitted_lens(models[0])
     folder = task.work / MODEL
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     best.write_binary(folder)
-    registered = sorted(best.image(number).name for number in best.reg_image_ids())
-    return Found(registered, features, matched, sizes, best.num_points3D(), best.compute_mean_reprojection_error())
+    named = [sorted(model.image(number).name for number in model.reg_image_ids()) for model in (best, *models[1:])]
+    error = best.compute_mean_reprojection_error()
+    return Found(named[0], features, matched, named, still, best.num_points3D(), error)
+
+
+def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
+    """Seconds that the features and the matches of some pictures of one camera take. Nothing of them is kept."""
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
+    with tempfile.TemporaryDirectory(prefix="snerg-measured-") as folder:
+        task = Task(images, Path(folder), tuple(names), (Group(tuple(names), None),))
+        _begin_database(task)
+        started = time.monotonic()
+        _extract(task, lambda *_: None)
+        between = time.monotonic()
+        _match(task, lambda *_: None)
+        return between - started, time.monotonic() - between
 
 
 # --- features ---------------------------------------------------------------------------------------------------------
@@ -118,8 +141,8 @@ def _begin_database(task: Task) -> None:
     database.close()
 
 
-def _reading() -> Any:
-    return pycolmap.ImageReaderOptions(camera_model=LENS, default_focal_length_factor=UNKNOWN_FOCAL)
+def _reading(**more: Any) -> Any:
+    return pycolmap.ImageReaderOptions(camera_model=LENS, default_focal_length_factor=UNKNOWN_FOCAL, **more)
 
 
 def _extract(task: Task, tell: Tell) -> None:
@@ -127,14 +150,16 @@ def _extract(task: Task, tell: Tell) -> None:
     database = pycolmap.Database.open(task.database)
     there = {image.name for image in database.read_all_images() if database.exists_keypoints(image.image_id)}
     database.close()
-    todo = [name for name in task.names if name not in there]
-    for names in _batches(todo, max(_threads(), 2)):
-        tell("features", len(there), len(task.names))
-        pycolmap.extract_features(
-            task.database, task.images, names, reader_options=_reading(), extraction_options=options,
-            device=pycolmap.Device.cpu,
-        )  # fmt: skip
-        there |= set(names)
+    for masked in (False, True):
+        todo = [name for name in task.names if name not in there and (name in task.masked) == masked]
+        reading = _reading(mask_path=task.masks) if masked else _reading()
+        for names in _batches(todo, max(_threads(), 2)):
+            tell("features", len(there), len(task.names))
+            pycolmap.extract_features(
+                task.database, task.images, names, reader_options=reading, extraction_options=options,
+                device=pycolmap.Device.cpu,
+            )  # fmt: skip
+            there |= set(names)
     tell("features", len(task.names), len(task.names))
 
 
@@ -174,8 +199,8 @@ def _largest_features(database: Any, numbers: Sequence[int]) -> list[np.ndarray]
     return found
 
 
-def _table(task: Task) -> tuple[dict[str, int], dict[str, int]]:
-    """By name: how many features a picture has, and with how many others it matches."""
+def _table(task: Task) -> tuple[dict[str, int], dict[str, int], tuple[int, int]]:
+    """By name, how many features a picture has, and with how many others it matches; and Found.still."""
     database = pycolmap.Database.open(task.database)
     names = {image.image_id: image.name for image in database.read_all_images()}
     features = {name: database.num_keypoints_for_image(number) for number, name in names.items()}
@@ -184,8 +209,9 @@ def _table(task: Task) -> tuple[dict[str, int], dict[str, int]]:
         if inliers >= FEWEST_INLIERS:
             for number in pycolmap.pair_id_to_image_pair(pair):
                 matched[names[number]] += 1
+    still = pairs_that_stand_still(database, FEWEST_INLIERS)
     database.close()
-    return features, matched
+    return features, matched, still
 
 
 # --- poses ------------------------------------------------------------------------------------------------------------

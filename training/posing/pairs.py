@@ -27,11 +27,20 @@ def all_pairs(count: int) -> list[tuple[int, int]]:
     return [(i, j) for i in range(count) for j in range(i + 1, count)]
 
 
+def how_many_pairs(count: int) -> int:
+    """How many pairs of `count` pictures are matched, at most."""
+    return count * (count - 1) // 2 if count <= ALL_UP_TO else count * (len(_steps(count)) + MOST_ALIKE)
+
+
+def _steps(count: int) -> list[int]:
+    """How much further on in the order the pictures are that each is matched with."""
+    return [*range(1, OVERLAP + 1), *(1 << k for k in range(count.bit_length()) if 1 << k > OVERLAP)]
+
+
 def chosen_pairs(descriptors: Sequence[np.ndarray]) -> list[tuple[int, int]]:
     """Sorted pairs (i, j), i < j, of pictures with these features of the largest scale: [F, 128] each."""
     count = len(descriptors)
-    steps = [*range(1, OVERLAP + 1), *(1 << k for k in range(count.bit_length()) if 1 << k > OVERLAP)]
-    pairs = {(i, i + step) for i in range(count) for step in steps if i + step < count}
+    pairs = {(i, i + step) for i in range(count) for step in _steps(count) if i + step < count}
     alike = likeness(descriptors)
     for i in range(count):
         best = np.argsort(-alike[i], kind="stable")[:MOST_ALIKE]

@@ -20,6 +20,7 @@ from console.json_text import read_json_file
 from training.posing.camera_files import Look, look_at, put
 from training.posing.child import ask
 from training.posing.choice import blurred, repeated, sharpness, thumbnail
+from training.posing.masks import MASKS, put_mask
 from training.scenes.sources import Source
 
 IMAGES, RECORD, LOG = "images", "pictures.json", "log.txt"
@@ -46,15 +47,18 @@ class Prepared:
 
 
 def fingerprint(source: Source) -> list[list[object]]:
-    """Names, sizes and times of the files: what was found for them holds as long as these stay."""
+    """Names, sizes and times of the files and their masks: what was found for them holds as long as these stay."""
+    masks = [] if source.masks is None else sorted(file for file in source.masks.rglob("*") if file.is_file())
     stats = [(source.name_of(file), file.stat()) for file in source.files]
+    stats += [(file.name, file.stat()) for file in masks]
     return [[name, stat.st_size, str(stat.st_mtime_ns)] for name, stat in stats]  # JSON would round them
 
 
 def prepare(source: Source, work: Path, most_frames: int, bar: Progress) -> Prepared:
     """Pictures in `work` / IMAGES. bar: counts files, or the seconds of a film. UserError where nothing can be read."""
     folder = work / IMAGES
-    shutil.rmtree(folder, ignore_errors=True)
+    for old in (folder, work / MASKS):
+        shutil.rmtree(old, ignore_errors=True)
     folder.mkdir()
     if source.kind == "film":
         return _frames(source, work, most_frames, bar)
@@ -93,7 +97,7 @@ def _photographs(source: Source, folder: Path, bar: Progress) -> Prepared:
             aside[source.name_of(file)] = "; ".join(filter(None, (error.what, error.remedy)))
     if first_error is not None and len(looks) < len(aside):
         raise first_error
-    chosen = _chosen(source, looks, aside)
+    chosen = chosen_looks(source, looks, aside)
     names = file_stems([source.name_of(file) for file, _ in chosen])
     pictures = []
     for (file, look), name in zip(chosen, names, strict=True):
@@ -101,11 +105,14 @@ def _photographs(source: Source, folder: Path, bar: Progress) -> Prepared:
             pictures.append(Picture(put(file, look, folder, name), source.name_of(file), look.camera, look.focal))
         except UserError as error:  # its header was whole
             aside[source.name_of(file)] = error.what
+            continue
+        if (mask := source.mask_of(file)) is not None:
+            put_mask(mask, file, look, folder.with_name(MASKS), pictures[-1].name)
     bar.update(len(source.files))
     return Prepared(tuple(pictures), aside)
 
 
-def _chosen(source: Source, looks: Sequence[tuple[Path, Look]], aside: dict[str, str]) -> list[tuple[Path, Look]]:
+def chosen_looks(source: Source, looks: Sequence[tuple[Path, Look]], aside: dict[str, str]) -> list[tuple[Path, Look]]:
     """Those that are neither blurred nor there before; the others go aside."""
     repeats = repeated([look.digest for _, look in looks], [thumbnail(look.preview) for _, look in looks])
     is_blurred = blurred([sharpness(look.preview) for _, look in looks])

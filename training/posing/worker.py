@@ -32,7 +32,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # libraries print what they like
     request = json.loads(_line())
-    threading.Thread(target=_end_with_stdin, daemon=True).start()
+    threading.Thread(target=end_with_stdin, daemon=True).start()
 
     def say(answer: dict[str, Any]) -> None:
         answers.write(json.dumps(answer) + "\n")
@@ -57,7 +57,9 @@ def _reconstruct(request: Mapping[str, Any], tell: Callable[[str, float, float],
     from training.posing.mapping import Group, Task, reconstruct
 
     groups = tuple(Group(tuple(group["names"]), group["focal"]) for group in request["groups"])
-    task = Task(Path(request["images"]), Path(request["work"]), tuple(request["names"]), groups, request["seed"])
+    names, masked = tuple(request["names"]), frozenset(request["masked"])
+    masks = Path(request["masks"])
+    task = Task(Path(request["images"]), Path(request["work"]), names, groups, request["seed"], masks, masked)
     with _alone(task.work / LOCK):
         return asdict(reconstruct(task, tell))
 
@@ -102,7 +104,7 @@ def _line() -> bytes:
     return line
 
 
-def _end_with_stdin() -> None:
+def end_with_stdin() -> None:
     """Whoever asked is gone, or wants nothing more."""
     with suppress(OSError):
         while os.read(0, 4096):

@@ -19,7 +19,7 @@ from console import Notice, UserError
 from training.scenes.blender import WORLDSPACE_T_OPENGL
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
 from training.scenes.llff import NEAR_360, ndc_facts, picture_folders, recentre, target_size
-from training.scenes.pictures import PictureLoader, picture_size
+from training.scenes.pictures import PictureLoader, find_mask, picture_size
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
@@ -44,7 +44,7 @@ def recognises(path: Path) -> bool:
 
 def read(path: Path, options: SceneOptions) -> Scene:
     """Reads the reconstruction, finds each image's picture and checks its header."""
-    found = read_reconstruction(_model_folder(path) or path)
+    found = reconstruction_of(path)
     folder, factor = _choose_folder(path, found.names, options)
     listed = [_find(folder, name) for name in found.names]
     _tell_left_out(path, folder, found, listed)
@@ -59,6 +59,11 @@ def read(path: Path, options: SceneOptions) -> Scene:
         photographs.append(Photograph(Path(name).as_posix(), camera, PictureLoader(picture, stored, size, mask)))
     photographs, facts = _placed(path, found, photographs, options)
     return Scene(path=path, kind="colmap", splits=hold_out(photographs), notes=vars(options), **facts)
+
+
+def reconstruction_of(path: Path) -> Reconstruction:
+    """What COLMAP wrote into a scene's folder. UserError where it is damaged."""
+    return read_reconstruction(_model_folder(path) or path)
 
 
 def _model_folder(path: Path) -> Path | None:
@@ -123,12 +128,9 @@ def _masks_folder(path: Path, factor: int) -> Path:
 
 
 def _mask(path: Path, factor: int, name: str) -> Path:
-    """The mask of a picture: NAME.png as COLMAP calls its own, the same name, or NAME_mask."""
+    """The mask of a picture. UserError where there is none."""
     folder = _masks_folder(path, factor)
-    stem = (folder / name).with_suffix("")
-    beside = stem.with_name(stem.name + "_mask.png")
-    candidates = [folder / f"{name}.png", *(stem.with_suffix(suffix) for suffix in PICTURES), folder / name, beside]
-    mask = next((candidate for candidate in candidates if candidate.is_file()), None)
+    mask = find_mask(folder, name)
     if mask is None:
         raise UserError("a picture without a mask", where=folder, expected=name, remedy="leave out --masks")
     return mask
@@ -196,7 +198,7 @@ def _placed(
     if enough:
         points = scale * (found.points - centre) @ axes
         near, far = _near_far(P, points, found)
-        box = _box(P, points, found.tracks, otherwise=box)
+        box = box_of_points(points, found.tracks, HALF_SIDE if looks_inwards(P) else FARTHEST, otherwise=box)
         if not options.masks and not may_be_transparent(photographs):
             box = _with_frames(box, P, points, found, photographs)
     else:
@@ -235,10 +237,13 @@ def _near_far(P: np.ndarray, points: np.ndarray, found: Reconstruction) -> tuple
     return float(np.clip(0.7 * low, NEAREST, NEAR_360)), float(max(2.0 * high, NEAREST_FAR))
 
 
-def _box(P: np.ndarray, points: np.ndarray, tracks: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    """The box [2, 3] of nearly all points; within the cameras' reach where they look inwards at something."""
-    looks_in = ((P[:, :3, 2] * P[:, :3, 3]).sum(-1) > 0).mean() > 0.5
-    reach = HALF_SIDE if looks_in else FARTHEST
+def looks_inwards(P: np.ndarray) -> bool:
+    """Whether most cameras [N, 4, 4] look at something between them, and not at walls around them; about the point looked at."""
+    return bool(((P[:, :3, 2] * P[:, :3, 3]).sum(-1) > 0).mean() > 0.5)
+
+
+def box_of_points(points: np.ndarray, tracks: np.ndarray, reach: float, otherwise: np.ndarray) -> np.ndarray:
+    """The box [2, 3] of nearly all points, `reach` to either side at most; `otherwise` where there are too few."""
     counted = np.abs(points).max(-1) < FARTHEST
     if counted.sum() < FEWEST_POINTS:
         return otherwise

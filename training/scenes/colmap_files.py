@@ -45,13 +45,14 @@ KEYPOINTS = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 class Reconstruction:
     """Posed images, sorted by name, and points, in COLMAP's own frame and units.
 
-    names [N], cameras [N] (OpenGL axes). points [M, 3]; tracks [M]: how many images show each. seen: of each image the rows of
-    `points` that it shows.
+    names [N], cameras [N] (OpenGL axes). points [M, 3]; colours uint8 [M, 3]; tracks [M]: how many images show each. seen: of
+    each image the rows of `points` that it shows.
     """
 
     names: tuple[str, ...]
     cameras: tuple[Camera, ...]
     points: np.ndarray
+    colours: np.ndarray
     tracks: np.ndarray
     seen: tuple[np.ndarray, ...]
 
@@ -79,6 +80,7 @@ class _Image(NamedTuple):
 class _Points(NamedTuple):
     ids: np.ndarray
     places: np.ndarray
+    colours: np.ndarray
     tracks: np.ndarray
 
 
@@ -111,7 +113,7 @@ def _read(folder: Path, suffix: str, stamp: tuple[tuple[int, int], ...]) -> Reco
     if not np.isfinite(found.places).all():
         raise _damaged(files[2], "a point at no finite place")
     order = np.argsort(found.ids)
-    ids, points, tracks = (values[order] for values in found)
+    ids, points, colours, tracks = (values[order] for values in found)
     images.sort(key=lambda image: image.name)
     if missing := {image.camera for image in images} - set(lenses):
         raise _damaged(files[1], f"an image of camera {min(missing)}, which {files[0].name} lacks")
@@ -119,6 +121,7 @@ def _read(folder: Path, suffix: str, stamp: tuple[tuple[int, int], ...]) -> Reco
         names=tuple(image.name for image in images),
         cameras=tuple(_camera(image, lenses[image.camera], files[1]) for image in images),
         points=points,
+        colours=colours,
         tracks=tracks.astype(np.float64),
         seen=tuple(_rows_of(image.shown, ids) for image in images),
     )
@@ -236,14 +239,18 @@ def _images(file: Path) -> Iterator[_Image]:
 
 def _points(file: Path) -> _Points:
     """points3D.bin: count u64; each: id u64, place 3 f64, colour 3 u8, error f64, count u64, each image u32 and index u32."""
-    data, ids, places, tracks = _Bytes(file), [], [], []
+    data, ids, places, colours, tracks = _Bytes(file), [], [], [], []
     for _ in data.each():
-        number, x, y, z, *_, count = data.take("<q3d3BdQ")
+        number, x, y, z, *colour, _, count = data.take("<q3d3BdQ")
         data.skip(8 * count)
         ids.append(number)
         places.append((x, y, z))
+        colours.append(colour)
         tracks.append(count)
-    return _Points(np.array(ids, np.int64), np.array(places, np.float64).reshape(-1, 3), np.array(tracks, np.int64))
+    return _Points(
+        np.array(ids, np.int64), np.array(places, np.float64).reshape(-1, 3),
+        np.array(colours, np.uint8).reshape(-1, 3), np.array(tracks, np.int64),
+    )  # fmt: skip
 
 
 # --- text -------------------------------------------------------------------------------------------------------------
@@ -281,7 +288,8 @@ def _points_of_text(file: Path) -> _Points:
     rows = [line.split() for line in _lines(file) if line]
     numbers = np.array([_numbers(row[:8], file, 8) for row in rows]).reshape(-1, 8)
     tracks = np.array([(len(row) - 8) // 2 for row in rows], np.int64)
-    return _Points(numbers[:, 0].astype(np.int64), numbers[:, 1:4], tracks)
+    colours = np.clip(numbers[:, 4:7], 0, 255).astype(np.uint8)
+    return _Points(numbers[:, 0].astype(np.int64), numbers[:, 1:4], colours, tracks)
 
 
 def _numbers(words: list[bytes], file: Path, count: int | None = None) -> np.ndarray:

@@ -37,6 +37,7 @@ UNREADABLE = (
     OSError, SyntaxError, ValueError, AssertionError, LookupError, TypeError, ArithmeticError, AttributeError, EOFError,
     struct.error, zlib.error,
 )  # fmt: skip
+MASK_SUFFIXES = (".png", ".jpg", ".jpeg")
 _EXPECTED = "PNG, JPEG, WebP, TIFF or BMP"
 
 
@@ -52,6 +53,15 @@ def picture_size(path: Path) -> tuple[int, int]:
         raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=found) from error
     except UNREADABLE as error:
         raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=_short(error)) from error
+
+
+def find_mask(folder: Path, name: str) -> Path | None:
+    """The mask of a picture in a folder of masks: NAME.png as COLMAP calls its own, the same name, or NAME_mask."""
+    exact = folder / name
+    stem = exact.with_suffix("")
+    candidates = [folder / f"{name}.png", *(stem.with_suffix(suffix) for suffix in MASK_SUFFIXES), exact]
+    candidates.append(stem.with_name(stem.name + "_mask.png"))
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
 def may_be_transparent(path: Path) -> bool:

@@ -110,6 +110,20 @@ class Scene:
     notes: Mapping[str, object] = field(default_factory=dict)
 
 
+def cameras_of(scene: Scene) -> list[dict[str, object]]:
+    """The scene's cameras for a pack: pose (training frame), intrinsics in pixels, split and photograph name."""
+    return [
+        {
+            "name": photograph.name, "split": split,
+            "world_T_camera": np.asarray(photograph.camera.world_T_camera, float).tolist(),
+            **{key: getattr(photograph.camera, key) for key in ("width", "height", "fx", "fy", "cx", "cy")},
+            "distortion": list(photograph.camera.distortion),
+        }
+        for split, photographs in scene.splits.items()
+        for photograph in photographs
+    ]  # fmt: skip
+
+
 FEW = 8  # photographs to train on
 
 

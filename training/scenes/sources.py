@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Literal
 
 from console import UserError
+from training.scenes.pictures import find_mask
 
 PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 FILMS = (".mp4", ".m4v", ".mov", ".webm", ".mkv")
 HEAD = 12  # bytes of a film that tell its container
 FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can come
 SUBFOLDER = "images"  # where other programs keep a scene's pictures
+MASKS = "masks"  # beside the photographs, or beside the folder SUBFOLDER that they are in
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,22 @@ class Source:
         """What the names of `files` are told relative to."""
         return self.path if self.path.is_dir() else self.path.parent
 
+    @property
+    def masks(self) -> Path | None:
+        """The folder of masks beside the photographs; None where there is none."""
+        if self.kind == "film":
+            return None
+        beside = [self.path / MASKS, *([self.path.parent / MASKS] if self.path.name == SUBFOLDER else [])]
+        return next((folder for folder in beside if folder.is_dir()), None)
+
+    def mask_of(self, file: Path) -> Path | None:
+        """The mask of a photograph, by its name within the source, or else by its own; None where there is none."""
+        folder = self.masks
+        if folder is None:
+            return None
+        within = self.name_of(file).removeprefix(f"{SUBFOLDER}/")
+        return find_mask(folder, within) or find_mask(folder, file.name)
+
     def name_of(self, file: Path) -> str:
         """A file's name for messages."""
         return file.relative_to(self.folder).as_posix()
@@ -38,13 +56,14 @@ def find_source(path: Path) -> Source | None:
     """The photographs or the film at `path`; None where there are none. A scene with poses is not looked for.
 
     Photographs lie in the folder itself, or else in its `images`, or else in folders just below. A folder without
-    photographs may hold one film. UserError where it holds several.
+    photographs may hold one film. Folders of masks are none of photographs. UserError where it holds several.
     """
     if path.is_file():
         return Source("film", path, (path,)) if is_film(path) else None
     if not path.is_dir():
         return None
-    for folders in ((path,), (path / SUBFOLDER,), tuple(path.glob("*/"))):
+    others = (folder for folder in path.glob("*/") if not folder.name.startswith(MASKS))
+    for folders in ((path,), (path / SUBFOLDER,), tuple(others)):
         found = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if _is_picture(file)]
         if found:
             return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))))

@@ -19,6 +19,7 @@ from viewer.app import crop
 from viewer.app.comparison import Comparison
 from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
+from viewer.app.first_look import Look
 from viewer.app.forward_facing import rig_for
 from viewer.app.gallery import Gallery
 from viewer.app.keyboard import Keyboard
@@ -87,6 +88,15 @@ class App:
         self.gallery.scene_changed(pack)
         if whole:
             self.opened()
+        self.touch()
+
+    def show_look(self, look: Look, path: Path, name: str) -> None:
+        """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
+        self.show(look.pack, path, name, whole=False)
+        assert self.scene is not None
+        self.scene.whole = True
+        self.scene.rig.begin_at(look.overview())
+        self.gallery.frusta = True
         self.touch()
 
     def undoable(self, rig: CameraRig) -> CameraRig:

@@ -24,7 +24,9 @@ from training.scenes.downscale import suggested_downscale
 from training.scenes.pictures import picture_size
 from training.scenes.presets import PRESETS
 from training.scenes.read import has_poses
+from training.scenes.scene import Box
 from training.scenes.sources import FEWEST, Source, find_source, is_film
+from viewer.app.bare_preview import BarePreview
 from viewer.app.files import why_not_writable
 
 Subject = Literal["scene", "run"]
@@ -53,23 +55,28 @@ def poser_missing(source: Source) -> str | None:
 class Survey:
     """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest.
 
-    error: why it is no scene that can be read. text: one line about it. sizes: width, height in pixels by downscale.
+    error: why it is no scene that can be read. text: one line about it. kind: its layout, "" where it
+    has no poses. sizes: width, height in pixels by downscale.
     automatic: the downscale of a preset that shrinks. forward: cameras (LLFF, COLMAP) that may be read as looking all around.
     masks: whether there are any. masked: the downscales at which there is one for each photograph. bare: photographs or a
-    film without poses, which are found before training; None where there are poses.
+    film without poses, which are found before training; None where there are poses. preview: of these, where this
+    installation finds poses.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.bare: Source | None = None
+        self.preview: BarePreview | None = None
         self.error: Exception | None = None
         self.text = ""
+        self.kind = ""
         self.notes: list[str] = []
         self.sizes: dict[int, tuple[int, int]] = {}
         self.automatic: dict[str, int] = {}
         self.forward = False
         self.masks = False
         self.masked: set[int] = set()
+        self._closed = False
         with contextlib.suppress(UserError):  # several films: told by the thread
             self.bare = None if has_poses(path) else find_source(path)
         if self.bare is None:
@@ -80,6 +87,21 @@ class Survey:
     @property
     def finished(self) -> bool:
         return not self._thread.is_alive()
+
+    @property
+    def busy(self) -> bool:
+        """Whether there will be more to see."""
+        return not self.finished or (self.preview is not None and self.preview.coming)
+
+    def news(self) -> bool:
+        """Whether more of the preview has arrived since this was asked last."""
+        return self.preview is not None and self.preview.news()
+
+    def close(self) -> None:
+        """Nobody asks any more."""
+        self._closed = True
+        if self.preview is not None:
+            self.preview.close()
 
     @property
     def choices(self) -> list[int]:
@@ -117,7 +139,7 @@ class Survey:
                         load_scene(self.path, downscale=downscale, masks=True)
                         self.masked.add(downscale)
             self.masks = self.masks or bool(self.masked)
-            self.forward = scene.ndc
+            self.forward, self.kind = scene.ndc, scene.kind
             width, height = _size(scene)
             count = sum(len(photographs) for photographs in scene.splits.values())
             seen = "forward-facing" if scene.ndc else "360°"
@@ -129,12 +151,14 @@ class Survey:
     def _look_at_bare(self, source: Source) -> None:
         """What the first photograph tells of all. UserError where there are too few."""
         if source.kind == "film":
+            self._begin_preview(source)
             self.text = f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB. {POSES_FIRST}"
             return
         count, size = len(source.files), None
         if count < FEWEST:
             raise UserError("too few photographs to find camera poses", where=self.path, expected=f"at least {FEWEST}",
                             found=count)  # fmt: skip
+        self._begin_preview(source)
         with contextlib.suppress(UserError):  # HEIC, say: what cannot be read is told by whoever finds the poses
             size = picture_size(source.files[0])
         if size is None:
@@ -147,6 +171,15 @@ class Survey:
         for downscale in {*DOWNSCALES, *self.automatic.values()}:
             if min(size) >= downscale:
                 self.sizes[downscale] = (size[0] // downscale, size[1] // downscale)
+        self.masks = source.masks is not None
+        if self.masks and all(source.mask_of(file) is not None for file in source.files):
+            self.masked = set(self.sizes)
+
+    def _begin_preview(self, source: Source) -> None:
+        if poser_missing(source) is None and not self._closed:
+            self.preview = BarePreview(source)
+            if self._closed:  # in the meantime
+                self.preview.close()
 
 
 def _size(scene: Scene) -> tuple[int, int]:
@@ -159,7 +192,8 @@ class Plan:
     """source: the scene's or the run's folder. out: of a scene, the folder for run/ and pack/; of a run, the pack itself.
 
     downscale, resolution (voxels a side), steps: None leaves them to the preset, or to the command. masks: None cuts out
-    where there is a mask for each photograph. survey: of the scene's photographs. attempt: what an older run in `out` says
+    where there is a mask for each photograph. aabb: the box to train, training frame, None for the reader's own. poses_only:
+    no more is begun than finding poses. survey: of the scene's photographs. attempt: what an older run in `out` says
     of itself; it is gone on with. place_problem: why nothing can be written there.
     """
 
@@ -172,6 +206,8 @@ class Plan:
     spherify: bool = False
     masks: bool | None = None
     steps: int | None = None
+    aabb: Box | None = None
+    poses_only: bool = False
     survey: Survey | None = field(default=None, repr=False)
     attempt: dict | None = field(default=None, repr=False)
     place_problem: str | None = field(default=None, repr=False)
@@ -207,6 +243,16 @@ class Plan:
     def bare(self) -> Source | None:
         """The photographs or the film whose poses must be found first."""
         return None if self.survey is None else self.survey.bare
+
+    @property
+    def posed(self) -> Path:
+        """The scene with poses, there already or to come."""
+        return self.source if self.bare is None else self.out / POSED
+
+    @property
+    def has_points(self) -> bool:
+        """Whether there is a first look at it, once it has poses."""
+        return self.bare is not None or (self.survey is not None and self.survey.kind == "colmap")
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -252,6 +298,12 @@ class Plan:
             return str(self.survey.error)
         if self.bare is not None and (extras := poser_missing(self.bare)) is not None:
             return f"This installation cannot find camera poses. pip install 'snerg[{extras}]' adds what does."
+        preview = None if self.survey is None else self.survey.preview
+        if preview is not None and preview.error:
+            return preview.error
+        if preview is not None and preview.used is not None and preview.used < FEWEST:
+            what = "frames differ" if preview.of_film else f"of {preview.count} photographs can be used"
+            return f"Only {preview.used} {what}. Finding camera poses takes at least {FEWEST}."
         if self.subject == "scene" and self.attempt is not None:
             other = self.attempt["scene"]
             if other and Path(other) not in (self.source, self.out / POSED):
@@ -279,7 +331,7 @@ class Plan:
     def typed(self) -> str:
         """The command line, to be typed on another machine, say."""
         program = "snerg-make" if self.subject == "scene" else "snerg-bake"
-        return shlex.join([program, *(word for word in self._arguments() if word != "--no-view")])
+        return shlex.join([program, *(word for word in self._arguments() if word not in ("--no-view", "--poses-only"))])
 
     def _arguments(self) -> list[str]:
         words = [str(self.source), "--out", str(self.out)]
@@ -287,7 +339,8 @@ class Plan:
         if self.subject == "scene":
             words += ["--preset", self.preset, "--no-view"]
             names = ["downscale", "steps", "resolution"]
-            words += ["--spherify"] * self.spherify + ["--masks"] * self.cut_out
+            words += ["--spherify"] * self.spherify + ["--masks"] * self.cut_out + ["--poses-only"] * self.poses_only
+            words += [] if self.aabb is None else ["--aabb", ",".join(f"{value:g}" for value in self.aabb)]
         for name in names:
             if (value := getattr(self, name)) is not None:
                 words += [f"--{name}", str(value)]

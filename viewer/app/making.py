@@ -7,20 +7,25 @@ machine it may take minutes, for JAX has steps under way that must end first. Th
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from PIL import Image
 
+from console import UserError
 from console.driven import Report
 from viewer.app.child import Child
 from viewer.app.files import FileRequest, existing_folder
+from viewer.app.first_look import FirstLook, Kind, Look
 from viewer.app.host import Teller
 from viewer.app.log import Dialog
 from viewer.app.make_plan import Plan, Subject
-from viewer.app.state import Clipboard
+from viewer.app.review import Review, first_look
+from viewer.app.state import Clipboard, OpenScene
+from viewer.rendering.settings import RenderSettings
 
 LOOKED_AT_EVERY_S = 0.2
 PARTING_S = 30.0  # for the child to save in, where the program ends in a way that leaves no window to wait in
@@ -35,8 +40,17 @@ class MakingHost(Teller, Protocol):
     file_request: FileRequest | None
     quitting: bool
 
-    def open(self, path: Path) -> None:
-        """Starts to read a pack."""
+    settings: RenderSettings
+    scene: OpenScene | None
+
+    def set(self, **fields: object) -> None:
+        """Changes render settings."""
+
+    def open(self, path: Path, *, then: Callable[[], None] | None = None) -> None:
+        """Starts to read a pack. then: called once it is shown."""
+
+    def show_look(self, look: Look, path: Path, name: str) -> None:
+        """Shows points and cameras."""
 
 
 @dataclass
@@ -93,25 +107,45 @@ class Job:
 
 
 @dataclass
+class Looking:
+    """The points of a plan's scene while they are read. review: before its training begins."""
+
+    plan: Plan
+    review: bool = False
+    first: FirstLook = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.first = first_look(self.plan)
+
+
+@dataclass
 class Making:
-    """plan: what the dialog asks about. job: what runs. failed: what could not be made. quit_after: the program ends once
-    the job has stopped.
+    """plan: what the dialog asks about. job: what runs. review: what waits to be trained. failed: what could not be made.
+    quit_after: the program ends once the job has stopped. looking: the points of what is made are being read; look: they are
+    there.
     """
 
     plan: Plan | None = None
     job: Job | None = None
     failed: Plan | None = None
     quit_after: bool = False
+    review: Review | None = None
+    looking: Looking | None = None
+    look: Look | None = None
     _looked: float = 0.0
     _surveyed: bool = False
+    _left_told: int | None = None
 
     def offer(self, host: MakingHost, subject: Subject, path: Path) -> None:
         """Asks whether, and how, a scene or a run shall be made into a pack."""
-        if self.job is not None:
-            text = f"{self.job.plan.name} is still being made. Wait for it or stop it, then try again."
+        under_way = self.job or self.review or self.looking
+        if under_way is not None:
+            text = f"{under_way.plan.name} is still being made. Wait for it or stop it, then try again."
             host.messages.dialogs.append(Dialog("One scene at a time", text))
             return
-        self.plan, self._surveyed = Plan.of(subject, path), False
+        plan = Plan.of(subject, path)
+        self._forget()
+        self.plan, self._surveyed = plan, False
         host.touch()
 
     def again(self, host: MakingHost) -> None:
@@ -124,11 +158,18 @@ class Making:
     @property
     def busy(self) -> bool:
         """Whether something goes on that tick should look at now and then."""
-        return self.job is not None or (self.plan is not None and not self._surveyed)
+        survey = None if self.plan is None else self.plan.survey
+        waits = self.job is not None or self.looking is not None or self.review is not None
+        return waits or (survey is not None and (survey.busy or not self._surveyed))
+
+    def _forget(self) -> None:
+        if self.plan is not None and self.plan.survey is not None:
+            self.plan.survey.close()
+        self.plan = None
 
     def dismiss(self, host: MakingHost) -> None:
         """Closes the question."""
-        self.plan = None
+        self._forget()
         host.touch()
 
     def ask_where(self, host: MakingHost) -> None:
@@ -150,14 +191,105 @@ class Making:
             host.messages.say("The command is on the clipboard")
 
     def start(self, host: MakingHost) -> None:
-        """Begins. UserError where the plan cannot be carried out, with the question left open."""
+        """Begins, with finding poses where there are none. UserError where that cannot be, with the question left open."""
         plan = self.plan
         if plan is None or plan.problem() is not None or plan.place_problem is not None:
             return
+        plan.poses_only = plan.bare is not None and plan.attempt is None
+        self._begin(host, plan)
+        self._forget()
+        self.review = self.look = None
+        if plan.has_points and not plan.poses_only:
+            self.looking = Looking(plan)
+
+    def _begin(self, host: MakingHost, plan: Plan) -> None:
         self.job = Job(plan, Child(plan.command(), plan.log))
-        self.plan = None
         host.messages.log(f"making {plan.name}: {plan.typed()}")
         host.touch()
+
+    def train(self, host: MakingHost) -> None:
+        """Goes on from the review, with what was chosen there."""
+        review = self.review
+        if review is None:
+            return
+        # The crop box of another scene, opened in the meantime, is none of ours.
+        plan = review.decided(host.settings.crop if self.points_shown(host) else None)
+        self._uncut(host)
+        self.review = None
+        try:
+            self._begin(host, plan)
+        except UserError as error:
+            self.failed = plan
+            host.messages.fail(
+                f"{plan.name} could not be made", error, buttons=(("OK", ""), ("Try again", "make-again"))
+            )
+
+    def leave(self, host: MakingHost) -> None:
+        """Nothing is trained now; the poses stay in their folder."""
+        if self.review is not None:
+            host.messages.say(f"The camera poses of {self.review.plan.name} are kept; make it again to continue")
+        self._uncut(host)
+        self.review = None
+        host.touch()
+
+    def _uncut(self, host: MakingHost) -> None:
+        if self.points_shown(host):
+            host.set(crop=None)
+
+    def choose_kind(self, host: MakingHost, kind: Kind) -> None:
+        """In the review: what the scene is taken for."""
+        if self.review is not None and kind != self.review.kind:
+            self.review.choose(kind)
+            if self.points_shown(host):
+                host.set(crop=self.review.box_in_grid())
+        host.touch()
+
+    def show_points(self, host: MakingHost) -> None:
+        """Shows the points and cameras of what is being made."""
+        under_way = self.review or self.job
+        if self.look is not None and under_way is not None:
+            plan = under_way.plan
+            host.show_look(self.look, plan.pack, f"{plan.name}: camera poses")
+
+    def points_shown(self, host: MakingHost) -> bool:
+        """Whether they are what is shown now."""
+        return self.look is not None and host.scene is not None and host.scene.pack is self.look.pack
+
+    def _tick_look(self, host: MakingHost) -> None:
+        looking, review = self.looking, self.review
+        if looking is not None and looking.first.finished:
+            self.looking = None
+            self._looked_at(host, looking)
+        elif review is not None and review.due:
+            self.train(host)
+        elif review is not None and review.seconds_left != self._left_told:
+            self._left_told = review.seconds_left
+            host.touch(1)
+
+    def _looked_at(self, host: MakingHost, looking: Looking) -> None:
+        before, self.look = self.look, looking.first.look
+        if looking.review:
+            if self.look is None:  # too few points to see anything
+                self._begin(host, replace(looking.plan, poses_only=False))
+                return
+            self.review = Review(looking.plan, self.look)
+        of_before = before is not None and host.scene is not None and host.scene.pack is before.pack
+        if self.look is not None and (host.scene is None or of_before):
+            self.show_points(host)
+        host.touch()
+
+    def _from_there(self, host: MakingHost) -> Callable[[], None] | None:
+        """What keeps the camera that was chosen among the points, once the pack is shown."""
+        scene = host.scene
+        if not self.points_shown(host) or scene is None or scene.rig.goal == scene.rig.home_pose:
+            return None
+        matrix, fov = scene.rig.matrix, scene.rig.fov
+
+        def then() -> None:
+            if host.scene is not None and not host.scene.rig.bounded:
+                host.scene.rig.set_matrix(matrix, fov)
+
+        return then
 
     def stop(self, host: MakingHost) -> None:
         """Asks the job to stop; asked again, ends it at once."""
@@ -191,15 +323,18 @@ class Making:
 
     def end(self) -> None:
         """The program ends: no child outlives it."""
+        self._forget()
         if self.job is not None:
             self.job.child.end(PARTING_S)
             self.job = None
 
     def tick(self, host: MakingHost) -> None:
         """Time passes: looks at what the child is doing."""
-        if self.plan is not None and self.plan.survey is not None and not self._surveyed and self.plan.survey.finished:
+        survey = None if self.plan is None else self.plan.survey
+        if survey is not None and survey.finished and (not self._surveyed or survey.news()):
             self._surveyed = True
             host.touch()
+        self._tick_look(host)
         job, now = self.job, time.monotonic()
         if job is None or now - self._looked < LOOKED_AT_EVERY_S:
             return
@@ -214,9 +349,11 @@ class Making:
 
     def _ended(self, host: MakingHost, job: Job, status: int) -> None:
         name = job.plan.name
-        if status == 0:
+        if status == 0 and job.plan.poses_only:
+            self.looking = Looking(job.plan, review=True)
+        elif status == 0:
             host.messages.say(f"{name} is ready")
-            host.open(job.plan.pack)
+            host.open(job.plan.pack, then=self._from_there(host))
         elif job.stopping:
             host.messages.say(f"{name} was stopped; make it again to continue")
         else:

@@ -233,6 +233,12 @@ class CameraRig:
         distance = self._framing_distance(self.goal.azimuth, self.goal.elevation, self.fov)
         self.go(replace(self.goal, pivot=triple(self.middle), distance=distance))
 
+    def begin_at(self, pose: Pose) -> None:
+        """The first view is this one, whatever the picture's shape."""
+        self.within = True
+        self.home_fov = self.fov = DEFAULT_FOV
+        self.home_pose = self.goal = self.shown = pose
+
     def look_along(self, azimuth: float, elevation: float) -> None:
         """An axis view; degrees."""
         self.go(replace(self.goal, azimuth=azimuth, elevation=float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))))

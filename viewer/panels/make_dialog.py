@@ -12,7 +12,7 @@ from viewer.app.application import App
 from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
 from viewer.app.making import Job
 from viewer.app.stage import Stage
-from viewer.panels import layout, theme
+from viewer.panels import layout, preview_strip, theme
 from viewer.panels.dialogs import pressed_here
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
@@ -23,7 +23,7 @@ PICTURE = "making"
 AUTOMATIC = "Automatic"
 
 
-def show(app: App, size: ImVec2, fonts: Fonts) -> None:
+def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
     """Draws the question while there is one; file dialogs and messages come before it."""
     plan = app.making.plan
     if plan is None or app.file_request is not None or app.messages.dialogs:
@@ -39,6 +39,8 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
     if not shown:
         return
     _heading(plan, fonts)
+    if plan.survey is not None and plan.survey.preview is not None:
+        preview_strip.show(stage, plan.survey.preview)
     imgui.dummy(ImVec2(0, px(6)))
     problem = plan.problem()
     surveying = plan.survey is not None and not plan.survey.finished
@@ -191,6 +193,10 @@ def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
         imgui.begin("##job", None, flags)
     imgui.pop_style_var()
     _job_head(app, job, fonts)
+    if app.making.look is not None and not app.making.points_shown(app):
+        if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
+            app.making.show_points(app)
+        tip("The scene that is open now is closed")
     if job.picture is not None:
         _picture(stage, job)
     if len(job.figures) > 2:

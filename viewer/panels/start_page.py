@@ -20,7 +20,7 @@ def show(app: App, fonts: Fonts) -> None:
     """Draws the page in the middle of the window that is begun; beside the card of what is being made, if anything is."""
     width, height = imgui.get_window_width(), imgui.get_window_height()
     column = min(px(WIDTH), width - px(32))
-    taken = px(make_dialog.CARD_WIDTH + make_dialog.CARD_MARGIN) if app.making.job is not None else 0.0
+    taken = px(make_dialog.CARD_WIDTH + make_dialog.CARD_MARGIN) if app.making.job or app.making.review else 0.0
     if taken and width - taken < column + px(32):
         return
     left = taken + 0.5 * (width - taken - column)

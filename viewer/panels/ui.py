@@ -12,7 +12,7 @@ from viewer.app.keyboard import Keyboard, KeyPress
 from viewer.app.stage import Stage
 from viewer.app.state import Clipboard
 from viewer.app.system_fonts import FontSearch
-from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, theme, top_bar, viewport
+from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, review_card, theme, top_bar, viewport
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.file_dialogs import FileDialogs
 from viewer.panels.theme import Fonts
@@ -116,9 +116,10 @@ class Ui:
             layout.show_rail(app, regions)
         layout.show_pages(app, stage, regions, self.fonts)
         make_dialog.show_job(app, stage, picture, self.fonts)
+        review_card.show(app, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
-        make_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
+        make_dialog.show(app, stage, ImVec2(size.x, size.y), self.fonts)
         dialogs.show(app, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
         self.keyboard.seen()

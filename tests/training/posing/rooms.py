@@ -41,8 +41,8 @@ def cameras(count: int) -> list[Camera]:
     return out
 
 
-def photograph(camera: Camera) -> np.ndarray:
-    """What the camera sees of the walls x = 0, y = 0 and the floor z = 0: uint8 [H, W, 3]."""
+def photograph(camera: Camera, walls: int = 0) -> np.ndarray:
+    """What the camera sees of the walls x = 0, y = 0 and the floor z = 0: uint8 [H, W, 3]. walls: the first of their textures."""
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     at = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -np.ones_like(x)], axis=-1)
     directions = at @ camera.world_T_camera[:3, :3].T
@@ -55,11 +55,12 @@ def photograph(camera: Camera) -> np.ndarray:
     for axis in range(3):
         seen = wall == axis
         u, v = (np.clip(points[seen][:, other] / WALL, 0, 0.998) * (TILE - 1) for other in range(3) if other != axis)
-        out[seen] = _bilinear(texture(axis), u, v)
+        out[seen] = bilinear(texture(walls + axis), u, v)
     return np.rint(out).astype(np.uint8)
 
 
-def _bilinear(values: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def bilinear(values: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Values [N, C] of a picture between its pixels (u, v)."""
     i, j = u.astype(int), v.astype(int)
     a, b = (u - i)[:, None], (v - j)[:, None]
     low = values[i, j] * (1 - b) + values[i, j + 1] * b

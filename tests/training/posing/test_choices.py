@@ -15,7 +15,7 @@ from training.posing import pairs as pairs_module
 from training.posing.agreement import similarity
 from training.posing.camera_files import look_at
 from training.posing.choice import blurred, repeated, sharpness, thumbnail
-from training.posing.pairs import OVERLAP, all_pairs, chosen_pairs
+from training.posing.pairs import OVERLAP, all_pairs, chosen_pairs, how_many_pairs
 from training.posing.prepare import file_stems
 from training.scenes.sources import find_source
 
@@ -97,6 +97,7 @@ def test_few_pictures_are_all_matched_and_of_many_those_that_look_alike(monkeypa
     pairs = set(chosen_pairs(descriptors))
     assert {(i, i + step) for i in range(count - OVERLAP) for step in range(1, OVERLAP + 1)} <= pairs
     assert {(0, count - 1), (1, count - 2)} <= pairs  # which are far from one another in their order
+    assert len(pairs) <= how_many_pairs(count) and how_many_pairs(50) == len(all_pairs(50))
     assert len(pairs) < 0.6 * len(all_pairs(count)) and all(i < j for i, j in pairs)
     assert chosen_pairs([np.zeros((0, 128), np.uint8)] * 3)  # nothing to see, but neighbours
 

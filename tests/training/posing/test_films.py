@@ -16,7 +16,7 @@ from training.scenes.sources import find_source
 
 av = pytest.importorskip("av", reason="films need PyAV (the extra video)")
 
-from training.posing.film import intervals_of, take_frames  # noqa: E402
+from training.posing.film import glimpse, intervals_of, take_frames  # noqa: E402
 
 WIDTH, HEIGHT = 192, 128
 PORTRAIT = np.array(
@@ -81,6 +81,16 @@ def test_the_sharpest_frame_of_each_interval_is_taken(name: str, codec: str, tmp
     found = taken(film)
     assert [round(seconds * 1000) for seconds, _ in found] == [100 * i for i in (2, 6, 10, 14, 18, 22)]
     assert all(picture.shape == (HEIGHT, WIDTH, 3) for _, picture in found)
+
+
+def test_a_glimpse_of_a_film_counts_its_frames_and_shows_some_of_them_in_their_order(tmp_path: Path):
+    film = write_film(tmp_path / "walk.mp4", frames_of_film(), [100 * i for i in range(24)], matrix=PORTRAIT)
+    told: list[int] = []
+    shown: list[tuple[float, tuple[int, int]]] = []
+    count, seconds = glimpse(film, 6, 8, told.append, lambda _, at, picture: shown.append((at, picture.size)))
+    assert told == [count] == [6] and seconds > 0
+    assert len(shown) == 8 and [at for at, _ in shown] == sorted({at for at, _ in shown}) and shown[-1][0] > 1.8
+    assert {size for _, size in shown} == {(HEIGHT, WIDTH)}  # upright
 
 
 def test_a_film_of_a_phone_held_upright_comes_upright(tmp_path: Path):

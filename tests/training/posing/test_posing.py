@@ -20,10 +20,11 @@ from baker.commands.make import main as snerg_make
 from console import UserError
 from tests.training.posing.conftest import COUNT, SIDEWAYS, STRANGER, Found, write_photographs, write_stranger
 from tests.training.posing.rooms import SIZE, photograph
-from training.posing import child, find
+from training.posing import child, find, telling
 from training.posing.agreement import agreement
 from training.posing.find import find_poses, posed_scene
 from training.scenes import Photograph, Scene, load_scene
+from training.scenes.points import sparse_points
 from training.scenes.sources import find_source
 
 ROOT = Path(__file__).parents[3]
@@ -47,6 +48,15 @@ def test_the_cameras_of_bare_photographs_are_found(found: Found):
     assert result.positions.max() < 0.01 and result.degrees.max() < 1.0
     focals = {name: one.camera.fx / one.camera.width for name, one in photographs_of(scene).items()}
     assert np.allclose(list(focals.values()), 268.8 / 256, rtol=0.02)
+
+
+def test_the_points_have_the_colours_of_the_walls_and_lie_before_the_cameras(found: Found):
+    scene = load(found.scene)
+    points = sparse_points(scene)
+    assert points is not None and len(points.places) > 300 and points.colours.astype(float).std(axis=0).min() > 20
+    poses = np.stack([one.camera.world_T_camera for one in photographs_of(scene).values()])
+    local = np.einsum("nji,nmj->nmi", poses[:, :3, :3], points.places[None] - poses[:, None, :3, 3])
+    assert (local[..., 2] < 0).mean() > 0.99
 
 
 def test_pictures_of_every_kind_come_upright_with_eight_bits_a_channel(found: Found):
@@ -169,6 +179,12 @@ def test_snerg_make_trains_on_the_scene_whose_poses_it_found(
     assert capsys.readouterr().err.splitlines()[-1] == f"snerg-make: {found.scene}: trained"
 
 
+def test_snerg_make_stops_after_the_poses_where_it_is_asked_to(found: Found, capsys: pytest.CaptureFixture[str]):
+    assert snerg_make([str(found.source.path), "--out", str(found.scene.parent), "--poses-only"]) == 0
+    assert capsys.readouterr().out.startswith(f"the poses are in {found.scene}; ")
+    assert not (found.scene.parent / "run").exists()
+
+
 # --- why none are found -----------------------------------------------------------------------------------------------
 
 
@@ -179,7 +195,7 @@ def test_photographs_that_show_different_things_are_named(tmp_path: Path):
     with pytest.raises(UserError) as error:
         posed_scene(tmp_path, tmp_path / "out")
     assert "do not overlap enough" in str(error.value) and "8 of 8 match no other: s0.jpg, s1.jpg" in str(error.value)
-    table = (tmp_path / "out" / find.WORK / find.TABLE).read_text().splitlines()
+    table = (tmp_path / "out" / find.WORK / telling.TABLE).read_text().splitlines()
     assert len(table) == 9 and all(line.split()[1:3] == ["0", "no"] for line in table[1:])
 
 
@@ -210,7 +226,7 @@ def test_a_part_of_the_photographs_must_do(
         (model / "cameras.bin").write_bytes(b"")
         names = request["names"]
         return {"registered": names[:registered], "features": dict.fromkeys(names, 9), "matched": dict.fromkeys(names, 1),
-                "points": 1, "error": 0.5}  # fmt: skip
+                "models": [names[:registered]], "still": (0, 9), "points": 1, "error": 0.5}  # fmt: skip
 
     monkeypatch.setattr(find, "ask", answer)
     with warnings.catch_warnings(record=True) as caught:

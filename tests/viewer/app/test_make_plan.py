@@ -86,7 +86,7 @@ def photographs(folder: Path, count: int = 8) -> Path:
     """A folder of pictures, and nothing that says where the camera stood."""
     folder.mkdir()
     for i in range(count):
-        Image.new("RGB", (1200, 900)).save(folder / f"IMG_{i}.JPG", format="JPEG")
+        Image.new("RGB", (1200, 900), (25 * i, 0, 90)).save(folder / f"IMG_{i}.JPG", format="JPEG")
     return folder
 
 
@@ -101,6 +101,28 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     assert plan.survey.size("cpu", None) == (240, 180) and plan.survey.size("fast", 2) == (600, 450)
     assert plan.stages == ("Poses", "Training", "Baking") and plan.out == tmp_path / "shed-snerg"
     assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset cpu"
+
+
+def test_photographs_of_which_too_few_can_be_used_and_masks_beside_them_are_told(tmp_path):
+    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
+    folder = photographs(tmp_path / "shed")
+    Image.new("RGB", (1200, 900), (175, 0, 90)).save(folder / "IMG_9.JPG", format="JPEG")
+    (folder / "IMG_0.JPG").unlink()
+    app = App(stage=FakeStage())
+    app.drop([folder])
+    plan = app.making.plan
+    until(lambda: not plan.survey.busy)
+    assert plan.survey.preview.aside == {"IMG_9.JPG": "the same as IMG_7.JPG"}
+    assert plan.problem() == "Only 7 of 8 photographs can be used. Finding camera poses takes at least 8."
+    assert not plan.survey.masks
+    (folder / "masks").mkdir()
+    for file in folder.glob("*.JPG"):
+        Image.new("L", (1200, 900), 255).save(folder / "masks" / f"{file.name}.png")
+    app.drop([folder])
+    until(lambda: app.making.plan.survey.finished)
+    assert app.making.plan.cut_out and "--masks" in app.making.plan.command()
+    run(app, "escape")
+    until(lambda: not plan.survey.preview.coming)
 
 
 def test_a_run_whose_poses_were_found_is_gone_on_with(tmp_path):
@@ -129,8 +151,11 @@ def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     app.drop([film])
     plan = app.making.plan
     until(lambda: plan.survey.finished)
-    assert plan.survey.text.startswith("A film of 3 MB") and plan.problem() is None
+    assert plan.survey.text.startswith("A film of 3 MB")
     assert plan.out == tmp_path / "walk-snerg" and plan.command()[3] == str(film)
+    if plan.survey.preview is not None:
+        until(lambda: not plan.survey.busy)
+        assert "not a film that can be read" in plan.problem()
     app.drop([photographs(tmp_path / "shed", 2)])
     until(lambda: app.making.plan.survey.finished)
     assert "at least 8, found 2" in app.making.plan.problem()

@@ -24,10 +24,13 @@ from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
+from training.scenes.points import SparsePoints
 from viewer.app import crop, loading, make_plan, making
 from viewer.app.application import App
+from viewer.app.first_look import Look
 from viewer.app.make_plan import Plan, Survey
 from viewer.app.making import Job
+from viewer.app.review import Review
 from viewer.panels.layout import NARROW, PAGES
 from viewer.panels.ui import Ui
 from viewer.rendering.settings import RenderSettings
@@ -140,6 +143,18 @@ def _job(app: App, scenes: Scenes) -> None:
     job.picture = np.full((64, 128, 3), 99, np.uint8)
 
 
+def _review(app: App, scenes: Scenes) -> None:
+    pack = scenes.pack
+    low, high = crop.whole(pack)
+    boxes = {"subject": np.array([low, high]), "room": np.array([low, high])}
+    scene = SimpleNamespace(splits={"train": range(4)}, aabb=boxes["subject"])
+    points = SparsePoints(np.zeros((99, 3)), np.zeros((99, 3), np.uint8), np.ones(99))
+    app.making.look = Look(pack, scene, points, "forward", boxes)  # type: ignore[arg-type]
+    app.making.review = Review(scenes.plan, app.making.look)
+    app.making.review.hold()
+    app.making.choose_kind(app, "room")
+
+
 def _plan(subject: str, **changes: object) -> Prepare:
     def prepare(app: App, scenes: Scenes) -> None:
         if subject == "run":
@@ -193,6 +208,7 @@ PLACES: dict[str, Prepare] = {
     "opening": lambda app, scenes: app.open(scenes.path),
     "making": _job,
     "making, from the start page": lambda app, scenes: (_start(app, scenes), _job(app, scenes)),
+    "review": _review,
     "failure": lambda app, _: app.messages.fail("It cannot be opened", "the file is no pack " * 9),
     "question": lambda app, _: app.messages.fail("Still being made", "Quitting stops it.", buttons=BUTTONS),
     "path to open": _ask_for("open"),

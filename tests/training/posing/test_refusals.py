@@ -1,0 +1,122 @@
+"""Why no poses are found, told in one plain line; and masks, which mend one of the reasons."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from console import Notice, UserError
+from tests.training.posing import turntables
+from tests.training.posing.rooms import cameras, photograph
+from training.posing import find
+from training.posing.find import posed_scene
+from training.posing.stillness import stands_still
+from training.posing.telling import TABLE
+from training.scenes import Scene, load_scene
+from training.scenes.sources import find_source
+
+pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
+
+COUNT = 8
+TURNED = Image.Transpose.ROTATE_90, 6  # how a camera that is held upright stores a picture, and what EXIF says then
+
+
+def write_turntable(folder: Path, masks: Callable[[str], str | None] = lambda name: None) -> None:
+    """Photographs of a turntable, the last one stored sideways. masks: the name of each photograph's mask, None for none."""
+    (folder / "masks").mkdir(parents=True)
+    for i in range(COUNT):
+        picture, ball = turntables.photograph(i * turntables.STEP)
+        name = f"t{i}.png"
+        image, mask = Image.fromarray(picture), Image.fromarray(ball.astype(np.uint8) * 255)
+        exif = Image.Exif()
+        if i == COUNT - 1:
+            image, mask, exif[0x0112] = image.transpose(TURNED[0]), mask.transpose(TURNED[0]), TURNED[1]
+        image.save(folder / name, exif=exif)
+        if (mask_name := masks(name)) is not None:
+            mask.save(folder / "masks" / mask_name)
+    if not any((folder / "masks").iterdir()):
+        (folder / "masks").rmdir()
+
+
+def refusal(photographs: Path, out: Path) -> str:
+    with warnings.catch_warnings(), pytest.raises(UserError) as error:
+        warnings.simplefilter("ignore")
+        posed_scene(photographs, out)
+    return str(error.value)
+
+
+def load(scene: Path, *, masks: bool = False) -> Scene:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return load_scene(scene, spherify=True, masks=masks)
+
+
+def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    write_turntable(tmp_path / "bare")
+    told = refusal(tmp_path / "bare", tmp_path / "out")
+    assert "the camera stands still" in told and "put a folder masks with t0.png" in told
+    assert capsys.readouterr().out.count(" no ") == COUNT  # the table
+    write_turntable(tmp_path / "masked", lambda name: f"{name}.png" if name != "t1.png" else "t1_mask.png")
+    scene = load(posed_scene(tmp_path / "masked", tmp_path / "out"), masks=True)
+    photographs = [one for split in scene.splits.values() for one in split]
+    assert len(photographs) == COUNT
+    turns = {one.name: one.camera.world_T_camera[:3, :3] for one in photographs}
+    for a, b in pairwise(f"t{i}.png" for i in range(COUNT)):
+        angle = np.degrees(np.arccos((np.trace(turns[a].T @ turns[b]) - 1) / 2))
+        assert abs(angle - turntables.STEP) < 0.5
+    _, ball = turntables.photograph((COUNT - 1) * turntables.STEP)
+    last = next(one for one in photographs if one.name == f"t{COUNT - 1}.png").load()
+    assert np.abs(last[..., 3] - ball).mean() < 0.01  # the mask was turned with its photograph
+
+
+def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
+    write_turntable(tmp_path / "photographs", lambda name: f"{name}.png")
+    source = find_source(tmp_path / "photographs")
+    assert source is not None and len(source.files) == COUNT  # the masks are none
+    Image.new("L", (64, 48)).save(tmp_path / "photographs" / "masks" / "t3.png.png")
+    told = refusal(tmp_path / "photographs", tmp_path / "out")
+    assert "t3.png.png: the mask is of another size than its photograph (expected 320x240, found 64x48)" in told
+    (tmp_path / "photographs" / "masks" / "t3.png.png").unlink()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        posed_scene(tmp_path / "photographs", tmp_path / "out")
+    notices = [str(warning.message) for warning in caught if warning.category is Notice]
+    assert any("1 photograph has no mask, all of it is used (t3.png)" in notice for notice in notices)
+
+
+def test_photographs_that_change_their_masks_are_looked_at_anew(tmp_path: Path):
+    write_turntable(tmp_path / "photographs", lambda name: f"{name}.png")
+    source = find_source(tmp_path / "photographs")
+    assert source is not None
+    before = find.fingerprint(source)
+    Image.new("L", turntables.SIZE).save(tmp_path / "photographs" / "masks" / "t0.png.png")
+    assert find.fingerprint(source) != before
+
+
+def test_photographs_of_two_places_are_told_apart_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    photographs = tmp_path / "photographs"
+    photographs.mkdir()
+    for i, camera in enumerate(cameras(7)):
+        Image.fromarray(photograph(camera)).save(photographs / f"hall{i}.jpg", quality=95)
+    for i, camera in enumerate(cameras(7)[::2]):
+        Image.fromarray(photograph(camera, walls=40)).save(photographs / f"yard{i}.jpg", quality=95)
+    told = refusal(photographs, tmp_path / "out")
+    assert "only 7 of 11 photographs have a camera pose (expected at least 8" in told
+    assert "none for yard0.jpg, yard1.jpg, yard2.jpg, yard3.jpg; 4 of these match one another alone" in told
+    table = (tmp_path / "out" / find.WORK / TABLE).read_text()
+    assert table.strip() == capsys.readouterr().out.strip()
+    assert [line.split("  ")[-1] for line in table.splitlines() if "part 2" in line] == [
+        f"yard{i}.jpg" for i in range(4)
+    ]
+
+
+def test_a_walk_whose_neighbours_hardly_differ_is_no_turntable():
+    assert not stands_still(0, 0) and not stands_still(20, 45) and stands_still(23, 45)

@@ -1,0 +1,179 @@
+"""The first look: points and cameras between poses and training, and what may be changed there."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenepack.blocks import dense_from_pack
+from tests.training.reconstructions import around, ball, side_by_side, write_colmap
+from tests.viewer.app.test_application import FakeStage
+from tests.viewer.waiting import until
+from training.scenes import load_scene
+from training.scenes.points import sparse_points
+from training.scenes.sources import Source
+from viewer.app import make_plan
+from viewer.app import review as review_module
+from viewer.app.application import App
+from viewer.app.child import Child
+from viewer.app.first_look import FirstLook, Look
+from viewer.app.make_plan import Plan
+from viewer.app.review import Review
+
+FAKE = Path(__file__).with_name("fake_make.py")
+
+
+@pytest.fixture(scope="module")
+def posed(tmp_path_factory) -> Path:
+    return write_colmap(tmp_path_factory.mktemp("first") / "scene", around(), ball(radius=1.0))
+
+
+def look_at(folder: Path, **options: bool) -> Look:
+    first = FirstLook(folder, **options)
+    until(lambda: first.finished)
+    assert first.look is not None
+    return first.look
+
+
+def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
+    look = look_at(posed)
+    pack, points = look.pack, sparse_points(look.scene)
+    assert len(points.places) == len(look.points.places) == 150 and look.photographs == 10
+    grid_T_training = np.linalg.inv(pack.worldspace_T_opengl)
+    places = points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
+    voxels = np.floor((places - pack.min_xyz) / pack.voxel_size).astype(int)
+    filled = np.argwhere(dense_from_pack(pack)[0][..., 3] == 255)[:, ::-1]
+    assert {tuple(voxel) for voxel in voxels} == {tuple(voxel) for voxel in filled}
+    # The points lie in the frame of the cameras: about a ball's radius from what these look at, which is the origin.
+    given = load_scene(posed, spherify=True).splits["train"][0].camera.world_T_camera
+    local = (points.places - given[:3, 3]) @ given[:3, :3]
+    assert (local[:, 2] < 0).all() and np.linalg.norm(points.places, axis=-1).max() < 1.0
+    assert [entry["name"] for entry in pack.metadata["cameras"]]
+
+
+@pytest.mark.parametrize(("poses", "kind"), [(around, "subject"), (side_by_side, "forward")])
+def test_the_kind_is_found_and_forward_facing_scenes_are_shown_as_seen_from_outside(poses, kind, tmp_path):
+    look = look_at(write_colmap(tmp_path / "scene", poses(), ball()))
+    assert look.kind == kind and not look.scene.ndc and not look.pack.ndc
+    as_it_is = look_at(tmp_path / "scene", spherify=True)
+    assert as_it_is.kind in ("subject", "room")
+
+
+def reviewed(posed: Path) -> tuple[App, Review]:
+    app = App(stage=FakeStage())
+    app.making.look = look_at(posed)
+    app.making.review = Review(Plan("scene", posed, posed.parent / "out"), app.making.look)
+    app.making.show_points(app)
+    return app, app.making.review
+
+
+def test_the_box_that_was_dragged_is_trained_and_faces_that_were_not_stay_the_readers(posed):
+    app, review = reviewed(posed)
+    given = review.look.scene.aabb
+    assert app.gallery.frusta and app.scene.pack is review.look.pack
+    assert review.seconds_left is not None and review.decided(app.settings.crop).aabb is None
+    review.show_box(app)
+    assert review.seconds_left is None and review.decided(app.settings.crop).aabb is None  # seen, and left as it was
+    (x0, y0, z0), (x1, y1, z1) = app.settings.crop
+    app.set(crop=((x0, y0, z0), (x1, 0.5 * y1, z1)))  # the grid's y is up, and so is the training frame's z
+    plan = review.decided(app.settings.crop)
+    expected = [*given[0], given[1, 0], given[1, 1], 0.5 * y1]
+    assert np.allclose(plan.aabb, expected, atol=2e-3)
+    words = plan.command()
+    assert words[words.index("--aabb") + 1].count(",") == 5 and "--poses-only" not in words
+
+
+def test_what_a_scene_is_taken_for_decides_its_box_and_its_frame(tmp_path):
+    app, review = reviewed(write_colmap(tmp_path / "scene", side_by_side(), ball()))
+    assert review.kinds == ("room", "forward") and review.kind == "forward"
+    plain = review.decided(app.settings.crop)
+    assert not plain.spherify and plain.aabb is None and app.settings.crop is None
+    app.making.choose_kind(app, "room")
+    plan = review.decided(app.settings.crop)
+    assert plan.spherify and app.settings.crop is not None and review.seconds_left is None
+    app.making.choose_kind(app, "forward")
+    assert app.settings.crop is None and not review.decided(app.settings.crop).spherify
+
+
+def test_the_crop_box_of_another_scene_is_not_trained(posed, pack, pack_folder, monkeypatch):
+    app, review = reviewed(posed)
+    review.show_box(app)
+    app.show(pack, pack_folder)
+    cut = ((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1))
+    app.set(crop=cut)
+    begun = []
+    monkeypatch.setattr(app.making, "_begin", lambda host, plan: begun.append(plan))
+    app.making.train(app)
+    assert begun[0].aabb is None and app.settings.crop == cut and app.making.review is None
+
+
+@pytest.fixture
+def bare(monkeypatch, tmp_path, posed) -> App:
+    """An app that finds the poses of bare photographs: a stand-in has them at once, and trains for as long as it is let."""
+    photographs = tmp_path / "shed"
+    write_colmap(tmp_path / "out" / "scene", around(), ball())
+    (photographs).mkdir()
+
+    def command(plan: Plan) -> list[str]:
+        return [sys.executable, "-c", ""] if plan.poses_only else [sys.executable, str(FAKE), "wait", str(tmp_path)]
+
+    monkeypatch.setattr(Plan, "command", command)
+    monkeypatch.setattr(Plan, "bare", property(lambda plan: Source("photographs", photographs, ())))
+    monkeypatch.setattr(make_plan, "poser_missing", lambda source: None)
+    monkeypatch.setenv("PYTHONPATH", str(FAKE.parents[3]))
+    app = App(stage=FakeStage())
+    app.making.plan = Plan("scene", photographs, tmp_path / "out")
+    app.making.start(app)
+    yield app
+    app.making.end()
+
+
+def live(app: App, condition) -> None:
+    def lived() -> bool:
+        app.tick(0.02)
+        return condition()
+
+    until(lived)
+
+
+def test_the_points_are_shown_and_training_begins_by_itself_after_a_while(bare):
+    assert bare.making.job.plan.poses_only
+    live(bare, lambda: bare.making.review is not None)
+    assert bare.making.job is None and bare.making.busy and bare.making.points_shown(bare)
+    assert bare.scene.name == "shed: camera poses" and not bare.preferences.recent_packs()
+    bare.drop([bare.making.review.plan.out / "scene"])  # one scene at a time
+    assert bare.messages.dialogs and bare.making.plan is None
+    bare.making.review.until = 0.0
+    live(bare, lambda: bare.making.job is not None)
+    assert not bare.making.job.plan.poses_only and bare.making.review is None and bare.making.points_shown(bare)
+
+
+def test_who_touches_something_decides_when_training_begins(bare, monkeypatch):
+    monkeypatch.setattr(review_module, "WAIT_S", 0.0)
+    live(bare, lambda: bare.making.review is not None)
+    review = bare.making.review
+    assert review.due
+    review.hold()
+    for _ in range(3):
+        bare.tick(0.1)
+    assert bare.making.review is review and bare.making.job is None
+    bare.making.leave(bare)
+    assert bare.making.review is None and not bare.making.busy
+
+
+def test_another_scene_that_is_open_stays_until_the_points_are_asked_for(bare, pack, pack_folder):
+    bare.show(pack, pack_folder)
+    live(bare, lambda: bare.making.review is not None)
+    assert bare.scene.pack is pack and not bare.making.points_shown(bare)
+    bare.making.show_points(bare)
+    assert bare.making.points_shown(bare)
+
+
+def test_a_scene_without_points_is_trained_at_once(bare, tmp_path):
+    for file in (tmp_path / "out" / "scene" / "sparse" / "0").glob("points3D*"):
+        file.write_bytes(bytes(8))
+    live(bare, lambda: bare.making.job is not None and not bare.making.job.plan.poses_only)
+    assert bare.making.review is None and isinstance(bare.making.job.child, Child)

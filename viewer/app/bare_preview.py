@@ -1,0 +1,122 @@
+"""Bare photographs or a film before anything is begun: small pictures, what would be set aside and why, and how long finding
+poses takes here. A child process looks at them (training.posing.preview), since a decoder may crash and COLMAP listens to nobody.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from training.scenes.pictures import UNREADABLE
+from training.scenes.sources import Source
+from viewer.app.child import POLITENESS
+
+CELL = 160  # pixels a side: no small picture is larger
+COLUMNS, ROWS = 16, 16  # of the sheet; later pictures are counted, and not shown
+MODULE = "training.posing.preview"
+Box = tuple[int, int, int, int]
+
+
+class BarePreview:
+    """A look at `source`, from the moment this is made. Poll `news` from the main thread, and close it in the end.
+
+    of_film: it is no photographs. count: pictures in all, of a film the frames that would be taken; None before it is known.
+    names: of those looked at, in order. sheet, boxes: their small pictures, as viewer.app.stage.Sheet has them. aside: why
+    pictures are not used, by name; None before it is known. seconds: an estimate by stage, None before there is one. error:
+    why it went no further.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.of_film = source.kind == "film"
+        self.count: int | None = None
+        self.names: list[str] = []
+        self.sheet = np.zeros((ROWS * CELL, COLUMNS * CELL, 3), np.uint8)
+        self.boxes: dict[int, Box] = {}
+        self.aside: Mapping[str, str] | None = None
+        self.seconds: Mapping[str, float] | None = None
+        self.error = ""
+        self._told: object = None
+        self._folder = Path(tempfile.mkdtemp(prefix="snerg-preview-"))
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", MODULE, str(source.path.resolve()), str(self._folder)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+        )  # fmt: skip
+        if sys.platform != "win32":  # as the command that is begun later, so that it is measured likewise
+            with contextlib.suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, self._process.pid, POLITENESS)
+        self._thread = threading.Thread(target=self._run, name="snerg-preview", daemon=True)
+        self._thread.start()
+
+    @property
+    def coming(self) -> bool:
+        """Whether more is on its way."""
+        return self._thread.is_alive()
+
+    def news(self) -> bool:
+        """Whether more has arrived since this was asked last."""
+        state = (self.count, len(self.names), self.aside is None, self.seconds is None, self.coming)
+        told, self._told = self._told, state
+        return told != state
+
+    def close(self) -> None:
+        """Ends the process; what has arrived stays."""
+        self._process.kill()
+
+    def _run(self) -> None:
+        assert self._process.stdout is not None and self._process.stdin is not None
+        try:
+            for line in self._process.stdout:
+                self._take(json.loads(line))
+        except (ValueError, KeyError, TypeError, AttributeError):  # it was ended within a line
+            pass
+        finally:
+            self._process.kill()
+            self._process.wait()
+            self._process.stdout.close()
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _take(self, said: Mapping[str, Any]) -> None:
+        if "name" in said:
+            self._place(len(self.names), self._folder / said["file"] if said["file"] else None)
+            self.names.append(said["name"])
+        for fact in ("count", "aside", "seconds", "error"):
+            if fact in said:
+                setattr(self, fact, said[fact])
+
+    def _place(self, index: int, file: Path | None) -> None:
+        if file is None or index >= ROWS * COLUMNS:
+            return
+        try:
+            with Image.open(file, formats=["JPEG"]) as opened:
+                picture = np.asarray(opened.convert("RGB"))[:CELL, :CELL]
+        except UNREADABLE:
+            return
+        height, width = picture.shape[:2]
+        x, y = index % COLUMNS * CELL, index // COLUMNS * CELL
+        self.sheet[y : y + height, x : x + width] = picture
+        self.boxes[index] = (x, y, width, height)
+
+    @property
+    def used(self) -> int | None:
+        """How many pictures would be used; None before it is known."""
+        return None if self.count is None or self.aside is None else self.count - len(self.aside)
+
+    @property
+    def seconds_in_all(self) -> float | None:
+        """An estimate for finding the poses; None before there is one."""
+        return None if self.seconds is None else sum(self.seconds.values())

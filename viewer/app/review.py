@@ -1,0 +1,122 @@
+"""Between the poses and the training: the points and cameras are looked at, and the box or the kind of scene may be changed.
+
+Who is away does not hold it up: after a while it goes on by itself, unless something was touched.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from scenepack.pack import Pack
+from training.scenes.scene import Box
+from viewer.app import crop
+from viewer.app.first_look import FirstLook, Kind, Look
+from viewer.app.make_plan import Plan
+from viewer.app.pose import triple
+
+WAIT_S = 60.0
+SAME = 1e-6  # of the box's extent: a face that was not moved
+
+
+class ReviewHost(Protocol):
+    """Whose crop box the box is."""
+
+    def set(self, **fields: object) -> None:
+        """Changes render settings."""
+
+
+@dataclass
+class Review:
+    """plan: what will be trained. look: at its points. until: when it goes on by itself (monotonic seconds); None for never.
+
+    kind: as chosen.
+    """
+
+    plan: Plan
+    look: Look
+    kind: Kind = field(init=False)
+    until: float | None = field(default_factory=lambda: time.monotonic() + WAIT_S)
+
+    def __post_init__(self) -> None:
+        self.kind = self.look.kind
+
+    @property
+    def seconds_left(self) -> int | None:
+        """Whole seconds until it goes on; None where it waits."""
+        return None if self.until is None else max(round(self.until - time.monotonic()), 0)
+
+    @property
+    def due(self) -> bool:
+        """Whether it goes on now."""
+        return self.until is not None and time.monotonic() >= self.until
+
+    def hold(self) -> None:
+        """Somebody is there: it waits."""
+        self.until = None
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """What the scene may be taken for. Only what looks forward to the reader can be forward-facing."""
+        around = tuple(kind for kind in ("subject", "room") if kind in self.look.boxes)
+        return (*around, "forward") if self.look.kind == "forward" else around
+
+    def show_box(self, host: ReviewHost, on: bool = True) -> None:
+        """Cuts the points to the box that will be trained, so that its faces can be dragged; or shows them all."""
+        self.hold()
+        host.set(crop=self.box_in_grid() if on else None)
+
+    def choose(self, kind: Kind) -> None:
+        """Takes the scene for a subject or a room, with the box that fits, or for forward-facing, which has none."""
+        self.hold()
+        self.kind = kind
+
+    def box_in_grid(self) -> crop.Box | None:
+        """The box of the chosen kind, as far as the points' grid reaches; None of a forward-facing scene."""
+        box = self.look.boxes.get(self.kind)
+        return None if box is None else in_grid(self.look.pack, box)
+
+    def decided(self, cut: crop.Box | None) -> Plan:
+        """The plan as it is trained, with what was chosen. cut: the box that the points are cut to, None for no other."""
+        plan = self.plan
+        spherify = plan.spherify if self.look.kind != "forward" else self.kind != "forward"
+        return replace(plan, aabb=self._box(cut), spherify=spherify, poses_only=False)
+
+    def _box(self, cut: crop.Box | None) -> Box | None:
+        """The box to train, training frame; None where that is the reader's own."""
+        given, usual = self.look.boxes.get(self.kind), self.box_in_grid()
+        if given is None or usual is None:
+            return None
+        cut = cut or usual
+        moved = np.abs(np.asarray(cut) - np.asarray(usual)) > SAME * (given[1] - given[0]).max()
+        if not moved.any() and given is self.look.scene.aabb:
+            return None
+        # A face that was not moved stays where the reader has it, be that beyond the points' grid.
+        whole = np.where(moved, np.asarray(cut), _turned(given, np.linalg.inv(_frame(self.look.pack))))
+        x0, y0, z0, x1, y1, z1 = (float(f"{value:.4g}") for value in _turned(whole, _frame(self.look.pack)).ravel())
+        return x0, y0, z0, x1, y1, z1
+
+
+def first_look(plan: Plan) -> FirstLook:
+    """Begins to read the points of what a plan trains."""
+    return FirstLook(plan.posed, plan.spherify or None, plan.cut_out)
+
+
+def in_grid(pack: Pack, box: np.ndarray) -> crop.Box:
+    """A box [2, 3] of the training frame as the crop box of a pack, within its content."""
+    low, high = crop.whole(pack)
+    corners = np.clip(_turned(box, np.linalg.inv(_frame(pack))), low, high)
+    return triple(corners[0]), triple(corners[1])
+
+
+def _frame(pack: Pack) -> np.ndarray:
+    return np.asarray(pack.worldspace_T_opengl, np.float64)
+
+
+def _turned(box: np.ndarray, to_T_from: np.ndarray) -> np.ndarray:
+    """The box [2, 3] in another frame, whose axes are the same but for their order and signs."""
+    corners = np.asarray(box) @ to_T_from[:3, :3].T + to_T_from[:3, 3]
+    return np.stack([corners.min(0), corners.max(0)])

@@ -1,0 +1,95 @@
+"""The card between the poses and the training: what was found, what the scene is taken for, its box, and going on."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.review import Review
+from viewer.panels import layout, theme
+from viewer.panels.make_dialog import CARD_MARGIN, CARD_WIDTH
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
+
+LABELS = 86.0
+KINDS = {"subject": "Subject", "room": "Room", "forward": "Forward"}
+ABOUT = {
+    "subject": "The cameras look inwards at something. The box keeps to it.",
+    "room": "The cameras look outwards. The box reaches to the walls.",
+    "forward": "The cameras look one way. All that they see is trained; there is no box.",
+}
+
+
+def show(app: App, box: layout.Box, fonts: Fonts) -> None:
+    """Draws the card at the lower left of the viewport's box, while there is something to review."""
+    review = app.making.review
+    if review is None:
+        return
+    width = min(px(CARD_WIDTH), box[2] - 2 * px(CARD_MARGIN))
+    at = ImVec2(box[0] + px(CARD_MARGIN), box[1] + box[3] - px(CARD_MARGIN))
+    imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0.0, 1.0))
+    imgui.set_next_window_size(ImVec2(width, 0))
+    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_nav
+    flags |= (
+        imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_focus_on_appearing | imgui.WindowFlags_.always_auto_resize
+    )
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(14)))
+    with coloured(window_bg=theme.CARD):
+        imgui.begin("##review", None, flags)
+    imgui.pop_style_var()
+    _head(review, fonts)
+    shown = app.making.points_shown(app)
+    if not shown:
+        if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):
+            review.hold()
+            app.making.show_points(app)
+        tip("The scene that is open now is closed")
+    _choices(app, review, shown)
+    _answer(app, review)
+    imgui.end()
+
+
+def _head(review: Review, fonts: Fonts) -> None:
+    with font(fonts.bold, 16.0):
+        with coloured(text=theme.GOOD):
+            imgui.text_unformatted(fa.ICON_FA_CHECK)
+        imgui.same_line(0, px(8))
+        imgui.text_unformatted(review.plan.name)
+    look = review.look
+    hint(f"{look.photographs} photographs have a camera pose, with {len(look.points.places):,} points.", theme.MUTED)
+
+
+def _choices(app: App, review: Review, shown: bool) -> None:
+    label("Seen as", LABELS)
+    picked = segments("kind", review.kinds, review.kind, KINDS)
+    if picked is not None and picked != review.kind:
+        app.making.choose_kind(app, picked)  # type: ignore[arg-type]
+        if app.settings.crop is not None:
+            app.interface.opens("crop")  # where the box is drawn
+    hint(ABOUT[review.kind])
+    if review.kind == "forward" or not shown:
+        return
+    label("Box", LABELS)
+    on = switch("box", app.settings.crop is not None)
+    tip("Show the box that is trained, and drag its faces")
+    if on != (app.settings.crop is not None):
+        review.show_box(app, on)
+        if on:
+            app.interface.opens("crop")
+    hint(
+        "Drag the dots on its faces, or type numbers on the Crop page." if on else "Switch it on to see and change it."
+    )
+
+
+def _answer(app: App, review: Review) -> None:
+    imgui.dummy(ImVec2(0, px(2)))
+    half = (imgui.get_content_region_avail().x - px(8)) / 2
+    if imgui.button("Not now", ImVec2(half, px(34))):
+        app.making.leave(app)
+    tip("The camera poses are kept. Make the scene again to continue.")
+    imgui.same_line(0, px(8))
+    left = review.seconds_left
+    if main_button("Train it" if left is None else f"Train it ({left} s)", half):
+        app.making.train(app)
+    tip("Training begins by itself if nothing is touched" if left is not None else "Training begins")
