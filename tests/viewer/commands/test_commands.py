@@ -73,6 +73,13 @@ def test_forward_facing_packs_render_without_a_pose(ndc_folder: str, tmp_path: P
     assert picture(tmp_path / "a.png").std() > 5
 
 
+def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp_path: Path) -> None:
+    assert render.main([folder, "--out", str(tmp_path / "smooth.png"), "--samples", "4", *SMALL]) == 0
+    assert render.main([folder, "--out", str(tmp_path / "large.png"), "--size", "192x144"]) == 0
+    mean = picture(tmp_path / "large.png").astype(float).reshape(36, 4, 48, 4, 3).mean(axis=(1, 3))
+    assert np.abs(picture(tmp_path / "smooth.png") - mean).max() <= 1.01  # both are rounded to 8 bits
+
+
 @pytest.mark.parametrize("marcher", ["exact", "paper"])
 @pytest.mark.parametrize("mode", ["normal", "depth"])
 def test_modes_and_marchers_reach_the_renderer(folder: str, tmp_path: Path, mode: str, marcher: str) -> None:
@@ -99,6 +106,8 @@ def test_modes_and_marchers_reach_the_renderer(folder: str, tmp_path: Path, mode
         ["--out", "a.png", "--crop", "1,2,3"],
         ["--out", "a.png", "--scene", "nowhere"],
         ["--out", "a.png", "--mode", "wrong"],
+        ["--out", "a.png", "--samples", "0"],
+        ["--out", "a.png", "--samples", "17"],
     ],
 )
 def test_bad_arguments_are_status_2_and_one_line(
