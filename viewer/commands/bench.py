@@ -76,8 +76,8 @@ def bench(
         require_plots()
     check_results(json, markdown, plot)
     loaded = load_pack(pack)
-    protocol = _protocol(protocol, loaded)
-    chosen = PROTOCOLS[protocol]
+    flown = _protocol(protocol, loaded)
+    chosen = PROTOCOLS[flown]
     width, height = pixels or chosen.size
     cameras = chosen.path(loaded, frames, fov or chosen.fov, (width, height))
     photographs = Photographs.of(loaded, scene, split, downscale) if scene is not None else None
@@ -95,7 +95,7 @@ def bench(
         "width": width,
         "height": height,
         "frames": frames,
-        "protocol": protocol,
+        "protocol": flown,
         "fov": fov or chosen.fov,
         "grid_size": measurement.grid_size,
         "halved": measurement.grid_size != tuple(loaded.grid_size),
