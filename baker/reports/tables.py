@@ -65,8 +65,8 @@ def resolution_table(
     cameras = chosen.path(packs[first], frames, chosen.fov, (width, height))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Notice)
-        others = {name: pack for name, pack in packs.items() if name != first}
-        with taking_turns(packs[first], [Contender(first, RenderSettings())], others) as turns:
+        contenders = [Contender(name, RenderSettings(), pack) for name, pack in packs.items()]
+        with taking_turns(packs[first], contenders) as turns:
             turns.warm_up(cameras[0])
             turns.time(cameras)
             gpu_bytes = turns.gpu_bytes

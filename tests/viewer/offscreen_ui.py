@@ -40,7 +40,7 @@ class OffscreenUi:
         scale: float = 1.0,
     ) -> None:
         self.ctx, self.app, self.canvas = ctx, app, Canvas(ctx)
-        self.canvas.rest_s = 0.0  # nobody waits here
+        self.canvas.rest_s = self.canvas.blend_s = 0.0  # nobody waits here
         app.stage = self.canvas
         self.ui = Ui()
         self.density, self.scale = density, scale

@@ -83,7 +83,7 @@ class App:
         self.settings = replace(self.settings, crop=None, near=0.0)
         if self.filming.export is not None:
             self.filming.cancel(self)
-        self.filming = Filming(size=self.filming.size, fps=self.filming.fps)
+        self.filming = self.filming.of_another_scene()
         self.comparison.stop()
         self.gallery.scene_changed(pack)
         if whole:
@@ -121,7 +121,7 @@ class App:
         self.comparison.stop()
         if self.stage is not None:
             self.stage.show(None)
-        self.scene, self.filming = None, Filming(size=self.filming.size, fps=self.filming.fps)
+        self.scene, self.filming = None, self.filming.of_another_scene()
         self.touch()
 
     def quit(self) -> None:

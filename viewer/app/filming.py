@@ -24,13 +24,15 @@ SIZES: dict[str, Size] = {
 STEP_S = 0.02  # of a frame's time that an export takes
 TURNTABLE_KEYS = 8
 LARGEST_SIDE = 16384
+SMALLEST_TILE = 16  # pixels a side
+SAMPLES = {"Off": 1, "2 × 2": 2, "4 × 4": 4}  # rays per pixel
 
 
 @dataclass
 class Filming:
     """path: of the open scene. selected: a keyframe's index or None. time: seconds along the path.
 
-    size: width, height of stills and films, pixels.
+    size: width, height of stills and films, pixels. samples: rays along each side of a pixel; see RenderSettings.
     """
 
     path: CameraPath = field(default_factory=CameraPath)
@@ -39,7 +41,12 @@ class Filming:
     playing: bool = False
     size: Size = SIZES["Full HD"]
     fps: float = 30.0
+    samples: int = 1
     export: Export | None = None
+
+    def of_another_scene(self) -> Filming:
+        """What stays when another scene is opened: how stills and films are written."""
+        return Filming(size=self.size, fps=self.fps, samples=self.samples)
 
     def add(self, host: Host) -> None:
         """Makes the present view a keyframe, after the selected one."""
@@ -152,8 +159,9 @@ class Filming:
             return
         if not host.scene.whole:
             raise UserError("the scene is still being read", remedy="wait until it is complete")
-        side = host.resolution.tile_side()
-        self.export = Export(cameras, host.settings, target, host.stage.snapshot, self.fps, side)
+        side = max(host.resolution.tile_side() // self.samples, SMALLEST_TILE)
+        settings = replace(host.settings, samples=self.samples)
+        self.export = Export(cameras, settings, target, host.stage.snapshot, self.fps, side)
         self.playing = False
         host.touch()
 

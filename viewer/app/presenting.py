@@ -29,6 +29,7 @@ def present(app: App, stage: Stage) -> None:
 
 def _present(app: App, stage: Stage) -> Drawn | None:
     comparison, scene = app.comparison, (app.viewport.camera, app.settings, app.resolution)
+    before = unfinished(app, stage)
     shown: list[Picture] = [stage]
     if comparison.against == "pack" and stage.other is not None:
         shown.append(stage.other)
@@ -40,7 +41,8 @@ def _present(app: App, stage: Stage) -> Drawn | None:
             drew = [each]
     pair = _compared(app, stage)
     if comparison.how == "difference" and pair is not None:
-        if drew or stage.difference is None or app.frames_owed:
+        settled = before and not unfinished(app, stage)  # without drawing: the last tile has appeared
+        if drew or settled or stage.difference is None or app.frames_owed:
             stage.subtract(*pair, app.viewport.pixels, comparison.gain)
     else:
         stage.difference = None

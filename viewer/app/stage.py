@@ -20,13 +20,14 @@ from viewer.rendering.settings import RenderSettings
 @dataclass(frozen=True)
 class Layer:
     """A piece of texture to draw: texture (OpenGL name), its part uv0 … uv1 (top left, bottom right), and where on the
-    viewport it belongs, box x0, y0, x1, y1 in 0 … 1 from the top left.
+    viewport it belongs, box x0, y0, x1, y1 in 0 … 1 from the top left. opacity: 0 … 1, over the layers before it.
     """
 
     texture: int
     uv0: tuple[float, float]
     uv1: tuple[float, float]
     box: tuple[float, float, float, float]
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,8 @@ class Picture(Protocol):
         ...
 
     def sharpen(self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution) -> bool:
-        """Draws the next tile of the full picture, once nothing has changed for a moment; True where it drew one.
+        """Draws the next tile of the full picture, once nothing has changed for a moment; True where it drew one. Tiles
+        appear by and by, over the quick picture.
 
         Call it after follow(), with the same arguments.
         """

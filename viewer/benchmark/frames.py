@@ -1,18 +1,21 @@
-"""What snerg-bench measures: frame times of contenders (viewer.rendering.frame_times), the card's power, and how much
-pictures differ.
+"""What snerg-bench measures: frame times of contenders (viewer.rendering.frame_times), the card's power, how much
+pictures differ, and how well they show photographs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from console import UserError, progress
 from scenepack.pack import Pack
+from training.scenes import Scene, load_scene
 from viewer.benchmark.power import PowerMeter
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.frame_times import Contender, taking_turns
+from viewer.rendering.frame_times import Contender, Turns, taking_turns
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
@@ -20,11 +23,32 @@ PSNR_FRAMES = 8  # compared between two marchers, spread over the path
 
 
 @dataclass(frozen=True)
+class Photographs:
+    """The photographs of a scene's split, to score pictures against."""
+
+    scene: Scene
+    split: str
+
+    @classmethod
+    def of(cls, pack: Pack, scene: Path, split: str = "test", downscale: int = 1) -> Photographs:
+        """Reads `scene` as the maker of `pack` read it. UserError where the split has no photographs."""
+        stored: Any = pack.metadata.get("provenance")
+        stored = stored if isinstance(stored, dict) else {}
+        spherify, masks = stored.get("spherify") is True or None, stored.get("masks") is True
+        read = load_scene(scene, downscale=downscale, spherify=spherify, masks=masks)
+        if not read.splits.get(split):
+            names = ", ".join(name for name, some in read.splits.items() if some)
+            raise UserError("has no such photographs", where=scene, expected=f"--split {names}", found=split)
+        return cls(read, split)
+
+
+@dataclass(frozen=True)
 class Measurement:
     """contenders: with their times, in the order given. clock: what measured them. watts: None where unknown.
 
-    psnr: by name, of a contender against the first one, dB over the frames compared; infinite where they are equal.
-    grid_size: voxels (x, y, z) of the pack as it was drawn.
+    psnr: by name, of each further contender of the same pack against the first one, dB over the frames compared; infinite
+    where they are equal. grid_size: voxels (x, y, z) of the pack as it was drawn. photographs: by name, PSNR in dB against
+    photographs, the mean over views; empty where there are none.
     """
 
     renderer: str
@@ -34,29 +58,52 @@ class Measurement:
     watts: float | None
     psnr: dict[str, float]
     grid_size: tuple[int, int, int]
+    photographs: dict[str, float]
 
 
 def measure(
     pack: Pack,
     cameras: list[ViewCamera],
     contenders: list[Contender],
-    other_packs: Mapping[str, Pack] | None = None,
     *,
+    photographs: Photographs | None = None,
     allow_half: bool = False,
 ) -> Measurement:
-    """Draws every camera with every contender in turn. UserError where there is no OpenGL or the pack does not fit.
+    """Draws every camera with every contender in turn. UserError where there is no OpenGL or a pack does not fit.
 
-    other_packs: by name, packs to be measured beside it, each drawn like the first contender. allow_half: a pack that does
-    not fit is measured at half its resolution.
+    allow_half: a pack that does not fit is measured at half its resolution.
     """
-    with taking_turns(pack, contenders, other_packs, allow_half=allow_half) as turns:
+    with taking_turns(pack, contenders, allow_half=allow_half) as turns:
         turns.warm_up(cameras[0])
         with PowerMeter(turns.device) as meter:
             turns.time(cameras)
         compared, first = cameras[:: max(1, len(cameras) // PSNR_FRAMES)], contenders[0].settings
-        psnr = {c.name: _psnr(turns.offscreen, compared, c.settings, first) for c in contenders[1:]}
+        same = [c for c in contenders[1:] if c.pack is None]
+        psnr = {c.name: _psnr(turns.offscreen, compared, c.settings, first) for c in same}
+        shown = _against(turns, photographs) if photographs is not None else {}
         drawn = turns.offscreen.pack.grid_size
-        return Measurement(turns.device, turns.clock, turns.contenders, turns.gpu_bytes, meter.watts, psnr, drawn)
+        return Measurement(
+            turns.device, turns.clock, turns.contenders, turns.gpu_bytes, meter.watts, psnr, drawn, shown
+        )
+
+
+def _against(turns: Turns, photographs: Photographs) -> dict[str, float]:
+    """PSNR (dB) of each contender's pictures, as snerg-eval has it: of 8-bit pictures, the mean over views."""
+    scene = photographs.scene
+    views = scene.splits[photographs.split]
+    scores: dict[str, list[float]] = {c.name: [] for c in turns.contenders}
+    with progress("comparing with photographs", len(views)) as bar:
+        for view in views:
+            rgba = view.load()
+            truth = rgba[..., :3] * rgba[..., 3:] + np.asarray(scene.background, np.float32) * (1 - rgba[..., 3:])
+            for contender in turns.contenders:
+                camera = ViewCamera.from_scene_camera(contender.pack or turns.pack, view.camera)
+                settings = replace(contender.settings, background=scene.background)
+                picture = turns.drawn_by[contender.name].render(camera, settings) / np.float32(255)
+                error = max(float(np.mean(np.square(picture - truth, dtype=np.float64))), 1e-12)
+                scores[contender.name].append(-10.0 * float(np.log10(error)))
+            bar.advance()
+    return {name: float(np.mean(values)) for name, values in scores.items()}
 
 
 def _psnr(

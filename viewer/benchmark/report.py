@@ -1,9 +1,10 @@
-"""A measurement as a terminal's table, as Markdown, and as a plot of frame times; all from the same rows."""
+"""A measurement as JSON, as a terminal's table, as Markdown, and as a plot of frame times; all from the same figures."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,53 @@ from rich.console import Console
 from rich.table import Table
 
 from console.plots import Line, Plot, draw_plots
-from viewer.benchmark.frames import Measurement
+from viewer.benchmark.frames import Measurement, Photographs
 
 HEADINGS = ("", "ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU MiB")
+
+
+def figures(
+    measurement: Measurement, photographs: Photographs | None = None, *, systems: bool = False
+) -> dict[str, Any]:
+    """The measured part of the JSON that docs/commands.md promises. photographs: what `measurement.photographs` is of.
+
+    systems: the contenders are two packs, each with a marcher of its own.
+    """
+    ours, *others = measurement.contenders
+    first = ours.statistics()
+    result: dict[str, Any] = {
+        **first,
+        "gpu_bytes": measurement.gpu_bytes[ours.name],
+        "watts": measurement.watts,
+        "fps_per_watt": None if measurement.watts is None else first["fps"] / measurement.watts,
+    }
+    shown = measurement.photographs
+    if photographs is not None:
+        views = photographs.scene.splits[photographs.split]
+        result["photographs"] = {
+            "scene": str(photographs.scene.path),
+            "split": photographs.split,
+            "views": len(views),
+            "width": views[0].camera.width,
+            "height": views[0].camera.height,
+            "psnr": shown[ours.name],
+        }
+    for other in others:
+        statistics = {**other.statistics(), "gpu_bytes": measurement.gpu_bytes[other.name]}
+        if systems:
+            result["against"] = {
+                "systems": [ours.name, other.name],
+                **statistics,
+                **other.ratio_to(ours),
+                "psnr": shown.get(other.name),
+            }
+        elif other.name == "paper":
+            psnr = measurement.psnr["paper"]
+            psnr = psnr if isfinite(psnr) else None  # JSON knows no infinity
+            result["compare"] = {"paper": statistics, **other.ratio_to(ours), "psnr": psnr}
+        else:
+            result.setdefault("ablations", {})[other.name] = statistics
+    return result
 
 
 def rows(measurement: Measurement) -> list[tuple[str, ...]]:
@@ -42,9 +87,22 @@ def notes(result: Mapping[str, Any], measurement: Measurement) -> list[str]:
     if measurement.watts is not None:
         lines.append(f"{measurement.watts:.1f} W, {result['fps'] / measurement.watts:.3f} FPS/W")
     if "compare" in result:
-        ratio, psnr = result["compare"]["ratio"], measurement.psnr["paper"]
-        lines.append(f"exact is {ratio:.2f} times as fast as paper; PSNR between them {psnr:.1f} dB")
+        psnr = measurement.psnr["paper"]
+        lines.append(f"exact is {_times(result['compare'])} as fast as paper; PSNR between them {psnr:.1f} dB")
+    if "against" in result:
+        ours, theirs = result["against"]["systems"]
+        lines.append(f"{ours} is {_times(result['against'])} as fast as {theirs}")
+    if "photographs" in result:
+        about = result["photographs"]
+        scores = ", ".join(f"{name} {value:.2f} dB" for name, value in measurement.photographs.items())
+        lines.append(f"PSNR against {about['views']} photographs ({about['width']}x{about['height']}): {scores}")
     return lines
+
+
+def _times(compared: Mapping[str, Any]) -> str:
+    """A ratio with its spread over pairs of frames."""
+    low, high = compared["ratio_p5"], compared["ratio_p95"]
+    return f"{compared['ratio']:.2f} times ({low:.2f} to {high:.2f} frame by frame)"
 
 
 def print_table(result: Mapping[str, Any], measurement: Measurement) -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from console import UserError, check_results, run_command, write_json, write_text
 from console.arguments import parse_size
@@ -14,10 +13,10 @@ from console.desktop import tell_if_unseen
 from console.plots import require_plots
 from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
-from viewer.benchmark.frames import Measurement, measure
+from viewer.benchmark.frames import Photographs, measure
 from viewer.rendering.frame_times import PROTOCOLS, Contender
 from viewer.rendering.gpu_scene import OR_HALF, NoRoomError
-from viewer.rendering.settings import RenderSettings
+from viewer.rendering.settings import MARCHERS, RenderSettings
 
 NO_SPARSITY = "exact, no sparsity loss"
 DESCRIPTION = "Measures frame times along a camera path, as the paper does. Renders offscreen, without vertical sync."
@@ -31,6 +30,11 @@ def bench(
     size: str | None = None,
     fov: float | None = None,
     compare: Literal["paper"] | None = None,
+    against: Path | None = None,
+    algorithms: str | None = None,
+    scene: Path | None = None,
+    split: str = "test",
+    downscale: int = 1,
     ablations: bool = False,
     dense_pack: Path | None = None,
     allow_half: bool = False,
@@ -48,6 +52,11 @@ def bench(
         size: Picture size, WIDTHxHEIGHT in pixels. The default is the protocol's.
         fov: Vertical field of view in degrees. The default is the protocol's.
         compare: Also render each frame with the paper's marcher.
+        against: Pack of the same scene to render in turn with this one, each with its own algorithm: two systems are compared.
+        algorithms: With --against, the marcher of each pack, for example exact,exact. The default is exact,paper.
+        scene: Also measure the PSNR against the photographs of this scene.
+        split: Which photographs to use: test, train or val.
+        downscale: Divide width and height of the photographs by this whole number.
         ablations: Also measure the rows of the paper's performance table (without view MLP, view MLP at every sample), and
             rendering that takes every sample.
         dense_pack: Pack of the same scene trained without the sparsity loss, for the last row of that table.
@@ -62,22 +71,23 @@ def bench(
     if fov is not None and not 0.1 <= fov < 179:
         raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
     pixels = parse_size(size) if size else None
+    marchers = _marchers(against, algorithms, compare, ablations, dense_pack)
     if plot is not None:
         require_plots()
     check_results(json, markdown, plot)
     loaded = load_pack(pack)
-    if protocol == "auto":
-        protocol = "forward-facing" if loaded.ndc else "synthetic"
-    if (protocol == "forward-facing") != loaded.ndc:
-        kind = "forward-facing (NDC)" if loaded.ndc else "not forward-facing"
-        raise UserError(f"does not suit this pack, which is {kind}", where=f"--protocol {protocol}")
-    chosen = PROTOCOLS[protocol]
+    flown = _protocol(protocol, loaded)
+    chosen = PROTOCOLS[flown]
     width, height = pixels or chosen.size
     cameras = chosen.path(loaded, frames, fov or chosen.fov, (width, height))
-    contenders = _contenders(loaded, compare is not None, ablations)
-    others = {NO_SPARSITY: load_pack(dense_pack)} if dense_pack else {}
+    photographs = Photographs.of(loaded, scene, split, downscale) if scene is not None else None
+    if against is not None:
+        contenders = _systems(pack, loaded, against, marchers)
+    else:
+        contenders = _contenders(loaded, compare is not None, ablations)
+        contenders += [Contender(NO_SPARSITY, RenderSettings(), load_pack(dense_pack))] if dense_pack else []
     try:
-        measurement = measure(loaded, cameras, contenders, others, allow_half=allow_half)
+        measurement = measure(loaded, cameras, contenders, photographs=photographs, allow_half=allow_half)
     except NoRoomError as error:
         raise error if allow_half else error.with_remedy(OR_HALF) from error
     result = {
@@ -85,12 +95,12 @@ def bench(
         "width": width,
         "height": height,
         "frames": frames,
-        "protocol": protocol,
+        "protocol": flown,
         "fov": fov or chosen.fov,
         "grid_size": measurement.grid_size,
         "halved": measurement.grid_size != tuple(loaded.grid_size),
         "clock": measurement.clock,
-        **figures(measurement),
+        **bench_report.figures(measurement, photographs, systems=against is not None),
     }
     if not write_json(json, result):
         bench_report.print_table(result, measurement)
@@ -99,6 +109,49 @@ def bench(
         write_text(markdown, bench_report.markdown(name, result, measurement))
     if plot is not None:
         bench_report.plot(plot, name, result, measurement)
+
+
+def _protocol(asked: str, pack: Pack) -> str:
+    """The protocol that suits the pack. UserError where another is asked for."""
+    if asked == "auto":
+        return "forward-facing" if pack.ndc else "synthetic"
+    if (asked == "forward-facing") != pack.ndc:
+        kind = "forward-facing (NDC)" if pack.ndc else "not forward-facing"
+        raise UserError(f"does not suit this pack, which is {kind}", where=f"--protocol {asked}")
+    return asked
+
+
+def _marchers(
+    against: Path | None, algorithms: str | None, compare: str | None, ablations: bool, dense_pack: Path | None
+) -> tuple[str, str]:
+    """The marchers of the two packs of --against. UserError where the options contradict one another."""
+    if against is None:
+        if algorithms is not None:
+            raise UserError("needs --against", where="--algorithms")
+        return "exact", "exact"
+    others = {"--compare": compare, "--ablations": ablations, "--dense-pack": dense_pack}
+    for option, given in others.items():
+        if given:
+            raise UserError("exclude each other", where=f"--against and {option}", remedy="keep one of them")
+    names = (algorithms or "exact,paper").split(",")
+    if len(names) != 2 or not set(names) <= set(MARCHERS):
+        expected = f"two of {', '.join(MARCHERS)}, such as exact,paper"
+        raise UserError("are not algorithms of two packs", where="--algorithms", expected=expected, found=algorithms)
+    return names[0], names[1]
+
+
+def _systems(path: Path, pack: Pack, against: Path, marchers: tuple[str, str]) -> list[Contender]:
+    """Two packs of one scene, each with a marcher of its own."""
+    other = load_pack(against)
+    if other.ndc != pack.ndc:
+        raise UserError(
+            "cannot be seen by the same cameras: one of the packs is forward-facing", where=f"--against {against}"
+        )
+    names = [f"{each.resolve().name}, {marcher}" for each, marcher in zip((path, against), marchers, strict=True)]
+    if names[0] == names[1]:
+        names[1] += ", again"
+    first, second = (RenderSettings(marcher=marcher) for marcher in marchers)  # type: ignore[arg-type]
+    return [Contender(names[0], first), Contender(names[1], second, other)]
 
 
 def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
@@ -111,29 +164,6 @@ def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
             contenders.append(Contender("exact, view MLP at every sample", RenderSettings(view_mlp_per_sample=True)))
         contenders.append(Contender("no skipping: every sample", RenderSettings(marcher="brute")))
     return contenders
-
-
-def figures(measurement: Measurement) -> dict[str, Any]:
-    """The measured part of the JSON that docs/commands.md promises, and the ablations."""
-    ours, *others = measurement.contenders
-    result: dict[str, Any] = {
-        **ours.statistics(),
-        "gpu_bytes": measurement.gpu_bytes[ours.name],
-        "watts": measurement.watts,
-        "fps_per_watt": None if measurement.watts is None else ours.statistics()["fps"] / measurement.watts,
-    }
-    for other in others:
-        statistics = {**other.statistics(), "gpu_bytes": measurement.gpu_bytes[other.name]}
-        if other.name == "paper":
-            psnr = measurement.psnr["paper"]
-            result["compare"] = {
-                "paper": statistics,
-                "ratio": statistics["ms_p50"] / result["ms_p50"],
-                "psnr": psnr if math.isfinite(psnr) else None,  # JSON knows no infinity
-            }
-        else:
-            result.setdefault("ablations", {})[other.name] = statistics
-    return result
 
 
 def main(args: Sequence[str] | None = None) -> int:

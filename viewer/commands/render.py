@@ -20,7 +20,7 @@ from training.scenes import load_scene, picture_stems
 from viewer.app.films import MOST_FPS, require_video, write_film
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored, orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import Marcher, Mode, RenderSettings
+from viewer.rendering.settings import MOST_SAMPLES, Marcher, Mode, RenderSettings
 
 DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit, or the views of photographs."
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0
@@ -55,6 +55,7 @@ def render(
     background: str = "1,1,1",
     near: float = 0.0,
     crop: str | None = None,
+    samples: int = 1,
     fps: int = 30,
 ) -> None:
     """Renders pictures of a pack without a display.
@@ -77,14 +78,22 @@ def render(
         background: Background colour, r,g,b in 0 ... 1.
         near: Hide everything closer than this along the optical axis, in grid units.
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
+        samples: Rays along each side of a pixel: 4 averages 4 x 4 rays per pixel (anti-aliasing).
         fps: Frames per second of a film.
     """
     _check_choice(eye, target, up, orbit, scene, index, fov)
     if not 1 <= fps <= MOST_FPS:
         raise UserError("is out of range", where="--fps", expected=f"1 to {MOST_FPS}", found=fps)
+    if not 1 <= samples <= MOST_SAMPLES:
+        raise UserError("is out of range", where="--samples", expected=f"1 to {MOST_SAMPLES}", found=samples)
     kind = _kind_of(out)
     settings = RenderSettings(
-        mode=mode, marcher=marcher, background=_colour(background), near=near, crop=_box(crop) if crop else None
+        mode=mode,
+        marcher=marcher,
+        background=_colour(background),
+        near=near,
+        crop=_box(crop) if crop else None,
+        samples=samples,
     )
     pixels = parse_size(size) if size else None
     if kind:

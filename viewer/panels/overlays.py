@@ -27,7 +27,8 @@ def draw_layers(layers: list[Layer], box: Box) -> None:
     for layer in layers:
         x0, y0, x1, y1 = layer.box
         low, high = ImVec2(x + x0 * width, y + y0 * height), ImVec2(x + x1 * width, y + y1 * height)
-        draw.add_image(imgui.ImTextureRef(layer.texture), low, high, layer.uv0, layer.uv1)
+        tint = imgui.color_convert_float4_to_u32((1.0, 1.0, 1.0, layer.opacity))
+        draw.add_image(imgui.ImTextureRef(layer.texture), low, high, layer.uv0, layer.uv1, tint)
 
 
 def draw_comparison(app: App, stage: Stage, box: Box) -> None:

@@ -9,7 +9,7 @@ from viewer.app.application import App
 from viewer.app.commands import ask_for_still, run
 from viewer.app.export import films_possible
 from viewer.app.files import FileRequest
-from viewer.app.filming import LARGEST_SIDE, SIZES, Filming
+from viewer.app.filming import LARGEST_SIDE, SAMPLES, SIZES, Filming
 from viewer.app.stage import Stage
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
@@ -106,6 +106,11 @@ def _size(filming: Filming) -> None:
     changed, fps = imgui.slider_float("##fps", filming.fps, 10.0, 60.0, "%.0f")
     if changed:
         filming.fps = float(round(fps))
+    label("Anti-aliasing")
+    current = next((name for name, samples in SAMPLES.items() if samples == filming.samples), "")
+    picked = segments("samples", list(SAMPLES), current)
+    if picked:
+        filming.samples = SAMPLES[picked]
 
 
 def _export(app: App, filming: Filming) -> None:

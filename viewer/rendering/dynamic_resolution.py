@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import ceil, sqrt
+from math import ceil, exp, inf, log, sqrt
 
 SMALLEST_SCALE = 0.12
 STEP = 1.25  # the most that scale changes in one frame
@@ -32,40 +32,56 @@ STEADY = 0.04  # changes of scale by less than this share are not made, so that 
 HEADROOM = 0.9  # of the target is planned for: pictures differ
 LATE = 1.02  # times the target: a frame that takes longer is late; screens of 59.94 Hz hold 60
 SWAP_GAIN = 0.1  # how fast the counted share of the swap follows
-FORGETTING = 0.8  # weight of a measurement after each further one
-TELLING = 0.15  # of their mean: pictures must differ in size by so much to tell the pixels' share of the cost
+NOISE = 0.08  # pictures that take so much more or less than expected (logarithm) tell of a change, others waver
+WAVERING, CHANGING = 0.3, 0.85  # how much of the difference is believed in either case
+TELLING = 0.2  # successive pictures must differ by such a share in size to tell the pixels' part of the cost
+MOST_FIXED = 0.95  # of a picture's time, also of the quickest of late: no picture takes less than what is fixed
+FORGETTING = 0.02  # by so much a frame that one is allowed to have been slower
 FIRST_TILE = 96  # pixels a side, until speed is known
 
 
 @dataclass
 class _PictureCost:
-    """The line fixed + pixels · slope through the pictures of late, by least squares with fading weights.
+    """What the next picture costs: `ms` for one of `pixels`, of which `fixed` (ms) is not the pixels' own.
 
-    share: of the cost, what is the pixels' own; kept where the sizes of late differ too little to tell.
+    Costs follow the view at once, for a camera that comes near a surface may double them within some frames. `fixed` is
+    learnt from successive pictures of very different size alone: where the scale holds the time while the view changes,
+    pictures of all sizes take as long, and pixels would seem to cost nothing.
     """
 
-    share: float = 1.0
-    weight: float = 0.0
-    x: float = 0.0
-    y: float = 0.0
-    xx: float = 0.0
-    xy: float = 0.0
+    fixed: float = 0.0
+    ms: float = 0.0
+    pixels: float = 0.0
+    _before: tuple[float, float] = (0.0, 0.0)  # milliseconds and pixels of the picture before
+    _quickest: float = inf  # of the pictures of late, ms
 
     def add(self, milliseconds: float, pixels: int) -> None:
         """A picture of `pixels` took so long."""
-        self.weight = FORGETTING * self.weight + 1.0
-        self.x = FORGETTING * self.x + pixels
-        self.y = FORGETTING * self.y + milliseconds
-        self.xx = FORGETTING * self.xx + float(pixels) ** 2
-        self.xy = FORGETTING * self.xy + pixels * milliseconds
-        x, y = self.x / self.weight, self.y / self.weight
-        told = (TELLING * x) ** 2  # spread of sizes whose slope counts as much as what was known before
-        slope = (self.xy / self.weight - x * y + told * self.share * y / x) / (self.xx / self.weight - x**2 + told)
-        self.share = min(max(slope * x / y, 0.01), 1.0)
+        if not self.pixels:
+            self.ms, self.pixels, self._before = milliseconds, float(pixels), (milliseconds, pixels)
+            return
+        self._quickest = min(self._quickest * (1.0 + FORGETTING), milliseconds)
+        self._learn_fixed(milliseconds, pixels)
+        fixed, slope = self.line()
+        expected = fixed + slope * pixels
+        surprise = log(milliseconds / expected)
+        believed = CHANGING if abs(surprise) > NOISE else WAVERING
+        self.ms, self.pixels = expected * exp(believed * surprise), float(pixels)
+
+    def _learn_fixed(self, milliseconds: float, pixels: int) -> None:
+        ms_before, pixels_before = self._before
+        self._before = milliseconds, pixels
+        change = abs(pixels - pixels_before) / (0.5 * (pixels + pixels_before))
+        if change < TELLING:
+            return
+        slope = (milliseconds - ms_before) / (pixels - pixels_before)
+        found = min(max(milliseconds - slope * pixels, 0.0), self._quickest)
+        self.fixed += change**2 / (change**2 + TELLING**2) * (found - self.fixed)
 
     def line(self) -> tuple[float, float]:
         """fixed (ms) and slope (ms a pixel)."""
-        return (1.0 - self.share) * self.y / self.weight, self.share * self.y / self.x
+        fixed = min(self.fixed, MOST_FIXED * min(self.ms, self._quickest))
+        return fixed, (self.ms - fixed) / self.pixels
 
 
 @dataclass

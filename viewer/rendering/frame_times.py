@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import moderngl
 import numpy as np
 
 from console import progress
@@ -18,7 +19,6 @@ from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera, forward_facing_path, orbit_path
 from viewer.rendering.gpu_clock import GpuClock, is_software
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
 
 WARM_UP_FRAMES = 3
@@ -42,10 +42,11 @@ PROTOCOLS = {
 
 @dataclass
 class Contender:
-    """A way to draw, and the milliseconds that each frame took."""
+    """A way to draw, and the milliseconds that each frame took. pack: what it draws; None: the pack that is measured."""
 
     name: str
     settings: RenderSettings
+    pack: Pack | None = None
     ms: list[float] = field(default_factory=list)
 
     def statistics(self) -> dict[str, float]:
@@ -62,28 +63,44 @@ class Contender:
             "fps": 1000.0 / mean,
         }
 
+    def ratio_to(self, first: Contender) -> dict[str, float]:
+        """How many times `first`'s frame time ours is: of the medians, and between which most pairs of frames lie."""
+        pairs = np.asarray(self.ms) / np.asarray(first.ms)
+        low, high = (float(v) for v in np.percentile(pairs, (5, 95)))
+        return {"ratio": float(np.median(self.ms) / np.median(first.ms)), "ratio_p5": low, "ratio_p95": high}
+
 
 class Turns:
-    """Contenders that draw in turn, in one OpenGL context. offscreen: of the first pack; renderers: by contender's name."""
+    """Contenders that draw in turn, in one OpenGL context.
 
-    def __init__(
-        self, offscreen: OffscreenRenderer, contenders: Sequence[Contender], renderers: Mapping[str, Renderer]
-    ) -> None:
-        self.offscreen, self.contenders, self.renderers = offscreen, list(contenders), renderers
-        self.device = str(offscreen.ctx.info["GL_RENDERER"])
+    pack: whose grid frame the cameras are in. drawn_by: what draws each contender, by its name.
+    """
+
+    def __init__(self, pack: Pack, contenders: Sequence[Contender], drawn_by: Mapping[str, OffscreenRenderer]) -> None:
+        self.pack, self.contenders, self.drawn_by = pack, list(contenders), drawn_by
+        self.offscreen = drawn_by[self.contenders[0].name]
+        self.device = str(self.offscreen.ctx.info["GL_RENDERER"])
         self.clock = "wall time around finish()" if is_software(self.device) else "GPU timer queries"
 
     @property
     def gpu_bytes(self) -> dict[str, int]:
         """Bytes of textures, by contender."""
-        return {c.name: self.renderers[c.name].gpu_bytes(c.settings.marcher) for c in self.contenders}
+        return {c.name: self.drawn_by[c.name].renderer.gpu_bytes(c.settings.marcher) for c in self.contenders}
+
+    def _draw(self, contender: Contender, framebuffer: moderngl.Framebuffer, camera: ViewCamera) -> None:
+        self.drawn_by[contender.name].renderer.render(framebuffer, camera, contender.settings)
+
+    def _view(self, contender: Contender, camera: ViewCamera) -> ViewCamera:
+        """The camera in the grid frame of the pack that the contender draws."""
+        return same_view(camera, self.pack, contender.pack or self.pack)
 
     def warm_up(self, camera: ViewCamera) -> None:
         """Draws `camera` a few times with each contender, so that shaders are compiled and clocks are up."""
         framebuffer = self.offscreen.framebuffer(camera.width, camera.height)
         for contender in self.contenders:
+            view = self._view(contender, camera)
             for _ in range(WARM_UP_FRAMES):
-                self.renderers[contender.name].render(framebuffer, camera, contender.settings)
+                self._draw(contender, framebuffer, view)
                 self.offscreen.ctx.finish()
 
     def time(self, cameras: Sequence[ViewCamera]) -> None:
@@ -93,30 +110,34 @@ class Turns:
         with progress("measuring", len(cameras)) as bar:
             for camera in cameras:
                 for contender in self.contenders:
-                    draw = self.renderers[contender.name].render
+                    view = self._view(contender, camera)
                     self.offscreen.ctx.finish()
-                    gpu, wall = clock.time(lambda c=camera, s=contender.settings, d=draw: d(framebuffer, c, s))
+                    gpu, wall = clock.time(lambda c=contender, v=view: self._draw(c, framebuffer, v))
                     contender.ms.append(wall if gpu is None else gpu)
                 bar.advance()
 
 
+def same_view(camera: ViewCamera, pack: Pack, other: Pack) -> ViewCamera:
+    """A camera in the grid frame of `pack` as one in that of `other`; both packs were trained in one frame."""
+    if np.array_equal(pack.worldspace_T_opengl, other.worldspace_T_opengl):
+        return camera
+    other_T_pack = np.linalg.inv(other.worldspace_T_opengl) @ pack.worldspace_T_opengl
+    return replace(camera, grid_T_camera=other_T_pack @ camera.grid_T_camera)
+
+
 @contextmanager
-def taking_turns(
-    pack: Pack,
-    contenders: Sequence[Contender],
-    other_packs: Mapping[str, Pack] | None = None,
-    *,
-    allow_half: bool = False,
-) -> Iterator[Turns]:
-    """Opens `pack` for `contenders`, and other packs, by name, each drawn like the first of them.
+def taking_turns(pack: Pack, contenders: Sequence[Contender], *, allow_half: bool = False) -> Iterator[Turns]:
+    """Opens `pack`, and the packs that contenders bring, in one context. Contenders of one pack share its textures.
 
     UserError where there is no OpenGL or a pack does not fit, unless half its resolution does and is allowed.
     """
-    first = contenders[0].settings
-    with OffscreenRenderer(pack, first.marcher, allow_half=allow_half) as offscreen, ExitStack() as stack:
-        renderers = {contender.name: offscreen.renderer for contender in contenders}
-        for label, other in (other_packs or {}).items():
-            beside = OffscreenRenderer(other, first.marcher, offscreen.ctx, allow_half=allow_half)
-            renderers[label] = stack.enter_context(beside).renderer
-        others = [Contender(label, first) for label in other_packs or {}]
-        yield Turns(offscreen, [*contenders, *others], renderers)
+    with ExitStack() as stack:
+        opened: dict[int, OffscreenRenderer] = {}
+        ctx = None
+        for contender in contenders:
+            own = contender.pack or pack
+            if id(own) not in opened:
+                offscreen = OffscreenRenderer(own, contender.settings.marcher, ctx, allow_half=allow_half)
+                opened[id(own)] = stack.enter_context(offscreen)
+                ctx = offscreen.ctx
+        yield Turns(pack, contenders, {c.name: opened[id(c.pack or pack)] for c in contenders})

@@ -21,6 +21,7 @@ from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
 from viewer.rendering.shader_source import assemble, compile_program
 from viewer.rendering.skip_grid import CELL
+from viewer.rendering.supersampling import Supersampling
 from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
 
 GL_FRAMEBUFFER_SRGB = 0x8DB9
@@ -66,6 +67,7 @@ class Renderer:
     ) -> None:
         self.ctx, self._limits = ctx, limits
         self._scenes: dict[str, GpuScene] = {}
+        self._supersampling = Supersampling(ctx)
         self._programs: dict[tuple[Any, ...] | str, tuple[moderngl.Program, moderngl.VertexArray]] = {}
         self.pack = pack
         refused: NoRoomError | None = None
@@ -117,6 +119,9 @@ class Renderer:
         viewport = viewport or (0, 0, camera.width, camera.height)
         if viewport[2:] != (camera.width, camera.height):
             camera = camera.resized(*viewport[2:])
+        if settings.samples > 1:
+            self._supersampling.draw(self.render, framebuffer, camera, settings, viewport)
+            return
         scene = self.scene(settings.marcher)
         program, vertices = self._program(settings, camera)
         uniforms = self._uniforms(scene, camera, settings, viewport)
@@ -173,6 +178,7 @@ class Renderer:
         for program, triangle in self._programs.values():
             triangle.release()
             program.release()
+        self._supersampling.release()
         self._scenes, self._programs = {}, {}
 
     def _program(self, settings: RenderSettings, camera: ViewCamera) -> tuple[moderngl.Program, moderngl.VertexArray]:

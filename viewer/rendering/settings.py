@@ -19,6 +19,7 @@ Mode = Literal[
 ]
 Marcher = Literal["exact", "paper", "brute"]
 MODES: tuple[str, ...] = get_args(Mode)
+MOST_SAMPLES = 16  # along each side of a pixel
 MARCHERS: tuple[str, ...] = get_args(Marcher)
 
 
@@ -36,6 +37,8 @@ class RenderSettings:
     """nothing closer than this along the optical axis is shown, grid units; the larger of this and the camera's counts"""
     crop: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
     """corners (min, max) of a box in the grid frame outside of which nothing is shown"""
+    samples: int = 1
+    """rays along each side of a pixel, whose mean is shown (viewer.rendering.supersampling)"""
     cost_scale: float = 64.0
     """the count shown brightest in the modes samples and jumps"""
     counts: bool = False

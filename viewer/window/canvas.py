@@ -26,6 +26,7 @@ from viewer.window.targets import MARGIN, Box, Difference, Target, unbind_frameb
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun
+BLEND_S = 0.08  # in which a tile of it appears over the quick picture, so that nothing jumps
 
 
 class Canvas:
@@ -40,7 +41,9 @@ class Canvas:
         self._wanted: tuple[object, ...] = ()
         self._changed_at = 0.0
         self._tiles: list[Box] | None = None  # still to draw, margin included; None: not begun
-        self._done: list[Box] = []
+        self._done: list[tuple[Box, float]] = []  # and when each was drawn
+        self._size = (0, 0)  # of the full picture, pixels
+        self._blending = False
         self._tile_ms = self._tile_gpu_ms = 0.0
         self.layers: list[Layer] = []
         self.quick: Layer | None = None  # all of the picture, at the scale of movements
@@ -50,7 +53,7 @@ class Canvas:
         self._images: dict[str, tuple[int, moderngl.Texture]] = {}
         self._sheet = SheetTexture(ctx, self._retired)
         self.clock = GpuClock(ctx)
-        self.rest_s = REST_S
+        self.rest_s, self.blend_s = REST_S, BLEND_S
         self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
         self.gpu_ms: float | None = None  # of the same, by the card's own clock
         self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
@@ -97,7 +100,7 @@ class Canvas:
         other = None
         if pack is not None:
             other = Canvas(self.ctx, self._retired)
-            other.rest_s = self.rest_s
+            other.rest_s, other.blend_s = self.rest_s, self.blend_s
             other.show(pack)
         if self.other is not None:
             self.other.release()
@@ -221,11 +224,15 @@ class Canvas:
 
     def sharpen(self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution) -> bool:
         """See Picture.sharpen. The moment is `rest_s`."""
-        if self.renderer is None or camera is None or not self._wanted or self._tiles == []:
+        if self.renderer is None or camera is None or not self._wanted:
+            return False
+        if self._tiles == []:
+            self._blend()
             return False
         if self._tiles is None and time.monotonic() - self._changed_at < self.rest_s:
             return False
         self._draw_tile(camera, settings, resolution)
+        self._blend()
         return True
 
     def sweep(self) -> None:
@@ -238,13 +245,20 @@ class Canvas:
     def forget(self) -> None:
         """Begins anew with the next draw, after one that failed."""
         self._wanted, self._tiles, self.layers, self.quick, self.difference = (), None, [], None, None
+        self._blending = False
 
     @property
     def pending(self) -> bool:
         """Whether the full picture is not there yet."""
         if self.renderer is None:
             return False
-        return self.renderer.arriving or self._coming is not None or (bool(self._wanted) and self._tiles != [])
+        drawing = bool(self._wanted) and self._tiles != []
+        return self.renderer.arriving or self._coming is not None or drawing or self._blending
+
+    @property
+    def blending(self) -> bool:
+        """Whether a tile is appearing at this moment: the next frame shows more of it, and nothing is to be drawn for it."""
+        return self.renderer is not None and self._blending and self._tiles == []
 
     def _draw_quick(self, camera: ViewCamera, settings: RenderSettings, resolution: DynamicResolution) -> None:
         size = _scaled(camera, resolution.moving_scale)
@@ -256,7 +270,7 @@ class Canvas:
         resolution.moved(self.scene_ms, drawn.width * drawn.height)
         self.drawn_size = size
         self.quick = self._quick.layer(size)
-        self.layers = [self.quick]
+        self.layers, self._blending = [self.quick], False
         if size == _scaled(camera, resolution.rest_scale):
             self._tiles = []
 
@@ -273,13 +287,32 @@ class Canvas:
         resolution.measured(self.scene_ms, w * h)
         self._tile_ms += self.scene_ms
         self._tile_gpu_ms += self.gpu_ms or 0.0
-        self._done.append((x, y - MARGIN, w, h))
-        if self._tiles:
-            assert self.quick is not None
-            self.layers = [self.quick, *(self._full.layer(size, box) for box in self._done)]
-        else:
-            self.layers, self.drawn_size, self.picture_ms = [self._full.layer(size)], size, self._tile_ms
+        self._done.append(((x, y - MARGIN, w, h), time.monotonic()))
+        self._size, self._blending = size, True
+        if not self._tiles:
+            self.drawn_size, self.picture_ms = size, self._tile_ms
             self.picture_gpu_ms = None if self.gpu_ms is None else self._tile_gpu_ms
+
+    def _blend(self) -> None:
+        """Puts the tiles that are drawn over the quick picture, each as far as it has appeared by now.
+
+        Behind the last one, all of the picture comes over them: tiles end at their outermost pixels' centres.
+        """
+        if not self._blending:
+            return
+        assert self.quick is not None
+        now = time.monotonic()
+
+        def shown(layer: Layer, drawn: float) -> Layer:
+            age = (now - drawn) / self.blend_s if self.blend_s > 0 else 1.0
+            return replace(layer, opacity=min(age, 1.0))
+
+        tiles = [shown(self._full.layer(self._size, box), drawn) for box, drawn in self._done]
+        self.layers = [self.quick, *tiles]
+        if not self._tiles:
+            whole = shown(self._full.layer(self._size), self._done[-1][1])
+            self._blending = whole.opacity < 1.0
+            self.layers = [*self.layers, whole] if self._blending else [whole]
 
     def _timed(self, target: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, viewport) -> None:
         assert self.renderer is not None

@@ -154,7 +154,7 @@ class Window:
     def step(self) -> bool:
         """Waits for something to do, and draws a frame if there is; True where it drew."""
         app = self.app
-        waits = not (app.wants_frame or self._touched or self.ui.hears)
+        waits = not (app.wants_frame or self._touched or self.ui.hears or self.canvas.blending)
         if not waits:
             glfw.poll_events()
         elif awaited(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:

@@ -11,11 +11,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenepack import Pack, save_pack
+from scenepack import Pack, load_pack, save_pack
+from scenepack.blocks import atlas_from_dense, dense_from_pack
+from scenepack.pack import pack_of_cube
 from tests.told import told
+from tests.viewer.rendering.shapes import shapes_pack
 from viewer.commands import bench, render, scaling
 from viewer.rendering import offscreen
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.frame_times import same_view
 from viewer.rendering.gpu_scene import Limits
+from viewer.rendering.offscreen import OffscreenRenderer
 
 ROOT = Path(__file__).parents[3]
 SMALL = ["--size", "48x36"]
@@ -67,6 +73,13 @@ def test_forward_facing_packs_render_without_a_pose(ndc_folder: str, tmp_path: P
     assert picture(tmp_path / "a.png").std() > 5
 
 
+def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp_path: Path) -> None:
+    assert render.main([folder, "--out", str(tmp_path / "smooth.png"), "--samples", "4", *SMALL]) == 0
+    assert render.main([folder, "--out", str(tmp_path / "large.png"), "--size", "192x144"]) == 0
+    mean = picture(tmp_path / "large.png").astype(float).reshape(36, 4, 48, 4, 3).mean(axis=(1, 3))
+    assert np.abs(picture(tmp_path / "smooth.png") - mean).max() <= 1.01  # both are rounded to 8 bits
+
+
 @pytest.mark.parametrize("marcher", ["exact", "paper"])
 @pytest.mark.parametrize("mode", ["normal", "depth"])
 def test_modes_and_marchers_reach_the_renderer(folder: str, tmp_path: Path, mode: str, marcher: str) -> None:
@@ -93,6 +106,8 @@ def test_modes_and_marchers_reach_the_renderer(folder: str, tmp_path: Path, mode
         ["--out", "a.png", "--crop", "1,2,3"],
         ["--out", "a.png", "--scene", "nowhere"],
         ["--out", "a.png", "--mode", "wrong"],
+        ["--out", "a.png", "--samples", "0"],
+        ["--out", "a.png", "--samples", "17"],
     ],
 )
 def test_bad_arguments_are_status_2_and_one_line(
@@ -124,6 +139,96 @@ def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path)
     assert compare["ratio"] == pytest.approx(compare["paper"]["ms_p50"] / result["ms_p50"])
     assert 15 < compare["psnr"] < 60 and result["gpu_bytes"] > 0
     assert len(result["ablations"]) == 3
+
+
+@pytest.fixture(scope="module")
+def turned_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The same scene as another system might have made it: without features, in a grid that is turned by half about y."""
+    plain = shapes_pack(diffuse=True)
+    rgba = dense_from_pack(plain)[0][::-1, :, ::-1]
+    atlas = atlas_from_dense(np.ascontiguousarray(rgba), None, plain.block_size)
+    frame = plain.worldspace_T_opengl @ np.diag([-1.0, 1.0, -1.0, 1.0])
+    path = tmp_path_factory.mktemp("packs") / "turned"
+    save_pack(pack_of_cube(70, plain.block_size, atlas, None, frame), path)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def photographed(tmp_path_factory: pytest.TempPathFactory, shapes: Pack) -> str:
+    """A Blender scene of two photographs: pictures of the pack with noise on them."""
+    folder, rng, fov = tmp_path_factory.mktemp("scene"), np.random.default_rng(0), 0.7
+    (folder / "test").mkdir()
+    frames = []
+    with OffscreenRenderer(shapes) as renderer:
+        for i in range(2):
+            view = ViewCamera.orbit(shapes, 40.0 * i, 20.0, 3.0, float(np.degrees(fov)), (24, 24))
+            seen = renderer.render(view).astype(int)
+            noisy = np.clip(seen + rng.integers(-9, 10, seen.shape), 0, 255).astype(np.uint8)
+            Image.fromarray(noisy).save(folder / "test" / f"r_{i}.png")
+            matrix = shapes.worldspace_T_opengl @ view.grid_T_camera
+            frames.append({"file_path": f"./test/r_{i}", "transform_matrix": matrix.tolist()})
+    for split in ("train", "test"):
+        (folder / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": fov, "frames": frames}))
+    return str(folder)
+
+
+def test_two_systems_are_compared_each_pack_under_its_own_marcher_and_both_against_photographs(
+    folder: str, turned_folder: str, photographed: str, tmp_path: Path
+) -> None:
+    out, table = tmp_path / "bench.json", tmp_path / "bench.md"
+    words = [folder, "--against", turned_folder, "--scene", photographed, "--frames", "3", "--json", str(out), *SMALL]
+    assert bench.main([*words, "--markdown", str(table)]) == 0
+    result = json.loads(out.read_text())
+    assert "compare" not in result and "ablations" not in result
+    against, shown = result["against"], result["photographs"]
+    assert against["systems"] == ["shapes, exact", "turned, paper"]
+    assert against["ratio"] == pytest.approx(against["ms_p50"] / result["ms_p50"])
+    assert 0 < against["ratio_p5"] <= against["ratio_p95"]
+    assert (shown["views"], shown["width"], shown["height"]) == (2, 24, 24)
+    assert 30 < shown["psnr"] < 40  # the noise; the photographs were made from this pack
+    assert 10 < against["psnr"] < shown["psnr"] - 2
+    assert "as fast as turned, paper" in table.read_text() and "2 photographs" in table.read_text()
+    assert bench.main([*words, "--algorithms", "brute,exact"]) == 0
+    again = json.loads(out.read_text())
+    assert again["against"]["systems"] == ["shapes, brute", "turned, exact"]
+    assert again["photographs"]["psnr"] == pytest.approx(shown["psnr"], abs=0.05)
+
+
+def test_a_pack_in_another_grid_frame_is_seen_by_the_same_cameras(turned_folder: str) -> None:
+    """Without its frame, it would be seen from behind."""
+    pack, turned = shapes_pack(diffuse=True), load_pack(turned_folder)
+    camera = ViewCamera.orbit(pack, 35.0, 28.0, 2.9, size=(48, 36))
+    with OffscreenRenderer(pack) as ours, OffscreenRenderer(turned, ctx=ours.ctx) as theirs:
+        expected = ours.render(camera).astype(int)
+        actual = theirs.render(same_view(camera, pack, turned)).astype(int)
+        assert np.abs(actual - expected).mean() < 0.5 < np.abs(theirs.render(camera) - expected).mean()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--algorithms", "exact,exact"],
+        ["--against", "PACK", "--algorithms", "exact"],
+        ["--against", "PACK", "--algorithms", "exact,fast"],
+        ["--against", "PACK", "--compare", "paper"],
+        ["--against", "NDC"],
+        ["--against", "nowhere"],
+        ["--scene", "nowhere"],
+        ["--scene", "SCENE", "--split", "val"],
+    ],
+)
+def test_systems_that_cannot_be_compared_are_refused_in_one_line(
+    folder: str,
+    ndc_folder: str,
+    photographed: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+) -> None:
+    places = {"PACK": folder, "NDC": ndc_folder, "SCENE": photographed}
+    words = [places.get(word, word) for word in words]
+    assert bench.main([folder, *words, "--frames", "1", "--json", str(tmp_path / "a.json"), *SMALL]) == 2
+    assert len(told(capsys.readouterr().err)) == 1 and not list(tmp_path.iterdir())
 
 
 def test_the_benchmark_refuses_a_pack_that_does_not_fit_unless_half_its_resolution_is_allowed(

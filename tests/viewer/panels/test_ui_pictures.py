@@ -20,7 +20,8 @@ from console.driven import Report
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.rendering.pictures import AMPLIFIED, FAILURES, GOLDEN, skip
+from tests.viewer.rendering.golden_variants import AMPLIFIED, GOLDEN
+from tests.viewer.rendering.pictures import FAILURES, skip
 from tests.viewer.waiting import until
 from training.scenes.procedural import write_procedural_scene
 from viewer.app import crop, make_plan

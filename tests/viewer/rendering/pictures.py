@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-GOLDEN = Path(__file__).parents[2] / "golden"
+from tests.viewer.rendering.golden_variants import GOLDEN, ON_LLVMPIPE, compared, leave
+
 FAILURES = Path(__file__).parents[2] / "failures"
-# Drivers round differently; a golden picture is to catch what an eye would, on the one rasteriser it was made with.
-MEAN_TOLERANCE, CHANNEL_TOLERANCE, SHARE_BEYOND = 0.5, 8, 1e-3
-AMPLIFIED = 8
 
 
 def assert_same_picture(actual: np.ndarray, expected: np.ndarray, what: str = "") -> None:
@@ -51,18 +49,13 @@ def compare_with_golden(config: pytest.Config, renderer: str, name: str, picture
     assert path.is_file(), f"{path} is missing; look at the picture, then run pytest --regenerate-golden"
     expected = np.asarray(Image.open(path).convert("RGB"))
     assert picture.shape == expected.shape, f"{name}: {picture.shape}, golden picture {expected.shape}"
-    difference = np.abs(picture.astype(int) - expected)
-    mean, share = difference.mean(), np.mean(difference > CHANNEL_TOLERANCE)
-    if mean <= MEAN_TOLERANCE and share <= SHARE_BEYOND:
+    found = compared(picture, expected, ON_LLVMPIPE)
+    if found["within"]:
         return
-    FAILURES.mkdir(exist_ok=True)
-    Image.fromarray(picture).save(FAILURES / f"{name}-actual.png")
-    Image.fromarray(expected).save(FAILURES / f"{name}-expected.png")
-    amplified = np.clip(AMPLIFIED * difference, 0, 255).astype(np.uint8)
-    Image.fromarray(amplified).save(FAILURES / f"{name}-difference-x{AMPLIFIED}.png")
+    leave(FAILURES, name, picture, expected)
     pytest.fail(
-        f"{name}: mean difference {mean:.2f}/255, {100 * share:.2f} % of channels beyond {CHANNEL_TOLERANCE}/255"
-        f"{_flip(picture, expected)}; see {FAILURES}/{name}-*.png"
+        f"{name}: mean difference {found['mean']:.2f}/255, {100 * found['share']:.2f} % of channels beyond "
+        f"{ON_LLVMPIPE.channel}/255{_flip(picture, expected)}; see {FAILURES}/{name}-*.png"
     )
 
 

@@ -8,64 +8,47 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from scenepack.pack import Pack
 from tests.viewer.rendering import pictures
+from tests.viewer.rendering.golden_variants import GOLDEN, NDC_VARIANTS, VARIANTS, all_variants, camera_for, settings_of
 from tests.viewer.rendering.pictures import compare_with_golden
-from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import MODES, RenderSettings
 
 Make = Callable[..., OffscreenRenderer]
-SIZE = (240, 180)
-
-VARIANTS = {
-    "paper": RenderSettings(marcher="paper"),
-    "view-mlp-per-sample": RenderSettings(view_mlp_per_sample=True),
-    "crop": RenderSettings(crop=((-0.9, -0.7, -1.0), (0.3, 1.0, 0.2)), background=(0.1, 0.1, 0.15)),
-    "near-plane": RenderSettings(near=2.6),
-}
-NDC_VARIANTS = {
-    "ndc-normal": RenderSettings(),
-    "ndc-depth": RenderSettings(mode="depth"),
-    "ndc-paper": RenderSettings(marcher="paper"),
-}
 
 
 @pytest.fixture
 def golden(request: pytest.FixtureRequest, offscreen: Make) -> Callable[..., None]:
-    def compare(name: str, pack: Pack, camera: ViewCamera, wanted: RenderSettings) -> None:
+    def compare(name: str, pack: Pack, wanted: RenderSettings) -> None:
         renderer = offscreen(pack, wanted.marcher)
-        picture = renderer.render(camera, wanted)
+        picture = renderer.render(camera_for(pack), wanted)
         assert picture.std() > 5, "there is nothing to see"
         compare_with_golden(request.config, renderer.ctx.info["GL_RENDERER"], name, picture)
 
     return compare
 
 
-def camera_for(pack: Pack) -> ViewCamera:
-    return ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=SIZE)
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_each_display_mode_looks_as_before(golden: Callable[..., None], shapes: Pack, mode: str) -> None:
-    golden(mode, shapes, camera_for(shapes), RenderSettings(mode=mode, cost_scale=24))  # type: ignore[arg-type]
+    golden(mode, shapes, settings_of(mode))
 
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_each_variant_looks_as_before(golden: Callable[..., None], shapes: Pack, name: str) -> None:
-    golden(name, shapes, camera_for(shapes), VARIANTS[name])
+    golden(name, shapes, VARIANTS[name])
 
 
 @pytest.mark.parametrize("name", NDC_VARIANTS)
 def test_forward_facing_packs_look_as_before(golden: Callable[..., None], ndc_shapes: Pack, name: str) -> None:
-    camera = ViewCamera.look_at((0.3, 0.2, 0), (0, 0, 4), fov_degrees=50, size=SIZE, mirrored=True)
-    golden(name, ndc_shapes, camera, NDC_VARIANTS[name])
+    golden(name, ndc_shapes, NDC_VARIANTS[name])
 
 
 def test_no_golden_picture_is_left_over() -> None:
-    known = {*MODES, *VARIANTS, *NDC_VARIANTS}
-    assert {path.stem for path in pictures.GOLDEN.glob("*.png")} <= known
+    known = {name for name, _, _ in all_variants()}
+    assert {path.stem for path in GOLDEN.glob("*.png")} <= known
 
 
 def test_a_changed_picture_fails_and_leaves_what_is_needed_to_see_why(
@@ -74,7 +57,7 @@ def test_a_changed_picture_fails_and_leaves_what_is_needed_to_see_why(
     if request.config.getoption("--regenerate-golden"):
         pytest.skip("pictures are being rewritten")
     monkeypatch.setattr(pictures, "FAILURES", tmp_path)
-    changed = np.asarray(pictures.Image.open(pictures.GOLDEN / "normal.png").convert("RGB")).copy()
+    changed = np.asarray(Image.open(GOLDEN / "normal.png").convert("RGB")).copy()
     changed[60:80, 60:80] //= 2
     with pytest.raises(pytest.fail.Exception, match="FLIP"):
         compare_with_golden(request.config, "llvmpipe", "normal", changed)

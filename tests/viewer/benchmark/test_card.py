@@ -1,0 +1,285 @@
+"""A card's figures in one command. A card may be at hand only once: whatever can be tried without one is tried here."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenepack import Pack, save_pack
+from tests.told import told
+from training.profile_report import JAX_PARTS, EngineProfile, Profile, Times
+from training.scenes.procedural import write_procedural_scene
+from viewer.benchmark import power
+from viewer.benchmark.card import children, drawing, plan
+from viewer.benchmark.card.children import Training, run_child, speed
+from viewer.benchmark.card.page import page
+from viewer.benchmark.card.parts import Budget, Part, Skipped, run_parts
+from viewer.benchmark.card.plan import packs_at_hand, scene_at_hand
+from viewer.commands import card_report
+from viewer.rendering import gpu_clock
+from viewer.rendering.camera import orbit_path
+from viewer.rendering.offscreen import OffscreenRenderer
+
+QUICK = ["--size", "48x36", "--frames", "3", "--views", "2", "--power-seconds", "0.05"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, shapes: Pack) -> Path:
+    path = tmp_path / "packs" / "shapes"
+    save_pack(shapes, path)
+    return path
+
+
+@pytest.fixture
+def no_golden_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They take seconds, and one test is enough."""
+
+    def skip(out: Path, budget: Budget) -> dict:
+        raise Skipped("not this time")
+
+    monkeypatch.setattr(plan, "golden", skip)
+
+
+def read(out: Path) -> dict:
+    return json.loads((out / "report.json").read_text())["parts"]
+
+
+def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(
+    folder: Path, ndc_shapes: Pack, tmp_path: Path
+) -> None:
+    out, other = tmp_path / "card", tmp_path / "packs" / "fern" / "pack"
+    save_pack(ndc_shapes, other)
+    words = ["--out", str(out), "--only", "--pack", str(folder), str(other), *QUICK, "--train-minutes", "0.1"]
+    assert card_report.main(words) == 0
+    parts = read(out)
+    assert {name: facts["status"] for name, facts in parts.items()} == {
+        "device": "done",
+        "golden pictures": "done",
+        "pack shapes": "done",
+        "pack fern-pack": "done",
+        "jax": "skipped",  # it sees processors alone
+        "curve of fast": "skipped",
+        "step of paper": "skipped",
+        "step of fast, in parts": "skipped",
+    }
+    assert parts["device"]["renderer"] and len(parts["golden pictures"]["pictures"]) == 17
+    for name in ("shapes", "fern-pack"):
+        facts = parts[f"pack {name}"]
+        assert facts["exactness"]["holds"] and facts["exactness"]["views"] == 2
+        times = facts["times"]
+        assert times["ratio"] == pytest.approx(np.median(times["ms_paper"]) / np.median(times["ms_exact"]), rel=1e-3)
+        assert facts["power"]["exact"]["fps"] > 0 and facts["timer"]["wall_ms_p50"] > 0
+        assert Image.open(out / facts["picture"]).size == (48, 36)
+    text = (out / "report.md").read_text()
+    assert all(name in text for name in parts)
+    assert not (out / "work").exists()
+    for line in re.findall(r"\|.*\|\n(?=\| ---)", text):  # each table is as wide as its head
+        table = text[text.index(line) :].split("\n\n")[0].splitlines()
+        assert len({row.count("|") for row in table}) == 1
+
+
+@pytest.mark.usefixtures("no_golden_pictures")
+def test_what_only_a_card_has_is_asked_of_one_that_pretends(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Timer queries and NVML: drawn by the software rasteriser under another name."""
+    nvml = types.ModuleType("pynvml")
+    nvml.NVML_CLOCK_GRAPHICS, nvml.NVML_CLOCK_MEM = 0, 2  # type: ignore[attr-defined]
+    nvml.nvmlInit = lambda: None  # type: ignore[attr-defined]
+    nvml.nvmlDeviceGetHandleByIndex = lambda index: "card"  # type: ignore[attr-defined]
+    nvml.nvmlDeviceGetName = lambda card: b"NVIDIA Pretence"  # type: ignore[attr-defined]
+    nvml.nvmlSystemGetDriverVersion = lambda: "570.1"  # type: ignore[attr-defined]
+    nvml.nvmlDeviceGetMemoryInfo = lambda card: types.SimpleNamespace(total=8 << 30)  # type: ignore[attr-defined]
+    nvml.nvmlDeviceGetEnforcedPowerLimit = lambda card: 300_000  # type: ignore[attr-defined]
+    nvml.nvmlDeviceGetMaxClockInfo = lambda card, kind: 1980 + kind  # type: ignore[attr-defined]
+    nvml.nvmlDeviceGetPowerUsage = lambda card: 50_000  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "pynvml", nvml)
+    monkeypatch.setattr(gpu_clock, "SOFTWARE", ())
+    monkeypatch.setattr(drawing, "LEAST_IDLE_S", 0.2)
+    ours = power.PowerMeter.__init__
+    monkeypatch.setattr(power.PowerMeter, "__init__", lambda meter, renderer: ours(meter, "NVIDIA " + renderer))
+    monkeypatch.setattr(drawing, "card_facts", lambda renderer: power.card_facts("NVIDIA " + renderer))
+    out = tmp_path / "card"
+    words = [
+        "--out",
+        str(out),
+        "--only",
+        "--pack",
+        str(folder),
+        *QUICK,
+        "--power-seconds",
+        "0.3",
+        "--train-minutes",
+        "0",
+    ]
+    assert card_report.main(words) == 0
+    parts = read(out)
+    assert parts["device"]["card"] == {
+        "name": "NVIDIA Pretence",
+        "driver": "570.1",
+        "bytes": 8 << 30,
+        "watts_allowed": 300.0,
+        "mhz": 1980,
+        "memory_mhz": 1982,
+    }
+    assert parts["device"]["idle_watts"] == pytest.approx(50.0) and not parts["device"]["software"]
+    facts = parts["pack shapes"]
+    assert facts["times"]["clock"] == "GPU timer queries" and facts["timer"]["gpu_ms_p50"] is not None
+    for marcher in ("exact", "paper"):
+        measured = facts["power"][marcher]
+        assert measured["fps_per_watt"] == pytest.approx(measured["fps"] / 50.0)
+    text = (out / "report.md").read_text()
+    assert text.startswith("# Figures of NVIDIA Pretence") and "570.1" in text and "software" not in text
+
+
+@pytest.mark.usefixtures("no_golden_pictures")
+def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken() -> dict:
+        raise RuntimeError("the driver is moody")
+
+    monkeypatch.setattr(plan, "device", broken)
+    out = tmp_path / "card"
+    words = ["--out", str(out), "--only", "--pack", str(folder), *QUICK, "--train-minutes", "0"]
+    assert card_report.main(words) == 2
+    assert "1 of 3 parts failed" in told(capsys.readouterr().err)[-1]
+    parts = read(out)
+    assert parts["device"]["status"] == "failed" and "broken" in parts["device"]["traceback"]
+    assert parts["pack shapes"]["status"] == "done" and "the driver is moody" in (out / "report.md").read_text()
+
+
+def test_a_picture_that_is_not_exact_fails_its_pack(shapes: Pack, ctx, monkeypatch: pytest.MonkeyPatch) -> None:
+    with OffscreenRenderer(shapes, ctx=ctx) as renderer:
+        cameras = orbit_path(shapes, 2, size=(32, 24))
+        assert drawing.exactness(renderer, cameras)["holds"]
+        draw = renderer.render_float
+
+        def shifted(camera, settings):
+            return draw(camera, settings) + (0.01 if settings.marcher == "exact" else 0.0)
+
+        monkeypatch.setattr(renderer, "render_float", shifted)
+        found = drawing.exactness(renderer, cameras)
+        assert not found["holds"] and found["worst"] == pytest.approx(2.55, abs=0.01) and found["beyond"] == 1.0
+
+
+def test_no_part_begins_that_has_no_time_left(tmp_path: Path) -> None:
+    now = [0.0]
+    budget = Budget(1.0, lambda: now[0])
+    now[0] = 45.0
+    assert budget.left == pytest.approx(15.0)
+    done = []
+
+    def work(left: Budget) -> dict:
+        done.append(left.left)
+        raise Skipped("not here")
+
+    report = run_parts([Part("a", work), Part("b", work, least=3600.0)], tmp_path, 1.0)
+    assert len(done) == 1 and [p["why"][:10] for p in report["parts"].values()] == ["not here", "no time is"]
+
+
+def test_a_child_that_takes_too_long_is_interrupted_and_what_it_printed_is_kept(tmp_path: Path) -> None:
+    code = "import time, sys; print('begun', flush=True); print('so far', file=sys.stderr, flush=True); time.sleep(600)"
+    ended = run_child(["-c", code], tmp_path / "child.log", 3.0)
+    assert ended.status is None and ended.out == "begun\n" and "so far" in ended.log.read_text()
+    failed = run_child(["-c", "raise SystemExit('it is broken')"], tmp_path / "child.log", 60.0)
+    assert failed.status == 1 and failed.last_line == "it is broken"
+
+
+def test_training_is_followed_by_what_the_runs_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands that are started, and what becomes of their files; see also the test below, which starts them."""
+    started = []
+
+    def pretended(words, log: Path, seconds: float) -> children.Ended:
+        started.append(list(words))
+        log.write_text("a line\n")
+        named = dict(itertools.pairwise(words))
+        if words[0] == "-c":
+            return children.Ended(0, json.dumps({"backend": "gpu", "devices": ["H"], "jax": "1"}), log)
+        if words[1] == "training.profile_step":
+            step = EngineProfile(dict.fromkeys(JAX_PARTS, Times(1.0, 1.0)), Times(9.0, 9.0), 100.0, 2, False)
+            facts = {"step": 1, "voxels": 2, "rays": 3, "rounds": 15, "device": "1 x H"}
+            Path(named["--json"]).write_text(json.dumps(Profile(step, None, facts).to_json()))
+        elif words[1] == "training.commands.train":
+            run = Path(named["--out"])
+            run.mkdir(parents=True)
+            lines = [
+                {"step": s, "training_seconds": 0.5 * s, "psnr": 20.0, "steps_per_second": 2.0 * s} for s in (1, 2, 3)
+            ]
+            lines.append({"step": 3, "training_seconds": 1.5, "validation_psnr": 27.5})
+            (run / "metrics.jsonl").write_text("\n".join(map(json.dumps, lines)) + '\n{"step": 4, "trai')
+            Image.new("RGB", (4, 4)).save(run / "curves.png")
+        return children.Ended(None if "paper" in words else 0, "", log)
+
+    monkeypatch.setattr(children, "run_child", pretended)
+    training = Training(tmp_path, None, 2, False, {"fast": ["--seed", "3"], "paper": []})
+    parts = [
+        Part("jax", training.devices),
+        Part("curve of fast", lambda left: training.curve_of("fast", 6.0, left)),
+        Part("step of paper", lambda left: training.step_of("paper", left)),
+        Part("step of fast, in parts", lambda left: training.parts_of_step("fast", left)),
+    ]
+    report = run_parts(parts, tmp_path, 20.0)
+    assert [facts["status"] for facts in report["parts"].values()] == ["done"] * 4
+    fast, paper = report["parts"]["curve of fast"], report["parts"]["step of paper"]
+    assert fast["curve"] == [{"step": 3, "minutes": pytest.approx(0.025), "psnr": 27.5}]
+    assert fast["steps_per_second"] == pytest.approx(5.0) and fast["step_ms"] == pytest.approx(200.0)
+    assert paper["stopped"] and "procedural" in started[1][1] and started[2][-2:] == ["--seed", "3"]
+    assert (tmp_path / fast["picture"]).is_file()
+    text = page(report)
+    assert "27.50" in text and "**200.0 ms**" in text and "gather" in text and "fast-curve.png" in text
+
+
+def test_without_jax_training_is_skipped_with_the_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(children, "DEVICES", "import a_package_that_nobody_has")
+    training = Training(tmp_path, None, 1, True, {})
+    parts = [Part("jax", training.devices), Part("curve of fast", lambda left: training.curve_of("fast", 1.0, left))]
+    report = run_parts(parts, tmp_path, 20.0)["parts"]
+    assert report["jax"]["status"] == "skipped" and "a_package_that_nobody_has" in report["jax"]["why"]
+    assert report["curve of fast"]["status"] == "skipped"
+
+
+@pytest.mark.slow
+def test_a_preset_is_trained_in_a_process_of_its_own(tmp_path: Path) -> None:
+    scene = tmp_path / "scene"
+    write_procedural_scene(scene, size=16, views=4, seed=0)
+    short = ["--steps", "4", "--log-every", "2", "--batch-size", "16", "--nerf.width", "8", "--validate-views", "2"]
+    training = Training(tmp_path, scene, 1, True, {"tiny": short}, available=True)
+    found = training.step_of("tiny", Budget(10.0))
+    assert found["problems"] == [] and found["steps"] == 4 and found["step_ms"] > 0
+    assert len(found["curve"]) == 1 and (tmp_path / found["picture"]).is_file()
+
+
+def test_speed_is_that_of_the_later_half() -> None:
+    records = [{"step": i, "steps_per_second": rate} for i, rate in enumerate((1.0, 1.0, 8.0, 10.0, 12.0))]
+    assert speed(records)["steps_per_second"] == pytest.approx(10.0)
+    assert speed([{"step": 1}])["step_ms"] is None
+
+
+def test_packs_and_a_scene_are_found(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SNERG_DATA", str(tmp_path / "data"))
+    (tmp_path / "data" / "nerf_synthetic" / "lego").mkdir(parents=True)
+    (tmp_path / "out" / "lego" / "pack").mkdir(parents=True)
+    (tmp_path / "out" / "lego" / "pack" / "scene_params.json").write_text("{}")
+    found = packs_at_hand([folder])
+    assert list(found) == ["shapes", "demo", "lego-pack"]  # shapes also lies in packs/
+    assert list(packs_at_hand([folder], only=True)) == ["shapes"]
+    assert scene_at_hand(None) == tmp_path / "data" / "nerf_synthetic" / "lego" and scene_at_hand(folder) == folder
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["--size", "0x3"], ["--frames", "0"], ["--minutes", "0"], ["--train-minutes", "30"], ["--pack", "nowhere"]],
+)
+def test_bad_arguments_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+    assert card_report.main(["--out", str(tmp_path / "card"), *words]) == 2
+    assert len(told(capsys.readouterr().err)) == 1 and not (tmp_path / "card").exists()

@@ -1,0 +1,109 @@
+"""From the quick picture of a movement to the full one at rest: nothing jumps, and soon nothing is drawn any more."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tests.viewer.waiting import until
+from viewer.window import canvas as canvas_module
+from viewer.window.canvas import BLEND_S, REST_S
+
+FRAME_S = 0.016
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """The canvas's clock, which stands until it is moved."""
+    clock = SimpleNamespace(now=100.0)
+    clock.monotonic = lambda: clock.now
+    monkeypatch.setattr(canvas_module, "time", clock)
+    return clock
+
+
+def scene_part(ui) -> np.ndarray:
+    box = ui.app.viewport
+    rows = slice(round(box.y), round(box.y + box.height))
+    return ui.picture()[rows, round(box.x) : round(box.x + box.width)].astype(float)
+
+
+@pytest.mark.parametrize("side", [4096, 250])
+def test_the_full_picture_fades_in_over_the_quick_one(
+    offscreen, app, pack, pack_folder, clock, monkeypatch, side: int
+) -> None:
+    """side: of the tiles; one, as graphics cards have it, and several."""
+    ui = offscreen(app, size=(700, 500))
+    app.interface.page = ""
+    app.show(pack, pack_folder)
+    until(lambda: ui.frame() or ui.canvas.layers)
+    ui.settle()
+    monkeypatch.setattr(type(app.resolution), "tile_side", lambda _: side)
+    ui.canvas.rest_s, ui.canvas.blend_s = REST_S, BLEND_S
+    app.resolution.scale = 0.25
+    app.scene.rig.orbit(0.02, 0.0)
+    app.scene.rig.shown = app.scene.rig.goal
+    ui.frame()
+    quick, shown = scene_part(ui), []
+    assert len(ui.canvas.layers) == 1 and ui.canvas.pending
+    clock.now += REST_S
+    for _ in range(40):
+        ui.frame()
+        shown.append(scene_part(ui))
+        clock.now += FRAME_S
+        if not ui.canvas.pending:
+            break
+    expected = ui.canvas.snapshot(app.viewport.camera, app.settings).astype(float)
+    away = expected - quick
+    worst = np.abs(away).max()
+    assert worst > 40 and np.abs(shown[-1] - expected).max() <= 4  # tiles round rays a little differently
+    steps = np.diff([quick, *shown], axis=0)
+    assert np.abs(steps).max() < 0.4 * worst + 4  # no jump anywhere
+    assert (steps * np.sign(away) > -4).all()  # and no way back
+    assert not ui.canvas.pending and not ui.canvas.blending and len(ui.canvas.layers) == 1
+    tiles = 1 if side > 1000 else 6
+    assert len(shown) <= tiles + 0.1 / FRAME_S + 1  # at most 100 ms behind the last tile
+
+
+def test_a_movement_ends_the_fading_at_once(offscreen, app, pack, pack_folder, clock) -> None:
+    ui = offscreen(app, size=(700, 500))
+    app.show(pack, pack_folder)
+    ui.settle()
+    ui.canvas.rest_s, ui.canvas.blend_s = REST_S, BLEND_S
+    app.resolution.scale = 0.25
+    for turn in (0.02, -0.02):
+        app.scene.rig.orbit(turn, 0.0)
+        app.scene.rig.shown = app.scene.rig.goal
+        ui.frame()
+        assert [layer.opacity for layer in ui.canvas.layers] == [1.0] and not ui.canvas.blending
+        clock.now += REST_S
+        ui.frame()
+        assert len(ui.canvas.layers) > 1
+
+
+def test_a_difference_of_two_packs_is_that_of_the_full_pictures_once_they_have_appeared(
+    offscreen, app, pack, pack_folder, clock
+) -> None:
+    """The last frame of the fading draws nothing, and still the difference is taken anew."""
+    ui = offscreen(app, size=(500, 400))
+    app.interface.page = ""
+    app.show(pack, pack_folder)
+    ui.settle()
+    app.compare_with(pack, pack_folder)
+    app.comparison.how = "difference"
+    ui.settle()
+    for each in (ui.canvas, ui.canvas.other):
+        each.rest_s, each.blend_s = REST_S, BLEND_S
+    app.resolution.scale = 0.25
+    app.scene.rig.orbit(0.02, 0.0)
+    app.scene.rig.shown = app.scene.rig.goal
+    ui.frame()
+    taken = []
+    ui.canvas.subtract, subtract = lambda a, b, *rest: (taken.append((a, b)), subtract(a, b, *rest)), ui.canvas.subtract
+    for _ in range(40):
+        clock.now += 0.05
+        app.frames_owed = 0
+        ui.frame()
+    assert (taken[-1][0], taken[-1][1]) == (ui.canvas.layers[0], ui.canvas.other.layers[0])
+    assert ui.canvas.layers[0] is not ui.canvas.quick

@@ -1,0 +1,60 @@
+"""`python -m tests.viewer.window.fly_live [PACK] [FPS]`: plays the path of tests/viewer/rendering/flights.py in a real window
+and prints how well frames held their target by the real clock. A figure for a quiet machine; nothing is asserted.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from scenepack import load_pack
+from tests.viewer.rendering.flights import flight
+from viewer.app.application import App
+from viewer.panels.ui import Ui
+from viewer.rendering.dynamic_resolution import DynamicResolution
+from viewer.window.window import Window
+
+DEMO = Path(__file__).parents[3] / "viewer" / "demo" / "demo.zip"
+
+
+class Noting(DynamicResolution):
+    """Notes each frame that drew the moving picture: milliseconds, and the scale that it was drawn at."""
+
+    def __init__(self, target_fps: float) -> None:
+        super().__init__(target_fps=target_fps)
+        self.frames: list[tuple[float, float]] = []
+
+    def frame_ended(self, frame_ms: float, swap_ms: float = 0.0) -> None:
+        self.frames.append((frame_ms, self.moving_scale))
+        super().frame_ended(frame_ms, swap_ms)
+
+
+def main(path: Path = DEMO, fps: float = 30.0) -> None:
+    """Flies through a pack at `fps` frames per second."""
+    pack, app = load_pack(path), App()
+    with Window(app, Ui, (1100, 800)) as window:
+        app.interface.page = ""
+        app.show(pack, path)
+        window.draw_frames(5)
+        app.resolution = noting = Noting(fps)
+        app.filming.path = flight(pack)
+        app.filming.play(app)
+        while app.filming.playing:
+            window.step()
+    ms, scales = np.array(noting.frames[10:]).T  # the first ones find the scale
+    told = ms[scales < 1.0] * fps / 1000.0
+    if not len(told):
+        print(f"{len(ms)} frames, all of them with every pixel")
+        return
+    low, middle, high = np.percentile(told, (5, 50, 95))
+    print(
+        f"{len(told)} frames below full resolution, of the target of {1000 / fps:.1f} ms: median {middle:.2f}, mean "
+        f"{told.mean():.2f}, 5 to 95 % {low:.2f} to {high:.2f}; {100 * (told > 1.1).mean():.1f} % more than a tenth late; "
+        f"scales {scales.min():.2f} to {scales.max():.2f}"
+    )
+
+
+if __name__ == "__main__":
+    main(*(kind(word) for kind, word in zip((Path, float), sys.argv[1:], strict=False)))

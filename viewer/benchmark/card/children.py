@@ -1,0 +1,217 @@
+"""What other processes do for a report: golden pictures (of the tests), and training (of JAX, which the viewer never loads).
+
+A child writes into out/work, and what it prints into out/NAME.log. One that takes too long is interrupted as by Ctrl-C, and
+killed where that does not help; what it has written until then still counts.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from console.json_text import parse_json
+from viewer.benchmark.card.parts import Budget, Facts, Skipped
+
+ROOT = Path(__file__).resolve().parents[3]  # of the checkout, or of the installed packages
+GOLDEN = "tests.viewer.rendering.golden_variants"
+DEVICES = """
+import json, jax
+devices = jax.devices()
+facts = {"backend": jax.default_backend(), "devices": [d.device_kind for d in devices], "jax": jax.__version__}
+try:
+    facts["bytes"] = devices[0].memory_stats()["bytes_limit"]
+except Exception:
+    pass
+print(json.dumps(facts))
+"""
+DEVICES_S, GOLDEN_S, SCENE_S = 120.0, 300.0, 300.0  # at most
+ENDING_S = 30.0  # to end in after an interrupt
+SCENE_SIZE, SCENE_VIEWS = 400, 60  # of the scene that is rendered where none is at hand
+PAPER_S = 240.0  # at most, of the paper's step
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What is left of a child. status: its exit status; None where it was stopped. out: what it printed on stdout."""
+
+    status: int | None
+    out: str
+    log: Path
+
+    @property
+    def last_line(self) -> str:
+        lines = [line for line in self.log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+        return lines[-1].strip() if lines else f"exit status {self.status}"
+
+
+def run_child(words: Sequence[str], log: Path, seconds: float) -> Ended:
+    """Runs `python WORDS` in the checkout for at most `seconds`."""
+    log.parent.mkdir(parents=True, exist_ok=True)
+    options: dict[str, Any] = {"start_new_session": True} if os.name == "posix" else {}
+    with open(log, "w", encoding="utf-8") as errors:
+        child = subprocess.Popen(
+            [sys.executable, *words], cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True, **options
+        )
+        try:
+            out, _ = child.communicate(timeout=max(seconds, 0.1))
+            return Ended(child.returncode, out, log)
+        except subprocess.TimeoutExpired:
+            return Ended(None, _ended(child), log)
+        except BaseException:
+            _ended(child)
+            raise
+
+
+def _ended(child: subprocess.Popen[str]) -> str:
+    """Interrupts a child, kills it where it does not end, and returns what it printed."""
+    child.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
+    try:
+        return child.communicate(timeout=ENDING_S)[0]
+    except subprocess.TimeoutExpired:
+        child.kill()
+        return child.communicate()[0]
+
+
+def golden(out: Path, budget: Budget) -> Facts:
+    """Compares this card's pictures with those of tests/golden. Skipped where there is no checkout."""
+    if not (ROOT / "tests" / "golden").is_dir():
+        raise Skipped(f"there are no golden pictures in {ROOT}: run it in a checkout of the repository")
+    ended = run_child(["-m", GOLDEN, str(out / "golden")], out / "golden.log", min(GOLDEN_S, budget.left))
+    if ended.status != 0:
+        raise RuntimeError(f"golden pictures: {ended.last_line}")
+    facts = json.loads(ended.out)
+    beyond = [name for name, picture in facts["pictures"].items() if not picture["within"]]
+    return facts | {"problems": [f"beyond the tolerance: {', '.join(beyond)}"] if beyond else []}
+
+
+def jax_devices(out: Path, budget: Budget, *, processor_too: bool) -> Facts:
+    """What JAX sees. Skipped where it is not installed, or sees no accelerator and `processor_too` is false."""
+    ended = run_child(["-c", DEVICES], out / "jax.log", min(DEVICES_S, budget.left))
+    if ended.status != 0:
+        raise Skipped(f"JAX cannot be used: {ended.last_line}")
+    facts = json.loads(ended.out)
+    if facts["backend"] == "cpu" and not processor_too:
+        raise Skipped("JAX sees no graphics card; install the extra train-cuda12 or train-cuda13")
+    return facts
+
+
+@dataclass
+class Training:
+    """Trains a scene with a preset after another. scene: None renders one. options: words for snerg-train, by preset.
+
+    processor_too: also where JAX sees no graphics card.
+    """
+
+    out: Path
+    scene: Path | None
+    downscale: int
+    processor_too: bool
+    options: dict[str, list[str]]
+    available: bool = False
+
+    def devices(self, budget: Budget) -> Facts:
+        """A part: what JAX sees; the other parts are skipped where it sees nothing."""
+        facts = jax_devices(self.out, budget, processor_too=self.processor_too)
+        self.available = True
+        return facts
+
+    def _scene(self, budget: Budget) -> Path:
+        if not self.available:
+            raise Skipped("there is nothing to train on: see jax")
+        if self.scene is None:
+            words = ["-m", "training.scenes.procedural", str(self.out / "work" / "scene")]
+            words += ["--size", str(SCENE_SIZE), "--views", str(SCENE_VIEWS)]
+            ended = run_child(words, self.out / "scene.log", min(SCENE_S, budget.left))
+            if ended.status != 0:
+                raise RuntimeError(f"the procedural scene: {ended.last_line}")
+            self.scene = self.out / "work" / "scene"
+        return self.scene
+
+    def _run(self, preset: str, what: str) -> Path:
+        return self.out / "work" / f"{preset}-{what}"
+
+    def _trained(self, preset: str, what: str, words: Sequence[str], budget: Budget, seconds: float) -> Facts:
+        scene, run = self._scene(budget), self._run(preset, what)
+        command = ["-m", "training.commands.train", str(scene), "--out", str(run), "--preset", preset]
+        command += ["--downscale", str(self.downscale), *words, *self.options.get(preset, [])]
+        ended = run_child(command, self.out / f"{preset}-{what}.log", min(seconds, budget.left))
+        records = read_records(run / "metrics.jsonl")
+        if not records:
+            raise RuntimeError(f"{preset}: {ended.last_line}")
+        facts = {"scene": str(scene), "downscale": self.downscale, "command": command[1:], **speed(records)}
+        if ended.status is None:
+            facts["stopped"] = "it took too long and was stopped"
+        elif ended.status != 0:
+            facts["problems"] = [ended.last_line]
+        if (run / "curves.png").is_file():
+            facts["picture"] = f"{preset}-{what}.png"
+            shutil.copyfile(run / "curves.png", self.out / facts["picture"])
+        return facts | {"curve": curve(records)}
+
+    def curve_of(self, preset: str, minutes: float, budget: Budget) -> Facts:
+        """A part: PSNR of photographs held out over minutes of training."""
+        words = ["--minutes", str(minutes), "--validate-views", "8", "--validate-every", "1000"]
+        facts = self._trained(preset, "curve", words, budget, 60.0 * minutes + PAPER_S)
+        told = [] if facts["curve"] else ["no photograph was compared"]
+        return facts | {"problems": [*facts.get("problems", []), *told]}
+
+    def step_of(self, preset: str, budget: Budget) -> Facts:
+        """A part: what a step takes."""
+        words = ["--steps", "100", "--minutes", "2", "--log-every", "10", "--validate-every", "0"]
+        facts = self._trained(preset, "step", words, budget, PAPER_S)
+        told = [] if facts["step_ms"] else ["no step was timed"]
+        return facts | {"problems": [*facts.get("problems", []), *told]}
+
+    def parts_of_step(self, preset: str, budget: Budget) -> Facts:
+        """A part: the shares of a step of the run that curve_of left."""
+        run = self._run(preset, "curve")
+        file = run / "step.json"
+        if not (run / "metrics.jsonl").is_file():
+            raise Skipped(f"there is no run of {preset}")
+        words = ["-m", "training.profile_step", str(run), "--rounds", "15", "--json", str(file)]
+        ended = run_child(words, self.out / f"{preset}-parts.log", budget.left)
+        if ended.status != 0:
+            raise RuntimeError(ended.last_line)
+        return json.loads(file.read_text(encoding="utf-8"))
+
+
+def read_records(file: Path) -> list[Facts]:
+    """The records of a run's metrics.jsonl; lines that are none, such as the last of a process that was killed, are left out."""
+    records = []
+    for line in file.read_text(encoding="utf-8", errors="replace").splitlines() if file.is_file() else ():
+        try:
+            record = parse_json(line)
+        except ValueError:
+            continue
+        if isinstance(record, dict) and isinstance(record.get("step"), int):
+            records.append(record)
+    return records
+
+
+def speed(records: Sequence[Facts]) -> Facts:
+    """Medians over the later half of the records, in which everything is compiled; None where nothing was timed."""
+    facts: Facts = {"steps": records[-1]["step"], "seconds": records[-1].get("training_seconds")}
+    for name in ("steps_per_second", "rays_per_second", "samples_per_second"):
+        values = [float(r[name]) for r in records if isinstance(r.get(name), int | float) and r[name] > 0]
+        facts[name] = float(np.median(values[len(values) // 2 :])) if values else None
+    rate = facts["steps_per_second"]
+    return facts | {"step_ms": 1000.0 / rate if rate else None}
+
+
+def curve(records: Sequence[Facts]) -> list[Facts]:
+    """{"step", "minutes" of training, "psnr" of photographs held out}, in the order of steps."""
+    return [
+        {"step": r["step"], "minutes": r["training_seconds"] / 60.0, "psnr": r["validation_psnr"]}
+        for r in records
+        if "validation_psnr" in r and "training_seconds" in r
+    ]

@@ -1,0 +1,199 @@
+"""What OpenGL does on this machine: which card it is, and of each pack whether its picture is exact and how long it takes."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import platform
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from console.atomic import replacing
+from scenepack import Pack, load_pack
+from viewer.benchmark.card.parts import Facts
+from viewer.benchmark.frames import measure
+from viewer.benchmark.power import PowerMeter, card_facts
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.frame_times import PROTOCOLS, WARM_UP_FRAMES, Contender
+from viewer.rendering.gpu_clock import GpuClock, is_software
+from viewer.rendering.offscreen import OffscreenRenderer, create_context
+from viewer.rendering.settings import RenderSettings
+
+# docs/rendering.md, "Marchers"
+MOST_DIFFERENCE, MOST_SHARE = 4.0, 0.001  # of 255, and of channels that differ by more than 1 / 255
+EXACT_MODES = ("normal", "diffuse", "alpha")
+PACKAGES = ("numpy", "moderngl", "glcontext", "jax", "jaxlib", "nvidia-ml-py")
+LEAST_IDLE_S = 1.0
+
+
+@dataclass(frozen=True)
+class Look:
+    """How packs are looked at. size: width, height in pixels. frames: of the camera path, for times. views: for exactness.
+
+    power_s: seconds of drawing without a pause for each marcher, for watts.
+    """
+
+    size: tuple[int, int] = (800, 800)
+    frames: int = 150
+    views: int = 8
+    power_s: float = 4.0
+
+
+def device() -> Facts:
+    """The card, its driver, and what it draws in watts while nothing is asked of it."""
+    ctx = create_context()
+    try:
+        info = ctx.info
+        facts: dict[str, Any] = {
+            "renderer": str(info["GL_RENDERER"]),
+            "vendor": str(info["GL_VENDOR"]),
+            "opengl": str(info["GL_VERSION"]),
+            "largest_3d_texture": int(info["GL_MAX_3D_TEXTURE_SIZE"]),
+            "timer": f"wall time, for {reason}" if (reason := GpuClock(ctx).reason) else "GPU timer queries",
+        }
+    finally:
+        ctx.release()
+    facts["software"] = is_software(facts["renderer"])
+    with PowerMeter(facts["renderer"]) as idle:
+        time.sleep(0.0 if facts["software"] else LEAST_IDLE_S)
+    facts |= {
+        "card": card_facts(facts["renderer"]),
+        "idle_watts": idle.watts,
+        "system": platform.platform(),
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+        "python": sys.version.split()[0],
+        "packages": {name: found for name in PACKAGES if (found := _version(name))},
+    }
+    return facts
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+def pack_figures(path: Path, name: str, out: Path, look: Look) -> Facts:
+    """Exactness, frame times, power and a picture of one pack, out/NAME.png."""
+    pack = load_pack(path)
+    protocol = PROTOCOLS["forward-facing" if pack.ndc else "synthetic"]
+
+    def path_of(frames: int) -> list[ViewCamera]:
+        return protocol.path(pack, frames, protocol.fov, look.size)
+
+    facts: dict[str, Any] = {
+        "path": str(path),
+        "voxels": list(pack.grid_size),
+        "macroblocks": int(pack.occupied.sum()),
+        "view_mlp": pack.view_mlp is not None,
+        "width": look.size[0],
+        "height": look.size[1],
+    }
+    with OffscreenRenderer(pack, allow_half=False) as renderer:
+        facts["exactness"] = exactness(renderer, path_of(look.views))
+        with replacing(out / f"{name}.png") as new:
+            Image.fromarray(renderer.render(path_of(look.views)[0])).save(new, format="PNG")
+        facts["picture"] = f"{name}.png"
+        facts["timer"] = timer(renderer, path_of(min(look.frames, 30)))
+        cameras = path_of(look.frames)
+        facts["power"] = {
+            marcher: sustained(renderer, cameras, marcher, look.power_s) for marcher in ("exact", "paper")
+        }
+    facts["times"] = times(pack, cameras)
+    held = facts["exactness"]["holds"]
+    return facts | {"problems": [] if held else ["exact is not the picture of every sample: see exactness"]}
+
+
+def exactness(renderer: OffscreenRenderer, cameras: Sequence[ViewCamera]) -> Facts:
+    """How `exact` differs from taking every sample, over views and modes. worst: of 255. beyond: share of channels that
+    differ by more than 1 / 255. holds: whether docs/rendering.md allows it.
+    """
+    worst, beyond, squares, count = 0.0, 0, 0.0, 0
+    modes = EXACT_MODES if renderer.pack.view_mlp is not None else ("normal", "alpha")
+    for camera, mode in itertools.product(cameras, modes):
+        exact, brute = (
+            renderer.render_float(camera, RenderSettings(mode=mode, marcher=marcher))  # type: ignore[arg-type]
+            for marcher in ("exact", "brute")
+        )
+        difference = 255.0 * np.abs(exact.astype(np.float64) - brute)
+        worst = max(worst, float(difference.max())) if np.isfinite(difference).all() else float("inf")
+        beyond += int((difference > 1.0).sum())
+        squares += float(np.square(difference).sum())
+        count += difference.size
+    error = squares / count / 255.0**2
+    return {
+        "views": len(cameras),
+        "modes": list(modes),
+        "worst": worst if np.isfinite(worst) else None,
+        "beyond": beyond / count,
+        "psnr": -10.0 * float(np.log10(error)) if error > 0 and np.isfinite(error) else None,
+        "holds": worst <= MOST_DIFFERENCE and beyond / count <= MOST_SHARE,
+    }
+
+
+def timer(renderer: OffscreenRenderer, cameras: Sequence[ViewCamera]) -> Facts:
+    """The same frames by the card's clock and by the wall clock around finish(), medians in milliseconds."""
+    clock = GpuClock(renderer.ctx)
+    framebuffer = renderer.framebuffer(cameras[0].width, cameras[0].height)
+    pairs = [clock.time(lambda c=camera: renderer.renderer.render(framebuffer, c)) for camera in cameras]
+    gpu = [ms for ms, _ in pairs if ms is not None]
+    return {
+        "gpu_ms_p50": float(np.median(gpu)) if gpu else None,
+        "wall_ms_p50": float(np.median([wall for _, wall in pairs])),
+        "reason": clock.reason,
+    }
+
+
+def sustained(renderer: OffscreenRenderer, cameras: Sequence[ViewCamera], marcher: str, seconds: float) -> Facts:
+    """Frames per second and watts while one marcher draws without a pause. watts: None where they cannot be told."""
+    settings = RenderSettings(marcher=marcher)  # type: ignore[arg-type]
+    framebuffer = renderer.framebuffer(cameras[0].width, cameras[0].height)
+
+    def draw(camera: ViewCamera) -> None:
+        renderer.renderer.render(framebuffer, camera, settings)
+        renderer.ctx.finish()
+
+    for _ in range(WARM_UP_FRAMES):
+        draw(cameras[0])
+    frames, began = 0, time.perf_counter()
+    with PowerMeter(str(renderer.ctx.info["GL_RENDERER"])) as meter:
+        for camera in itertools.cycle(cameras):
+            draw(camera)
+            frames += 1
+            if time.perf_counter() - began >= seconds:
+                break
+    fps = frames / (time.perf_counter() - began)
+    return {
+        "frames": frames,
+        "fps": fps,
+        "watts": meter.watts,
+        "fps_per_watt": fps / meter.watts if meter.watts else None,
+    }
+
+
+def times(pack: Pack, cameras: list[ViewCamera]) -> Facts:
+    """`exact` and `paper`, frames alternating, as snerg-bench measures them."""
+    contenders = [Contender("exact", RenderSettings()), Contender("paper", RenderSettings(marcher="paper"))]
+    measured = measure(pack, cameras, contenders)
+    exact, paper = measured.contenders
+    psnr = measured.psnr["paper"]
+    return {
+        "frames": len(cameras),
+        "clock": measured.clock,
+        "exact": {**exact.statistics(), "gpu_bytes": measured.gpu_bytes["exact"]},
+        "paper": {**paper.statistics(), "gpu_bytes": measured.gpu_bytes["paper"]},
+        **paper.ratio_to(exact),
+        "psnr": psnr if np.isfinite(psnr) else None,
+        "ms_exact": [round(ms, 4) for ms in exact.ms],
+        "ms_paper": [round(ms, 4) for ms in paper.ms],
+    }

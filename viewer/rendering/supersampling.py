@@ -1,0 +1,103 @@
+"""Anti-aliasing: the mean of n × n rays a pixel, for pictures and films.
+
+A pixel's rays go through the middles of n × n equal parts of it. What they show is what a picture of n times the width and
+height shows; its float values, before any rounding, are averaged over each pixel (a box filter). Colours are
+display-referred and premultiplied by opacity over the background (docs/rendering.md), so that the mean of rays is the
+mean of light as these pictures have it. The larger picture is drawn in tiles, so that memory does not grow with n.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import moderngl
+
+from console import UserError
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.settings import RenderSettings
+from viewer.rendering.shader_source import assemble, compile_program
+
+Box = tuple[int, int, int, int]  # x, y, width, height in pixels, from the lower left corner
+Draw = Callable[[moderngl.Framebuffer, ViewCamera, RenderSettings, Box], None]
+TILE = 1024  # rays a side that are drawn at once
+
+
+class Supersampling:
+    """Draws pictures with settings.samples > 1 by way of larger ones, in the OpenGL context `ctx`."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self.ctx = ctx
+        self._rays: moderngl.Framebuffer | None = None
+        self._filters: dict[int, tuple[moderngl.Program, moderngl.VertexArray]] = {}
+
+    def draw(
+        self,
+        draw: Draw,
+        framebuffer: moderngl.Framebuffer,
+        camera: ViewCamera,
+        settings: RenderSettings,
+        viewport: Box,
+    ) -> None:
+        """Fills `viewport` of `framebuffer` with the view of `camera`, which has the viewport's size.
+
+        draw: draws a view with one ray a pixel. UserError where the driver refuses the texture that it needs.
+        """
+        n, (left, bottom, width, height) = settings.samples, viewport
+        one, side = replace(settings, samples=1), max(1, TILE // n)
+        larger = camera.resized(n * width, n * height)
+        for y in range(0, height, side):
+            for x in range(0, width, side):
+                w, h = min(side, width - x), min(side, height - y)
+                below = height - y - h  # rows between the tile and the picture's lower edge
+                part = replace(larger, width=n * w, height=n * h, cx=larger.cx - n * x, cy=larger.cy - n * y)
+                rays = self._target(n * min(side, width), n * min(side, height))
+                draw(rays, part, one, (0, 0, n * w, n * h))
+                self._average(rays, n, framebuffer, (left + x, bottom + below, w, h))
+
+    def _average(self, rays: moderngl.Framebuffer, n: int, framebuffer: moderngl.Framebuffer, box: Box) -> None:
+        if n not in self._filters:
+            program = compile_program(
+                self.ctx, assemble("fullscreen.vert"), assemble("box_filter.frag", {"SAMPLES": n})
+            )
+            self._filters[n] = program, self.ctx.vertex_array(program, [])
+        program, triangle = self._filters[n]
+        framebuffer.use()
+        framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
+        framebuffer.viewport = box
+        framebuffer.color_mask = (True, True, True, True)
+        framebuffer.depth_mask = False
+        self.ctx.enable_only(moderngl.NOTHING)
+        self.ctx.clear_samplers(0, 1)
+        rays.color_attachments[0].use(0)  # type: ignore[union-attr]
+        program["rays"] = 0
+        program["corner"] = tuple(float(v) for v in box[:2])
+        triangle.render(moderngl.TRIANGLES, vertices=3)
+
+    def _target(self, width: int, height: int) -> moderngl.Framebuffer:
+        """A float framebuffer of at least this size."""
+        there = self._rays
+        if there is None or there.width < width or there.height < height:
+            self._free()
+            texture = self.ctx.texture((width, height), 4, dtype="f4")
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self._rays = there = self.ctx.framebuffer([texture], self.ctx.depth_renderbuffer((width, height)))
+            if self.ctx.error != "GL_NO_ERROR":
+                self._free()
+                raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+        return there
+
+    def _free(self) -> None:
+        if self._rays is not None:
+            for attached in (*self._rays.color_attachments, self._rays.depth_attachment):
+                attached.release()  # type: ignore[union-attr]
+            self._rays.release()
+        self._rays = None
+
+    def release(self) -> None:
+        """Frees everything on the card."""
+        self._free()
+        for program, triangle in self._filters.values():
+            triangle.release()
+            program.release()
+        self._filters = {}
