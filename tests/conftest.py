@@ -71,6 +71,16 @@ def _held() -> int:
 
 
 @pytest.fixture
+def hardly_optimised() -> Iterator[None]:
+    """For tests that compile much and run it once or twice: how fast it runs does not matter at all."""
+    import jax
+
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
+
+
+@pytest.fixture
 def compiled_as_for_users() -> Iterator[None]:
     """For tests of numbers that repeat to the last bit: quick compilers might repeat them where the usual one does not."""
     with as_users_have_it():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -33,9 +34,8 @@ class Scripted(Writer):
 
     script = ""
 
-    @property
-    def program(self) -> list[str]:
-        return ["-c", PROGRAM + self.script]
+    def line(self, out: Path) -> list[str]:
+        return [sys.executable, "-c", PROGRAM + self.script, str(out)]
 
     def wait(self, child: subprocess.Popen[str], moment: float) -> None:
         until = time.monotonic() + 60

@@ -26,7 +26,6 @@ def small_config():
     return dataclasses.replace(PRESETS["cpu"], steps=160, batch_size=512, voxels=voxels)
 
 
-@pytest.mark.usefixtures("compiled_as_for_users")
 def test_a_small_scene_is_learnt_and_a_restored_state_goes_on_to_the_same_losses(
     procedural_scene, small_config
 ) -> None:
