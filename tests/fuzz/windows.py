@@ -23,19 +23,21 @@ class ExportingWindow(Writer):
 class MakingWindow(Writer):
     """snerg-make, started by the window. The window alone is killed: what it makes must notice, and keep what is done."""
 
+    patience_s = PATIENCE_S
+
     def line(self, out: Path) -> list[str]:
         return [sys.executable, "-m", "tests.fuzz.making_window", *self.words[:1], str(out), STEPS, "40"]
 
     def end(self, child: subprocess.Popen[str]) -> None:
         with contextlib.suppress(ProcessLookupError):
             os.kill(child.pid, signal.SIGKILL)
-        out, patience = child.args[4], time.monotonic() + PATIENCE_S  # type: ignore[index]
-        while makers := working_on(str(out)):
-            if time.monotonic() > patience:
-                self.problems.append(f"{self.name}: what it makes outlives it")
-                for maker in makers:
-                    os.kill(maker, signal.SIGKILL)
-            time.sleep(0.1)
+        out, until = str(child.args[4]), time.monotonic() + self.patience_s  # type: ignore[index]
+        while working_on(out) and time.monotonic() < until:
+            time.sleep(0.05)
+        for maker in working_on(out):
+            self.problems.append(f"{self.name}: what it makes outlives it")
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(maker, signal.SIGKILL)
 
 
 def working_on(path: str) -> list[int]:
