@@ -81,7 +81,10 @@ class Tuner(Protocol):
 
 
 def make_tuner(pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False) -> Tuner:
-    """By compiled loops on a processor, where Numba is, and by JAX elsewhere. cell: voxels a side of a cell."""
+    """By compiled loops on a processor, where Numba is, and by JAX elsewhere. cell: voxels a side of a cell.
+
+    The pack's arrays must be writable, and may be changed as the tuner goes on.
+    """
     name = "fused.tuner" if compiled_loops() else "jax_tuner"
     return importlib.import_module(f"baker.tuning.{name}").tuner_of(pack, dataset, cell, Look(pack.ndc, by_opacity))
 
