@@ -4,7 +4,6 @@
 #   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
 #   make fuzz     spoilt files until one breaks something; MINUTES=10, SEED=0, FUZZ="--only packs"
 #   make kills    commands ended with kill -9 at random moments, and on full disks; TIMES=10, ONLY="--only bake"
-#   make long-run MINUTES=120   training, baking and viewing in a loop: nothing may be left behind, memory stays flat
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -16,7 +15,7 @@ SEED ?= 0
 TIMES ?= 10
 DEMO := viewer/demo/demo.zip
 
-.PHONY: view install test fuzz kills long-run bench lint demo clean gl
+.PHONY: view install test fuzz kills bench lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -33,9 +32,6 @@ fuzz: $(VENV)/.developer
 
 kills: $(VENV)/.developer gl
 	$(BIN)/python -m tests.fuzz.interruptions --times $(TIMES) --disks $(TIMES) --seed $(SEED) $(ONLY)
-
-long-run: $(VENV)/.developer gl
-	$(BIN)/python -m tests.fuzz.long_run --minutes $(MINUTES)
 
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400
