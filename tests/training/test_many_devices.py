@@ -35,8 +35,7 @@ LARGEST_DRIFT = 0.1
 def start(scene: Path, out: Path, *more: str, devices: int = 1) -> subprocess.Popen[str]:
     environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
-    # Four processes compile all of two methods for these few steps.
-    environment |= {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
+    environment |= {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
     line = [sys.executable, "-m", "tests.training.train_both", str(scene), str(out), str(out.parent / "one"), *more]
     return subprocess.Popen(line, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
 

@@ -31,7 +31,7 @@ SMALL = dataclasses.replace(CPU.voxels, resolutions=(24, 32, 48), samples_per_st
 TINY = dataclasses.replace(CPU, steps=20, batch_size=256, voxels=SMALL)
 
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("compiled_quickly")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,6 +20,7 @@ import pytest
 
 from console import Notice, UserError
 from console.driven import PROGRESS, read_report
+from tests.compiling import as_users_have_it
 from tests.told import told
 from training.arrays import to_arrays
 from training.commands.train import main
@@ -33,6 +35,13 @@ from training.voxels.config import VoxelConfig
 from training.voxels.jax_engine import JaxEngine
 
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_as_for_users() -> Iterator[None]:
+    """Runs repeat to the last bit, with the programs that users have."""
+    with as_users_have_it():
+        yield
 
 
 def losses(run: Path) -> dict[int, float]:

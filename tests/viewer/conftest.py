@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,13 +15,12 @@ from scenepack import Pack, ViewMlp, save_pack
 from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
 from tests.viewer.offscreen_ui import OffscreenUi
+from tests.viewer.screen import NoScreen, virtual_screen
 from viewer.app.application import App
 from viewer.rendering.offscreen import create_context
 
 SIDE, BLOCK = 44, 14
 BLENDER = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-SCREEN = (1400, 900)
-
 
 PACKAGES = {
     "Xvfb": "xvfb",
@@ -108,26 +106,8 @@ def display() -> Iterator[str]:
     program = shutil.which("Xvfb")
     if program is None:
         missing("Xvfb")
-    read, write = os.pipe()
-    command = [
-        str(program),
-        "-displayfd",
-        str(write),
-        "-screen",
-        "0",
-        f"{SCREEN[0]}x{SCREEN[1]}x24",
-        "-nolisten",
-        "tcp",
-        "-noreset",  # else it starts over, deaf for a moment, whenever the last window closes
-    ]
-    server = subprocess.Popen(command, pass_fds=(write,), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    os.close(write)
     try:
-        with os.fdopen(read) as pipe:
-            number = pipe.readline().strip()
-        if not number:
-            pytest.fail("Xvfb does not start")
-        yield f":{number}"
-    finally:
-        server.terminate()
-        server.wait(10)
+        with virtual_screen(str(program)) as name:
+            yield name
+    except NoScreen as reason:
+        pytest.fail(str(reason))

@@ -61,7 +61,8 @@ class Review:
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """What the scene may be taken for. Only what looks forward to the reader can be forward-facing."""
-        around = tuple(kind for kind in ("subject", "room") if kind in self.look.boxes)
+        around: tuple[Kind, ...] = ("subject", "room")
+        around = tuple(kind for kind in around if kind in self.look.boxes)
         return (*around, "forward") if self.look.kind == "forward" else around
 
     def show_box(self, host: ReviewHost, on: bool = True) -> None:

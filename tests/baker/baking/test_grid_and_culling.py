@@ -16,7 +16,7 @@ from scenepack.padding import restore_padding
 from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, nothing
 from tests.scenepack.random_packs import BLENDER_FRAME
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("compiled_quickly")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
 
 LOW, HIGH = np.full(3, -1.5), np.full(3, 1.5)
 

@@ -106,6 +106,7 @@ def test_shares_come_from_options_or_the_launcher(monkeypatch: pytest.MonkeyPatc
             share_of(processes, process)
 
 
+@pytest.mark.usefixtures("compiled_as_for_users")
 def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> None:
     scene = write_procedural_scene(tmp_path / "scene", size=32, views=8, subpixels=1)
     run, one, two = (tmp_path / name for name in ("run", "one", "two"))

@@ -33,7 +33,7 @@ from training.dataset import RayDataset
 from training.marching.batches import rays_that_meet
 from training.marching.layout import blend
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("compiled_quickly")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
 
 SAMPLES = 32_768
 SHOWN = Look(ndc=False, by_opacity=False)

@@ -79,7 +79,7 @@ def test_presets_differ_from_the_paper_in_what_their_rows_name_and_in_nothing_el
     assert PRESETS["no-sparsity"].sparsity_weight == 0 and PRESETS["deferred"].sparsity_weight == 1e-4
 
 
-@pytest.mark.usefixtures("compiled_quickly")
+@pytest.mark.usefixtures("hardly_optimised")
 @pytest.mark.parametrize("view", ["deferred", "tiny", "nerf", "none"])
 def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scene: Scene, view):
     dataset = make_dataset(procedural_scene)

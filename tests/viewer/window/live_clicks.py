@@ -38,6 +38,7 @@ from viewer.window.window import Window
 
 SIZES = ((480, 360), (800, 600), (1280, 800))
 PATIENCE_S = 10.0
+CLICK = ("click", "--delay", 1, 1)  # by itself, xdotool waits for a tenth of a second after each
 MODALS = ("##dialog", "##path", "##make")
 
 
@@ -328,7 +329,7 @@ class Hand:
         width, height = glfw.get_window_size(self.window.handle)
         assert inside(each.at, (0, 0, width, height)), f"{name} is outside of the window, at {each.at}"
         self.watch.forget()
-        self.point_at(*each.at, "click", 1)
+        self.point_at(*each.at, *CLICK)
         if not self.until(lambda: name in self.watch.pressed):
             under = imgui.get_current_context().hovered_window
             pytest.fail(f"{name} at {each.at} takes no click; under the mouse is {under.name if under else 'nothing'}")
@@ -398,5 +399,5 @@ def test_a_click_beside_the_help_closes_it(hand, size):
     hand.point_at(0.5 * size[0], 0.5 * size[1], "key", "F1")
     assert hand.until(lambda: app.interface.help_shown)
     hand.settle()
-    hand.point_at(3, size[1] - 3, "click", 1)
+    hand.point_at(3, size[1] - 3, *CLICK)
     assert hand.until(lambda: not app.interface.help_shown)

@@ -15,7 +15,8 @@ import pytest
 from PIL import Image
 
 from scenepack import save_pack
-from tests.viewer.conftest import SCREEN, toy_pack
+from tests.viewer.conftest import toy_pack
+from tests.viewer.screen import SCREEN
 from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.app.make_plan import Plan

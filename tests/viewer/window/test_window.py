@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import get_args
 
@@ -23,14 +25,22 @@ pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).parent
 LIVE = sorted(path.name for path in HERE.glob("live_*.py"))
+LIVE_TEST = "test_the_live_window["
+AT_ONCE = 2  # each spends half of its time on waiting
 
 
-@pytest.mark.parametrize("live", LIVE)
-def test_the_live_window(display, live):
+@pytest.fixture(scope="module", autouse=True)
+def live_runs(request) -> Iterator[dict[str, Future[subprocess.CompletedProcess[str]]]]:
+    """Those live tests that were asked for, begun now: each has a display of its own, and they run while other tests do."""
+    asked = [item.callspec.params["live"] for item in request.session.items if item.name.startswith(LIVE_TEST)]
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        yield {live: pool.submit(run_live, live) for live in asked}
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def run_live(live: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / live)]
-    env = {**os.environ, "DISPLAY": display}
-    done = subprocess.run(command, env=env, cwd=HERE.parents[2], capture_output=True, text=True, timeout=1200)
-    assert done.returncode == 0, done.stdout + done.stderr
+    return subprocess.run(command, cwd=HERE.parents[2], capture_output=True, text=True, timeout=1200)
 
 
 def run_view(*words: object, display: str | None = None, cwd=None) -> subprocess.CompletedProcess[str]:
@@ -147,3 +157,9 @@ def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
     assert display_problem() is None
     with pytest.raises(NoDisplay, match="no window can be opened"):
         Window(App(), Ui)
+
+
+@pytest.mark.parametrize("live", LIVE)  # the last tests here, for they have begun with the first
+def test_the_live_window(display, live_runs, live):
+    done = live_runs[live].result()
+    assert done.returncode == 0, done.stdout + done.stderr

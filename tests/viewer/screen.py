@@ -1,0 +1,42 @@
+"""A display of our own, that nobody sees."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+SCREEN = (1400, 900)
+
+
+class NoScreen(Exception):
+    """Xvfb does not start."""
+
+
+@contextmanager
+def virtual_screen(program: str = "Xvfb") -> Iterator[str]:
+    """DISPLAY of an Xvfb that ends with the `with` block. FileNotFoundError where it is not installed."""
+    read, write = os.pipe()
+    command = [
+        program,
+        "-displayfd",
+        str(write),
+        "-screen",
+        "0",
+        f"{SCREEN[0]}x{SCREEN[1]}x24",
+        "-nolisten",
+        "tcp",
+        "-noreset",  # else it starts over, deaf for a moment, whenever the last window closes
+    ]
+    server = subprocess.Popen(command, pass_fds=(write,), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    os.close(write)
+    try:
+        with os.fdopen(read) as pipe:
+            number = pipe.readline().strip()
+        if not number:
+            raise NoScreen("Xvfb does not start")
+        yield f":{number}"
+    finally:
+        server.terminate()
+        server.wait(10)
