@@ -154,7 +154,9 @@ def bake(
                 "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
             }  # fmt: skip
     if config.fine_tune == "all":
-        pack, figures, again = _with_tuned_voxels(pack, run.dataset, config, stages, by_opacity)
+        handed_over = [pack]
+        del pack  # nobody else holds it, so that what pruning leaves takes its place
+        pack, figures, again = _with_tuned_voxels(handed_over.pop(), run.dataset, config, stages, by_opacity)
         tuned |= figures
         if removed and again:
             removed = Pruned(removed.voxels_before, again.voxels_after, removed.macroblocks + again.macroblocks)
