@@ -153,7 +153,7 @@ def test_a_canvas_goes_on_drawing_until_all_has_arrived(
 
     monkeypatch.setattr(canvas_module, "ARRIVING_S", 1e-9)
     canvas = Canvas(ctx)
-    canvas.rest_s = 0.0
+    canvas.rest_s = canvas.blend_s = 0.0
     canvas.show(shapes)
     camera, frames = ViewCamera.orbit(shapes, 35, size=(48, 36)), 0
     while canvas.pending and frames < 200:
