@@ -21,7 +21,7 @@ from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
 from baker.baking.supersample import supersample
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.fine_tune import EPOCHS, fine_tune
-from baker.tuning.joint_loop import JointConfig, joint_tune
+from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import FIRM, TAU_WEIGHT, Pruned, prune
 from baker.view_mlp import from_params
 from console import UserError, progress
@@ -41,6 +41,7 @@ BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of imag
 STAGE = "baking"  # in what programs that started us read of our progress
 LARGEST_SEED = 2**32 - 1
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
+MOST_LOST = 0.1  # dB that this may cost before tuning goes on; 0.01 on lego, 1.4 on mary_rose with its rough masks
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
 FORMAT = 1  # of a work folder: raised whenever the same key would give other pieces
 
@@ -179,7 +180,8 @@ def _with_tuned_voxels(
     """The pack with voxels and view MLP fine-tuned, figures, and what is pruned meanwhile.
 
     First some views are held out, which tell whether tuning helps. Where it does, voxels are pruned once more, harder than
-    those that nothing makes up for, and tuning goes on, on all views.
+    those that nothing makes up for, and tuning goes on, on all views. A scene whose photographs disagree (rough masks, things
+    that move) is mist where they do: pruning it costs too much, and is left.
     """
     name, label = "voxels and view MLP", "fine-tuning voxels and view MLP"
     first = JointConfig(seed=config.seed)
@@ -191,7 +193,13 @@ def _with_tuned_voxels(
     if config.tau_weight > 0:
         with stages("pruning again"), progress("emptying voxels that are faint now", 1.0, stage=STAGE) as bar:
             tau = TUNED_TAU * config.tau_weight
-            pack, removed = prune(pack, with_views_between(dataset), tau, config.seed, bar.update, FIRM)
+            thinner, removed = prune(pack, with_views_between(dataset), tau, config.seed, bar.update, FIRM)
+        lost = np.subtract(*(shown_psnr(p, dataset, config.seed, by_opacity=by_opacity) for p in (pack, thinner)))
+        if lost <= MOST_LOST:
+            pack = thinner
+        else:
+            removed = None
+        del thinner
     second = JointConfig(seed=config.seed + 1, held_out=0, rate=SECOND_RATE)
     with stages(name), progress(f"{label}, all views", 1.0, stage=STAGE) as bar:
         pack, last = joint_tune(pack, dataset, second, bar.update, by_opacity)

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.marcher import make_marcher
-from baker.tuning.tuner import make_tuner
+from baker.tuning.marcher import Accumulated, make_marcher
+from baker.tuning.tuner import Look, make_tuner, psnr_of, squared_error
+from baker.view_mlp import to_params
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 
@@ -91,6 +93,18 @@ def joint_tune(
         "passes": config.passes, "held_out_psnr_before": round(before[0], 3), "held_out_psnr_after": round(best[0], 3),
         "samples_a_ray_before": round(before[1], 2), "samples_a_ray_after": round(best[1], 2),
     }  # fmt: skip
+
+
+def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool = False) -> float:
+    """PSNR (dB) of what the viewer shows of the pack, over a random HELD_OUT_RAYS of the training rays."""
+    ids = np.sort(np.random.default_rng(seed).permutation(dataset.count)[:HELD_OUT_RAYS]).astype(np.int32)
+    marched = make_marcher(pack, dataset).accumulate(ids)
+    head, rays = pack.view_mlp and to_params(pack.view_mlp), jnp.asarray(ids)
+    error, weight = squared_error(
+        Accumulated(*(jnp.asarray(part) for part in marched)), head, dataset.geometry_at(rays).viewdirs,
+        dataset.colours_at(rays), jnp.ones(len(ids), bool), dataset.background, Look(pack.ndc, by_opacity), clamped=True,
+    )  # fmt: skip
+    return psnr_of(float(error), float(weight))
 
 
 def cell_for(pack: Pack, rays: int) -> int:

@@ -66,7 +66,7 @@ def prune(
 ) -> tuple[Pack, Pruned]:
     """The pack without the voxels that would make up less than tau_weight of any pixel of a training view, closed within.
 
-    The arrays of `pack` are changed. A pack that no view sees at all comes back as it is.
+    A pack that no view sees at all comes back as it is.
     """
     assert pack.atlas_features is not None, "baking always stores features"
     blocks = [tuple(block) for block in np.argwhere(pack.occupied)]
@@ -77,18 +77,15 @@ def prune(
     before = after = 0
     kept = np.zeros(pack.occupied.shape, bool)
     for block in blocks:
-        rgba, arriving = _data(pack, pack.atlas_rgba, block), lit.at(block)
-        had = rgba[..., 3] > 0
-        stays = had & (arriving.astype(np.float32) * rgba[..., 3] >= tau_weight * 255**2)
-        gain = stays * closing_gain(rgba[..., 3], arriving, closing)
-        for values in (rgba, _data(pack, pack.atlas_features, block)):
-            values[...] = np.round(values * gain[..., None])
-        before, after = before + int(had.sum()), after + int(stays.sum())
+        rgba = _data(pack, pack.atlas_rgba, block)
+        stays = _stays(rgba, lit.at(block), tau_weight)
+        before, after = before + int(np.count_nonzero(rgba[..., 3])), after + int(stays.sum())
         kept[block] = stays.any()
-    del lit
     indices, rgba, features = fill_atlas(
-        ((block, _voxels(pack, block)) for block in blocks if kept[block]), kept, pack.block_size
-    )
+        ((block, _thinned(pack, block, lit.at(block), tau_weight, closing)) for block in blocks if kept[block]),
+        kept, pack.block_size,
+    )  # fmt: skip
+    del lit
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
     for atlas in (rgba, features):
         restore_padding(atlas, indices, pack.block_size)
@@ -109,10 +106,20 @@ def _data(pack: Pack, atlas: np.ndarray, block: tuple[int, ...]) -> np.ndarray:
     return block_copy(pack, atlas, block)[1:-1, 1:-1, 1:-1]
 
 
-def _voxels(pack: Pack, block: tuple[int, ...]) -> np.ndarray:
-    """rgba and features uint8 [bs, bs, bs, 8] of a macroblock."""
+def _stays(rgba: np.ndarray, arriving: np.ndarray, tau_weight: float) -> np.ndarray:
+    """bool [bs, bs, bs]: which voxels of a macroblock stay where so much light arrives, uint8 [bs, bs, bs]."""
+    return (rgba[..., 3] > 0) & (arriving.astype(np.float32) * rgba[..., 3] >= tau_weight * 255**2)
+
+
+def _thinned(
+    pack: Pack, block: tuple[int, ...], arriving: np.ndarray, tau_weight: float, closing: Closing
+) -> np.ndarray:
+    """rgba and features uint8 [bs, bs, bs, 8] of what stays of a macroblock, closed within."""
     assert pack.atlas_features is not None, "baking always stores features"
-    return np.concatenate([_data(pack, atlas, block) for atlas in (pack.atlas_rgba, pack.atlas_features)], axis=-1)
+    rgba = _data(pack, pack.atlas_rgba, block)
+    gain = _stays(rgba, arriving, tau_weight) * closing_gain(rgba[..., 3], arriving, closing)
+    voxels = np.concatenate([rgba, _data(pack, pack.atlas_features, block)], axis=-1)
+    return np.round(voxels * gain[..., None]).astype(np.uint8)
 
 
 @dataclass(frozen=True)

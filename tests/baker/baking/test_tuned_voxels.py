@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ Call = tuple[str, Any]
 
 
 @pytest.fixture
-def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
+def calls(monkeypatch: pytest.MonkeyPatch, helps: float, costs: float) -> list[Call]:
     """What the stages were called with, in order, while tuning helps by so many dB."""
     noted: list[Call] = []
 
@@ -30,25 +31,32 @@ def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
 
     def prune(pack: Any, dataset: Any, tau: float, seed: int, on_share: Any, closing: Any) -> Any:
         noted.append(("prune", (tau, closing)))
-        return pack, Pruned(100, 80, 3)
+        return replace(pack, params={"thinner": True}), Pruned(100, 80, 3)
 
     monkeypatch.setattr(baking, "joint_tune", joint_tune)
     monkeypatch.setattr(baking, "prune", prune)
     monkeypatch.setattr(baking, "with_views_between", lambda dataset: dataset)
+    shown = iter((30.0, 30.0 - costs))
+    monkeypatch.setattr(baking, "shown_psnr", lambda *args, **options: next(shown))
     return noted
 
 
 @pytest.mark.parametrize(
-    ("helps", "tau", "expected"),
-    [(0.5, 0.01, ["tune", "prune", "tune"]), (0.5, 0.0, ["tune", "tune"]), (0.0, 0.01, ["tune"])],
+    ("helps", "costs", "tau", "expected"),
+    [
+        (0.5, 0.02, 0.01, ["tune", "prune", "tune"]),
+        (0.5, 1.0, 0.01, ["tune", "prune", "tune"]),
+        (0.5, 0.0, 0.0, ["tune", "tune"]),
+        (0.0, 0.0, 0.01, ["tune"]),
+    ],
 )
 def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
-    calls: list[Call], helps: float, tau: float, expected: list[str]
+    calls: list[Call], helps: float, costs: float, tau: float, expected: list[str]
 ) -> None:
     pack = random_pack(np.random.default_rng(0))
     config = BakeConfig(tau_weight=tau, seed=7)
     tuned, figures, removed = baking._with_tuned_voxels(pack, None, config, Stages(), False)  # type: ignore[arg-type]
-    assert tuned is pack and [name for name, _ in calls] == expected
+    assert [name for name, _ in calls] == expected
     first = calls[0][1]
     assert first.held_out > 0 and first.seed == 7, "views are held out until they have told that tuning helps"
     assert figures["held_out_psnr_after"] == 30.0 + helps
@@ -57,6 +65,8 @@ def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
         assert last.held_out == 0 and last.seed != first.seed
         assert figures["passes"] == first.passes + last.passes and figures["samples_a_ray_after"] == 10.0 - len(calls)
     if "prune" in expected:
-        assert calls[1][1] == (pytest.approx(0.04), FIRM) and removed == Pruned(100, 80, 3)
+        assert calls[1][1] == (pytest.approx(0.04), FIRM)
+    if "prune" in expected and costs < 0.1:
+        assert removed == Pruned(100, 80, 3) and tuned.params == {"thinner": True}
     else:
-        assert removed is None
+        assert removed is None and tuned is pack, "where it costs too much, nothing is pruned"
