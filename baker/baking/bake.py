@@ -194,8 +194,8 @@ def _with_tuned_voxels(
         with stages("pruning again"), progress("emptying voxels that are faint now", 1.0, stage=STAGE) as bar:
             tau = TUNED_TAU * config.tau_weight
             thinner, removed = prune(pack, with_views_between(dataset), tau, config.seed, bar.update, FIRM)
-        lost = np.subtract(*(shown_psnr(p, dataset, config.seed, by_opacity=by_opacity) for p in (pack, thinner)))
-        if lost <= MOST_LOST:
+        before, after = (shown_psnr(p, dataset, config.seed, by_opacity=by_opacity) for p in (pack, thinner))
+        if before - after <= MOST_LOST:
             pack = thinner
         else:
             removed = None

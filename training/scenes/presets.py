@@ -44,7 +44,7 @@ PRESETS: Mapping[PresetName, Preset] = {
     "cpu": Preset(
         "minutes on two cores",
         "Quick",
-        "Minutes on any computer, from photographs shrunk to 256 pixels. Lego took 3 on two CPU cores.",
+        "Minutes on any computer, from photographs shrunk to 256 pixels. Lego took 4 on two CPU cores.",
         longest_side=256,
         resolution=512,
     ),
