@@ -44,7 +44,7 @@ class Closing(NamedTuple):
 UNSEEN = Closing(0.3, 0.02)  # changes nothing that photographs show
 FIRM = Closing(
     0.8, 0.3
-)  # where voxels are tuned afterwards: on lego at 1000³, it takes a tenth of the samples, and no quality
+)  # where voxels are tuned afterwards: lego at 1000³ loses a tenth of its samples, and no quality
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
 from viewer.app.making import Job
 from viewer.app.stage import Stage
 from viewer.panels import layout, preview_strip, theme
+from viewer.panels.corner_card import corner_card
 from viewer.panels.dialogs import pressed_here
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
-CARD_WIDTH, CARD_MARGIN = 372.0, 16.0
 PICTURE = "making"
 AUTOMATIC = "Automatic"
 
@@ -179,33 +179,20 @@ def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
     if job is None:
         stage.drop_image(PICTURE)
         return
-    width = min(px(CARD_WIDTH), box[2] - 2 * px(CARD_MARGIN))
-    imgui.set_next_window_pos(
-        ImVec2(box[0] + px(CARD_MARGIN), box[1] + box[3] - px(CARD_MARGIN)), imgui.Cond_.always, ImVec2(0.0, 1.0)
-    )
-    imgui.set_next_window_size(ImVec2(width, 0))
-    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_nav
-    flags |= (
-        imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_focus_on_appearing | imgui.WindowFlags_.always_auto_resize
-    )
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(14)))
-    with coloured(window_bg=theme.CARD):
-        imgui.begin("##job", None, flags)
-    imgui.pop_style_var()
-    _job_head(app, job, fonts)
-    if app.making.look is not None and not app.making.points_shown(app):
-        if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
-            app.making.show_points(app)
-        tip("The scene that is open now is closed")
-    if job.picture is not None:
-        _picture(stage, job)
-    if len(job.figures) > 2:
-        _curve(job)
-    _stages(job)
-    report = job.report
-    imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
-    hint(_told(job))
-    imgui.end()
+    with corner_card("##job", box):
+        _job_head(app, job, fonts)
+        if app.making.look is not None and not app.making.points_shown(app):
+            if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
+                app.making.show_points(app)
+            tip("The scene that is open now is closed")
+        if job.picture is not None:
+            _picture(stage, job)
+        if len(job.figures) > 2:
+            _curve(job)
+        _stages(job)
+        report = job.report
+        imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
+        hint(_told(job))
 
 
 def _job_head(app: App, job: Job, fonts: Fonts) -> None:

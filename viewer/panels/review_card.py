@@ -8,7 +8,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.review import Review
 from viewer.panels import layout, theme
-from viewer.panels.make_dialog import CARD_MARGIN, CARD_WIDTH
+from viewer.panels.corner_card import corner_card
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
 
@@ -26,28 +26,16 @@ def show(app: App, box: layout.Box, fonts: Fonts) -> None:
     review = app.making.review
     if review is None:
         return
-    width = min(px(CARD_WIDTH), box[2] - 2 * px(CARD_MARGIN))
-    at = ImVec2(box[0] + px(CARD_MARGIN), box[1] + box[3] - px(CARD_MARGIN))
-    imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0.0, 1.0))
-    imgui.set_next_window_size(ImVec2(width, 0))
-    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_nav
-    flags |= (
-        imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_focus_on_appearing | imgui.WindowFlags_.always_auto_resize
-    )
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(14)))
-    with coloured(window_bg=theme.CARD):
-        imgui.begin("##review", None, flags)
-    imgui.pop_style_var()
-    _head(review, fonts)
-    shown = app.making.points_shown(app)
-    if not shown:
-        if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):
-            review.hold()
-            app.making.show_points(app)
-        tip("The scene that is open now is closed")
-    _choices(app, review, shown)
-    _answer(app, review)
-    imgui.end()
+    with corner_card("##review", box):
+        _head(review, fonts)
+        shown = app.making.points_shown(app)
+        if not shown:
+            if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):
+                review.hold()
+                app.making.show_points(app)
+            tip("The scene that is open now is closed")
+        _choices(app, review, shown)
+        _answer(app, review)
 
 
 def _head(review: Review, fonts: Fonts) -> None:

@@ -3,8 +3,6 @@
 What takes long is a stand-in: a reconstruction that is there already, and a training without end.
 """
 
-import os
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -16,6 +14,7 @@ import pytest
 from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.posing.test_films import frames_of_film, write_film
 from tests.training.reconstructions import around, ball, write_colmap
+from tests.viewer.window.living import other_program, pump
 from tests.viewer.window.widgets_seen import watch
 from viewer.app import crop
 from viewer.app.application import App
@@ -26,8 +25,7 @@ from viewer.panels.ui import Ui
 from viewer.window.window import Window
 
 SIZE = (1000, 700)
-CLIENT = Path(__file__).with_name("x11_client.py")
-FAKE = CLIENT.parents[1] / "app" / "fake_make.py"
+FAKE = Path(__file__).parents[1] / "app" / "fake_make.py"
 PATIENCE_S = 60.0
 
 
@@ -53,14 +51,6 @@ def window(opened):
     app.making.end()
 
 
-def pump(window: Window, seconds: float = 0.25) -> None:
-    """Lets the window live for a moment."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        window.app.touch(1)
-        window.step()
-
-
 def live(window: Window, condition) -> None:
     """Lets the window live until something is so."""
     end = time.monotonic() + PATIENCE_S
@@ -74,15 +64,7 @@ def live(window: Window, condition) -> None:
 def drop(display, window):
     """Another program drops a path on the window, by XDND."""
 
-    def call(path: Path) -> None:
-        command = [sys.executable, str(CLIENT), "drop", str(glfw.get_x11_window(window.handle)), str(path)]
-        client = subprocess.Popen(command, env={**os.environ, "DISPLAY": display}, stderr=subprocess.PIPE, text=True)
-        while client.poll() is None:
-            pump(window, 0.05)
-        assert client.returncode == 0, client.stderr.read()
-        pump(window, 0.1)
-
-    return call
+    return lambda path: other_program(display, window, "drop", path)
 
 
 @pytest.fixture
@@ -215,7 +197,6 @@ def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_tr
     pump(window)
     xdotool("mouseup", 1)
     pump(window)
-    print(x, y, glfw.get_window_pos(window.handle), app.making.review.kind)
     assert app.settings.crop[1][1] < before[1][1] and app.settings.crop[0] == before[0]
     assert app.making.review.seconds_left is None  # somebody is there
     press("Train it")

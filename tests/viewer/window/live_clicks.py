@@ -9,29 +9,23 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 
 import glfw
 import numpy as np
 import pytest
 from imgui_bundle import imgui
 
-from console.driven import Report
 from scenepack import save_pack
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
+from tests.viewer.window.places import PLACES, WITHOUT_SCENE, Scenes, child
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
-from training.scenes.points import SparsePoints
-from viewer.app import crop, loading, make_plan, making
+from viewer.app import loading, make_plan, making
 from viewer.app.application import App
-from viewer.app.first_look import Look
 from viewer.app.make_plan import Plan, Survey
-from viewer.app.making import Job
-from viewer.app.review import Review
-from viewer.panels.layout import NARROW, PAGES
+from viewer.panels.layout import NARROW
 from viewer.panels.ui import Ui
 from viewer.rendering.settings import RenderSettings
 from viewer.window.window import Window
@@ -40,18 +34,6 @@ SIZES = ((480, 360), (800, 600), (1280, 800))
 PATIENCE_S = 10.0
 CLICK = ("click", "--delay", 1, 1)  # by itself, xdotool waits for a tenth of a second after each
 MODALS = ("##dialog", "##path", "##make")
-
-
-@dataclass
-class Scenes:
-    """What is opened, and what stands in for work of minutes. plan: of photographs that were looked at."""
-
-    pack: object
-    other: object
-    path: Path
-    photographs: Path
-    plan: Plan
-    release: threading.Event
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +65,7 @@ def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
     plan.survey.forward = True
     release = threading.Event()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "Child", lambda *_: _child())
+        patch.setattr(making, "Child", lambda *_: child())
         patch.setattr(make_plan, "trainer_missing", lambda: False)  # nothing is trained here
         read = loading.load_pack
 
@@ -94,131 +76,6 @@ def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
         patch.setattr(loading, "load_pack", slow)
         yield Scenes(pack, toy_pack(seed=1), folder / "toy", folder / "scene", plan, release)
         release.set()
-
-
-def _child() -> SimpleNamespace:
-    """A process that works on and on."""
-    report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training")
-    child = SimpleNamespace(stopping=False, killed=False, poll=lambda: None, report=lambda: report)
-    child.stop = lambda: setattr(child, "stopping", True)
-    child.kill = lambda: setattr(child, "killed", True)
-    child.end = lambda seconds: None
-    return child
-
-
-# What is on the screen
-
-Prepare = Callable[[App, Scenes], object]
-
-
-def _start(app: App, scenes: Scenes) -> None:
-    app.demo = scenes.path
-    app.preferences.recent = [str(scenes.path), str(scenes.photographs)]
-
-
-def _page(page: str, *more: Prepare) -> Prepare:
-    def prepare(app: App, scenes: Scenes) -> None:
-        app.interface.page = page
-        for each in more:
-            each(app, scenes)
-
-    return prepare
-
-
-def _film(app: App, scenes: Scenes) -> None:
-    app.filming.size, app.filming.fps = (64, 48), 60.0
-    app.filming.turntable(app)
-    app.filming.select(app, 1)
-    for index in range(len(app.filming.path.keyframes)):
-        app.filming.path.replace(index, seconds=10.0)
-
-
-def _export(app: App, scenes: Scenes) -> None:
-    _film(app, scenes)
-    app.filming.film(app, scenes.path.parent / "film")
-
-
-def _job(app: App, scenes: Scenes) -> None:
-    job = app.making.job = Job(scenes.plan, _child())  # type: ignore[arg-type]
-    job.report, job.figures = job.child.report(), [20.0, 22.0, 23.0]
-    job.picture = np.full((64, 128, 3), 99, np.uint8)
-
-
-def _review(app: App, scenes: Scenes) -> None:
-    pack = scenes.pack
-    low, high = crop.whole(pack)
-    boxes = {"subject": np.array([low, high]), "room": np.array([low, high])}
-    scene = SimpleNamespace(splits={"train": range(4)}, aabb=boxes["subject"])
-    points = SparsePoints(np.zeros((99, 3)), np.zeros((99, 3), np.uint8), np.ones(99))
-    app.making.look = Look(pack, scene, points, "forward", boxes)  # type: ignore[arg-type]
-    app.making.review = Review(scenes.plan, app.making.look)
-    app.making.review.hold()
-    app.making.choose_kind(app, "room")
-
-
-def _plan(subject: str, **changes: object) -> Prepare:
-    def prepare(app: App, scenes: Scenes) -> None:
-        if subject == "run":
-            app.making.plan = Plan("run", scenes.path.parent / "run", scenes.path.parent / "baked")
-        else:
-            app.making.plan = scenes.plan
-        scenes.plan.attempt = changes.get("attempt")
-
-    return prepare
-
-
-def _compare(app: App, scenes: Scenes) -> None:
-    stage, app.stage = app.stage, None if app.stage.other is not None else app.stage
-    app.compare_with(scenes.other, scenes.path)
-    app.stage, app.comparison.how = stage, "difference"
-
-
-def _stand_in(app: App, scenes: Scenes) -> None:
-    app.gallery.stand_in(app, 1)
-    app.comparison.how = "difference"
-
-
-def _near(app: App, scenes: Scenes) -> None:
-    app.set(near=0.3)
-
-
-def _crop(app: App, scenes: Scenes) -> None:
-    app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
-
-
-def _ask_for(kind: str) -> Prepare:
-    from viewer.app.files import FileRequest
-
-    return lambda app, scenes: setattr(app, "file_request", FileRequest("Choose", kind, lambda path: None))
-
-
-BUTTONS = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
-PLACES: dict[str, Prepare] = {
-    "start": _start,
-    "scene": _page(""),
-    **{page.id: _page(page.id) for page in PAGES},
-    "view, costs": _page("view", lambda app, _: app.set(mode="samples")),
-    "camera, flying": _page("camera", _near, lambda app, _: setattr(app.scene.rig, "flying", True)),
-    "crop, a box": _page("crop", _near, _crop),
-    "photographs, frusta": _page("photographs", lambda app, _: setattr(app.comparison, "frusta", True)),
-    "photographs, one of them": _page("photographs", _stand_in),
-    "compare, two packs": _page("compare", _compare),
-    "film, a path": _page("film", _film),
-    "film, an export": _page("film", _export),
-    "a page that floats": lambda app, _: app.interface.moved.append("camera"),
-    "opening": lambda app, scenes: app.open(scenes.path),
-    "making": _job,
-    "making, from the start page": lambda app, scenes: (_start(app, scenes), _job(app, scenes)),
-    "review": _review,
-    "failure": lambda app, _: app.messages.fail("It cannot be opened", "the file is no pack " * 9),
-    "question": lambda app, _: app.messages.fail("Still being made", "Quitting stops it.", buttons=BUTTONS),
-    "path to open": _ask_for("open"),
-    "path to save": _ask_for("save"),
-    "make a scene": _plan("scene"),
-    "make it again": _plan("scene", attempt={"scene": "", "steps": 6000}),
-    "bake a run": _plan("run"),
-}
-WITHOUT_SCENE = ("start", "making, from the start page")
 
 
 class Hand:

@@ -4,8 +4,6 @@ Not collected by itself: test_window.py runs it in a process of its own, because
 is opened while another test's EGL context is current in the same thread.
 """
 
-import os
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -18,14 +16,14 @@ from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.screen import SCREEN
 from tests.viewer.waiting import until
+from tests.viewer.window.living import other_program, pump
 from viewer.app.application import App
 from viewer.app.make_plan import Plan
 from viewer.panels.ui import Ui
 from viewer.window.window import Window
 
 SIZE = (900, 600)
-CLIENT = Path(__file__).with_name("x11_client.py")
-FAKE = CLIENT.parents[1] / "app" / "fake_make.py"
+FAKE = Path(__file__).parents[1] / "app" / "fake_make.py"
 
 
 @pytest.fixture(scope="module")
@@ -50,28 +48,10 @@ def window(opened, pack, pack_folder):
     app.making.end()
 
 
-def pump(window: Window, seconds: float = 0.25) -> None:
-    """Lets the window live for a moment."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        window.app.touch(1)
-        window.step()
-
-
 @pytest.fixture
 def other_client(display, window):
     """Another program on our display: other_client("drop", path) and other_client("close"), while the window lives on."""
-
-    def call(what: str, *words: object) -> None:
-        number = str(glfw.get_x11_window(window.handle))
-        command = [sys.executable, str(CLIENT), what, number, *(str(word) for word in words)]
-        client = subprocess.Popen(command, env={**os.environ, "DISPLAY": display}, stderr=subprocess.PIPE, text=True)
-        while client.poll() is None:
-            pump(window, 0.05)
-        assert client.returncode == 0, client.stderr.read()
-        pump(window, 0.1)
-
-    return call
+    return lambda what, *words: other_program(display, window, what, *words)
 
 
 def open_whole(window: Window) -> None:
