@@ -2,9 +2,7 @@
 //
 // Content is premultiplied: with the sample's colour c, features f and opacity a, and transmittance T so far,
 //   C += T c,   F += T f,   T *= 1 - a     where a > ALPHA_CONTRIBUTES, until T <= TRANSMITTANCE_STOP.
-// Inputs: atlas_rgba, atlas_features: trilinear, filtered in floating point.
-// Options: FEATURES_BESIDE: features are in atlas_rgba, PADDED_BLOCK_SIZE voxels further in x.
-//   ACCUMULATE_DEPTH, COUNT_COST: what the depth and cost modes need.
+// Options: ACCUMULATE_FEATURES; ACCUMULATE_DEPTH, COUNT_COST: what the depth and cost modes need.
 
 struct Marched {
     vec3 rgb;             // C
@@ -20,16 +18,6 @@ Marched nothing_yet() {
     return Marched(vec3(0.0), vec4(0.0), 1.0, 0.0, 0.0, 0.0, vec3(-1.0));
 }
 
-#if MARCHER == MARCHER_PAPER
-uniform sampler3D atlas_alpha;
-uniform sampler3D atlas_rgb;
-#else
-uniform sampler3D atlas_rgba;
-#endif
-#ifndef FEATURES_BESIDE
-uniform sampler3D atlas_features;
-#endif
-
 #ifdef VIEW_MLP
 #if MARCHER == MARCHER_PAPER
 #include "view_mlp_textures.glsl"
@@ -38,23 +26,14 @@ uniform sampler3D atlas_features;
 #endif
 #endif
 
-vec4 fetch_features(vec3 coordinates) {
-#ifdef FEATURES_BESIDE
-    return textureLod(atlas_rgba, coordinates + vec3(float(PADDED_BLOCK_SIZE) * atlas_texel.x, 0.0, 0.0), 0.0);
-#elif defined(FEATURES_STORED)
-    return textureLod(atlas_features, coordinates, 0.0);
-#else
-    return vec4(0.0);
-#endif
-}
-
 // Adds one sample that contributes. t: its distance along the ray.
-void composite(inout Marched marched, vec4 rgba, vec3 coordinates, float t, vec3 block, vec3 viewdir) {
+void composite(inout Marched marched, Content content, float t, vec3 block, vec3 viewdir) {
+    vec4 rgba = content.rgba;
 #ifdef VIEW_MLP_PER_SAMPLE
-    vec4 features = fetch_features(coordinates) / rgba.a;
+    vec4 features = features_of(content) / rgba.a;
     rgba.rgb += rgba.a * view_residual(viewdir, rgba.rgb / rgba.a, features);
 #elif defined(ACCUMULATE_FEATURES)
-    marched.features += marched.transmittance * fetch_features(coordinates);
+    marched.features += marched.transmittance * features_of(content);
 #endif
     marched.rgb += marched.transmittance * rgba.rgb;
 #ifdef ACCUMULATE_DEPTH

@@ -7,15 +7,13 @@ Marched march(Ray ray) {
     for (float k = 0.0; k < ray.samples; k += 1.0) {
         vec3 position = ray.origin + k * ray.direction;
         vec3 block = block_of(position);
-        uvec4 entry = indirection_of(block);
-        if (entry.a != 0u) continue;
-        vec3 coordinates = atlas_coordinates(entry, position - block * float(BLOCK_SIZE));
-        vec4 rgba = textureLod(atlas_rgba, coordinates, 0.0);
+        Content content = content_at(position, block);
+        if (!content.occupied) continue;
 #ifdef COUNT_COST
         marched.fetched += 1.0;
 #endif
-        if (rgba.a > ALPHA_CONTRIBUTES) {
-            composite(marched, rgba, coordinates, ray.start + k, block, ray.viewdir);
+        if (content.rgba.a > ALPHA_CONTRIBUTES) {
+            composite(marched, content, ray.start + k, block, ray.viewdir);
             if (marched.transmittance <= TRANSMITTANCE_STOP) break;
         }
     }

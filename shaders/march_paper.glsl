@@ -25,10 +25,8 @@ Marched march(Ray ray) {
         }
         vec3 coordinates = atlas_coordinates(entry, position - corner);
         if (textureLod(atlas_alpha_nearest, coordinates, 0.0).r > 0.0) {
-            vec4 rgba;
-            rgba.a = textureLod(atlas_alpha, coordinates, 0.0).r;
-            rgba.rgb = textureLod(atlas_rgb, coordinates, 0.0).rgb;
-            composite(marched, rgba, coordinates, ray.start + t, block, ray.viewdir);
+            Content content = Content(fetch_rgba(coordinates), true, coordinates);
+            composite(marched, content, ray.start + t, block, ray.viewdir);
 #ifdef COUNT_COST
             marched.fetched += 1.0;
 #endif

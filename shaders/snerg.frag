@@ -13,6 +13,9 @@
 //   BLOCK_SIZE, PADDED_BLOCK_SIZE, SLOT_WIDTH  data voxels per macroblock side, B, and atlas voxels to the next in x
 // Every length below is in voxels and every position in the grid, [0, grid size], unless said otherwise.
 #version 330 core
+#ifdef BRICKS
+#extension GL_ARB_shading_language_420pack : require
+#endif
 
 #include "constants"
 #include "ray.glsl"

@@ -45,7 +45,7 @@ def snerg_eval(
     """
     from baker.reports.evaluation import evaluate, reading_of
     from training.scenes import load_scene
-    from viewer.rendering.gpu_scene import OR_HALF, NoRoomError
+    from viewer.rendering.gpu_memory import OR_HALF, NoRoomError
 
     for path in (subject, mask_of):
         if path is not None and not path.exists():

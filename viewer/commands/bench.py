@@ -15,7 +15,7 @@ from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
 from viewer.benchmark.frames import Photographs, measure
 from viewer.rendering.frame_times import PROTOCOLS, Contender
-from viewer.rendering.gpu_scene import OR_HALF, NoRoomError
+from viewer.rendering.gpu_memory import OR_HALF, NoRoomError
 from viewer.rendering.settings import MARCHERS, RenderSettings
 
 NO_SPARSITY = "exact, no sparsity loss"

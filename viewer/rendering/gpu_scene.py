@@ -3,9 +3,10 @@
 Notation: B = padded block size; n = occupied macroblocks; a slot is a macroblock's place in the repacked atlas, (x, y, z).
 The pack's own atlas layout is not kept: occupied macroblocks are copied, in the grid's order, into an atlas with next to
 no empty slots. Two layouts of textures, for the marchers that need them:
-  exact, brute: indirection (RGBA8UI), skip distances (R8UI), and one atlas in which the features of each macroblock lie
+  exact, brute: indirection (RGBA8UI), skip words (R16UI), and one atlas in which the features of each macroblock lie
                 beside its rgba in x, so that a sample's two fetches meet the same pages of memory; or, where a texture
-                so large is refused, an atlas of rgba and one of features
+                so large is refused, an atlas of rgba and one of features. For software rasterisers the same content
+                as bricks in buffers (viewer/rendering/brick_scene.py), where those are large enough.
   paper:        indirection, alpha (R8), rgb (RGB8), features, and the view MLP's weights (SNeRG paper, appendix A)
 Textures are allocated at once and may be filled bit by bit: macroblocks that have not arrived count as empty.
 """
@@ -14,43 +15,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from math import ceil, inf
+from typing import Literal
 
 import moderngl
 import numpy as np
 
-from console import UserError
 from scenepack.pack import Pack
+from viewer.rendering.brick_scene import BrickWriter
+from viewer.rendering.gpu_memory import Limits, NoRoomError, Uploader
 from viewer.rendering.huge_pages import move_to_huge_pages, private_memory, software_draws
 from viewer.rendering.skip_grid import skip_grid_of
+from viewer.rendering.texel_buffer import TexelBuffer
 
 MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
 SHOWN_EVERY_S = 0.02  # while a pack arrives
 TOLERATED_WASTE = 1.01  # empty slots that are worth a layout with better locality
 
 Triple = tuple[int, int, int]
-
-
-OR_HALF = "or measure it at half resolution: --allow-half"  # the remedy of commands that have this option
-
-
-class NoRoomError(UserError):
-    """A pack does not fit on the graphics card."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a card takes. max_side: voxels a side of a 3D texture. max_texture_bytes: of one texture."""
-
-    max_side: int
-    max_texture_bytes: float = inf
-
-    @classmethod
-    def of(cls, ctx: moderngl.Context) -> Limits:
-        """What the driver says. It tells no number of bytes; those it refuses when they are asked for."""
-        return cls(ctx.info["GL_MAX_3D_TEXTURE_SIZE"])
+Arrangement = Literal[
+    "bricks", "beside", "apart"
+]  # of features: a voxel at a time, a macroblock, or a texture of their own
+AnyTexture = moderngl.Texture | moderngl.Texture3D | TexelBuffer
 
 
 @dataclass
@@ -61,9 +49,10 @@ class GpuScene:
     features_beside: whether features lie beside rgba in one atlas, a macroblock's side further in x.
     content_min, content_max: float64 [3], voxels, the box around all content. hull: its triangles' corners, where the
     layout has them and there are any. arriving: fills the textures step by step; None once all is there.
+    bricks: what lays out the content as bricks; None where it is an atlas. defines: what the shaders must know of it.
     """
 
-    textures: dict[str, moderngl.Texture | moderngl.Texture3D]
+    textures: dict[str, AnyTexture]
     samplers: dict[str, moderngl.Sampler]
     atlas_size: Triple
     slots: Triple
@@ -74,6 +63,8 @@ class GpuScene:
     hull: moderngl.Buffer | None
     gpu_bytes: int
     arriving: Iterator[None] | None = None
+    bricks: BrickWriter | None = None
+    defines: dict[str, object] = field(default_factory=dict)
 
     @property
     def cube_side(self) -> int:
@@ -93,11 +84,18 @@ class GpuScene:
                 break
         return self.arriving is None
 
+    def see_first(self, position: np.ndarray) -> None:
+        """What lies close to `position` (voxels) shall arrive first, where the arrangement lets it."""
+        if self.bricks is not None:
+            self.bricks.near = position
+
     def bind(self, program: moderngl.Program) -> None:
         """Binds every texture that `program` samples, and its sampler, to a unit of its own."""
         unit = 0
         for name, texture in self.textures.items():
-            if name in program:
+            if isinstance(texture, TexelBuffer):
+                texture.use()
+            elif name in program:
                 program[name] = unit
                 texture.use(unit)
                 self.samplers[name].use(unit)
@@ -139,65 +137,6 @@ def tightest_atlas(count: int, padded_block_size: int, max_side: int, parts: int
     return min((x, y, z) for x, y, z in layouts if x * y * z <= TOLERATED_WASTE * fewest)
 
 
-class _Uploader:
-    """Creates textures and counts their bytes; every allocation is checked, for moderngl does not."""
-
-    def __init__(self, ctx: moderngl.Context, limits: Limits | None = None) -> None:
-        self.ctx, self.bytes, self.limits = ctx, 0, limits or Limits.of(ctx)
-        self.made: list[moderngl.Texture | moderngl.Texture3D] = []
-        while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
-            pass
-
-    def check(self, what: str, size: int) -> None:
-        error = self.ctx.error
-        if error != "GL_NO_ERROR":
-            raise NoRoomError(
-                f"the graphics driver has no room for {what}",
-                expected=f"{size / 2**20:.0f} MiB of texture memory",
-                found=error,
-                remedy="close other programs, or bake at a lower resolution",
-            )
-
-    def volume(self, what: str, size: tuple[int, int, int], channels: int, dtype: str = "f1") -> moderngl.Texture3D:
-        """An uninitialised 3D texture of size (x, y, z)."""
-        bytes_ = int(np.prod(size, dtype=np.int64)) * channels
-        if bytes_ > self.limits.max_texture_bytes:
-            raise NoRoomError(
-                f"the {what} texture is too large for this graphics driver",
-                expected=f"at most {self.limits.max_texture_bytes / 2**20:.0f} MiB",
-                found=f"{bytes_ / 2**20:.0f} MiB",
-                remedy="bake at a lower resolution",
-            )
-        texture = self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
-        self.made.append(texture)
-        self.check(f"the {what} texture", bytes_)
-        self.bytes += bytes_
-        return texture
-
-    def filled(self, what: str, data: np.ndarray, dtype: str = "u1") -> moderngl.Texture3D:
-        """A 3D texture from data [z, y, x, channels]."""
-        z, y, x, channels = data.shape
-        texture = self.volume(what, (x, y, z), channels, dtype)
-        texture.write(np.ascontiguousarray(data), alignment=1)
-        return texture
-
-    def weights(self, matrix: np.ndarray) -> moderngl.Texture:
-        """weights [inputs, outputs] as float RGBA texels, outputs padded to whole texels."""
-        inputs, outputs = matrix.shape
-        padded = np.zeros((inputs, -(-outputs // 4) * 4), np.float32)
-        padded[:, :outputs] = matrix
-        texture = self.ctx.texture((padded.shape[1] // 4, inputs), 4, padded.tobytes(), dtype="f4")
-        self.made.append(texture)
-        self.check("the view MLP's weights", padded.nbytes)
-        self.bytes += padded.nbytes
-        return texture
-
-    def give_up(self) -> None:
-        """Frees what was made so far."""
-        for texture in self.made:
-            texture.release()
-
-
 def float_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
     """Trilinear filtering in floating point.
 
@@ -225,7 +164,7 @@ Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
 class _AtlasWriter:
     """Repacks a pack's macroblocks into textures of one layout; `beside`: parts of an atlas side by side in each."""
 
-    def __init__(self, uploader: _Uploader, pack: Pack, beside: int = 1) -> None:
+    def __init__(self, uploader: Uploader, pack: Pack, beside: int = 1) -> None:
         self.uploader, self.pack, self.block = uploader, pack, pack.padded_block_size
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
         self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
@@ -288,21 +227,25 @@ def upload(
     at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile.
     """
     stored = pack.atlas_features is not None and pack.view_mlp is not None
-    if layout == "exact" and stored:
+    arrangements: list[Arrangement] = ["apart"]
+    if layout == "exact":
+        limits = limits or Limits.of(ctx)
+        arrangements = [*(["bricks"] if limits.max_texels else []), *(["beside"] if stored else []), "apart"]
+    for arrangement in arrangements[:-1]:
         try:
-            return _uploaded(ctx, pack, layout, limits, True, at_once)
-        except NoRoomError:  # as two textures it may fit
+            return _uploaded(ctx, pack, layout, limits, arrangement, at_once)
+        except NoRoomError:  # arranged in another way it may fit
             pass
-    return _uploaded(ctx, pack, layout, limits, False, at_once)
+    return _uploaded(ctx, pack, layout, limits, arrangements[-1], at_once)
 
 
 def _uploaded(
-    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None, features_beside: bool, at_once: bool
+    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None, arrangement: Arrangement, at_once: bool
 ) -> GpuScene:
-    uploader = _Uploader(ctx, limits)
+    uploader = Uploader(ctx, limits)
     taken_before = private_memory() if software_draws(ctx) else None
     try:
-        scene = _allocate(uploader, pack, layout, features_beside)
+        scene = _allocate(uploader, pack, layout, arrangement)
         if taken_before is not None and scene.arriving is not None:
             scene.arriving = chain(scene.arriving, move_to_huge_pages(taken_before))
         if at_once:
@@ -313,13 +256,16 @@ def _uploaded(
         raise
 
 
-def _allocate(uploader: _Uploader, pack: Pack, layout: str, features_beside: bool) -> GpuScene:
+def _allocate(uploader: Uploader, pack: Pack, layout: str, arrangement: Arrangement) -> GpuScene:
+    if arrangement == "bricks":
+        return _allocate_bricks(uploader, pack)
     ctx, every = uploader.ctx, slice(None)
+    features_beside = arrangement == "beside"
     writer = _AtlasWriter(uploader, pack, 2 if features_beside else 1)
     features = pack.atlas_features if pack.view_mlp is not None else None
     linear = plain_sampler(ctx) if layout == "paper" else float_sampler(ctx)
     nearest = nearest_sampler(ctx)
-    textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {"indirection": writer.indirection}
+    textures: dict[str, AnyTexture] = {"indirection": writer.indirection}
     content_min = content_max = np.zeros(3)
     hull = None
     if layout == "paper":
@@ -338,7 +284,7 @@ def _allocate(uploader: _Uploader, pack: Pack, layout: str, features_beside: boo
         skip_grid = skip_grid_of(pack)
         content_min, content_max = skip_grid.content_min, skip_grid.content_max
         hull = ctx.buffer(skip_grid.hull.tobytes()) if len(skip_grid.hull) else None
-        textures["skip_grid"] = uploader.filled("skip distance", skip_grid.distances[..., None])
+        textures["skip_grid"] = uploader.filled("skip distance", skip_grid.words[..., None], "u2")
     filtered = ("atlas_alpha", "atlas_rgb", "atlas_rgba", "atlas_features")
     samplers = {name: linear if name in filtered else nearest for name in textures}
     return GpuScene(
@@ -353,4 +299,27 @@ def _allocate(uploader: _Uploader, pack: Pack, layout: str, features_beside: boo
         hull,
         uploader.bytes,
         writer.steps(),
+    )
+
+
+def _allocate_bricks(uploader: Uploader, pack: Pack) -> GpuScene:
+    skip_grid = skip_grid_of(pack)
+    features = pack.atlas_features if pack.view_mlp is not None else None
+    writer = BrickWriter(uploader, pack, features, skip_grid.words)
+    hull = uploader.ctx.buffer(skip_grid.hull.tobytes()) if len(skip_grid.hull) else None
+    one = (1, 1, 1)
+    return GpuScene(
+        dict(writer.textures),
+        {},
+        one,
+        one,
+        writer.count,
+        False,
+        skip_grid.content_min,
+        skip_grid.content_max,
+        hull,
+        uploader.bytes,
+        writer.steps(),
+        writer,
+        writer.defines,
     )

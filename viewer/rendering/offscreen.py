@@ -13,7 +13,7 @@ import numpy as np
 from console import UserError
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_scene import Limits
+from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings

@@ -15,7 +15,8 @@ import numpy as np
 from console import Notice
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_scene import GpuScene, Limits, NoRoomError, upload
+from viewer.rendering.gpu_memory import Limits, NoRoomError
+from viewer.rendering.gpu_scene import GpuScene, upload
 from viewer.rendering.half_resolution import half_resolution
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
@@ -208,7 +209,8 @@ class Renderer:
         defines: dict[str, object] = {f"MARCHER_{name.upper()}": i for i, name in enumerate(MARCHERS)}
         defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
         stored = pack.view_mlp is not None and pack.atlas_features is not None
-        beside = self.scene(settings.marcher).features_beside
+        scene = self.scene(settings.marcher)
+        beside = scene.features_beside
         counting = settings.counts or mode in ("samples", "jumps")
         accumulates_features = stored and (shaded or mode == "features")
         return defines | {
@@ -232,6 +234,7 @@ class Renderer:
             "FIRST_BLOCK": mode == "macroblocks",
             "COUNT_COST": counting,
             "RAW_COUNTS": settings.counts,
+            **scene.defines,
         }
 
     def _generated(self) -> dict[str, str]:

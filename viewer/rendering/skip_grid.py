@@ -1,10 +1,10 @@
-"""How far a ray may jump: for each cell of the grid, the distance to the nearest content.
+"""How far a ray may jump: for each cell of the grid, the distance to the nearest content, and which eighths hold some.
 
 Notation: a *texel cube* j is the cube within which trilinear interpolation blends the same 2^3 voxels, j and j + 1 along
 each axis: it spans j + 0.5 ... j + 1.5, and j = -1 ... n - 1. A *cell* i is `CELL`^3 texel cubes, from CELL * i - 0.5 to
 CELL * (i + 1) - 0.5 along each axis; cells cover the whole grid, also where it is empty. A cell has content where any
 sample in it could be anything but zero. Its Chebyshev distance D, in cells, to the nearest cell with content (0: it has
-some itself) says that the cube of (2 D - 1)^3 cells around it is empty.
+some itself) says that the cube of (2 D - 1)^3 cells around it is empty. An *eighth* of a cell is a cell of half the size.
 Source: distance-field skipping after Cohen and Sheffer, "Proximity clouds" (1994), on cells chosen for docs/rendering.md.
 """
 
@@ -24,12 +24,12 @@ FARTHEST = 255
 
 @dataclass(frozen=True)
 class SkipGrid:
-    """distances: uint8 [cells z, y, x], see chebyshev_distances. content_min, content_max: see content_bounds.
+    """words: uint16 [cells z, y, x], see skip_words. content_min, content_max: see content_bounds.
 
     hull: float32 [T, 3, 3], see viewer.rendering.content_hull.
     """
 
-    distances: np.ndarray
+    words: np.ndarray
     content_min: np.ndarray
     content_max: np.ndarray
     hull: np.ndarray
@@ -42,41 +42,55 @@ def skip_grid_of(pack: Pack) -> SkipGrid:
     """The skip grid of `pack`, computed for whoever asks first: the thread that loads it, so that no window waits."""
     key = id(pack)
     if key not in _known:
-        content = content_cells(pack)
-        _known[key] = SkipGrid(chebyshev_distances(content), *content_bounds(content), hull_triangles(content, CELL))
+        words = skip_words(content_cells(pack, CELL // 2))
+        content = words & FARTHEST == 0
+        _known[key] = SkipGrid(words, *content_bounds(content), hull_triangles(content, CELL))
         weakref.finalize(pack, _known.pop, key, None)
     return _known[key]
 
 
-def content_cells(pack: Pack) -> np.ndarray:
-    """bool [cells z, cells y, cells x]: where a sample may find content.
+def skip_words(eighths: np.ndarray) -> np.ndarray:
+    """uint16 [cells z, y, x]: a cell's distance (chebyshev_distances) in the low byte, its eighths with content above it.
+
+    eighths: bool [z, y, x]: content_cells of half a cell's side. Bit 8 + dx + 2 dy + 4 dz is that of eighth (dx, dy, dz).
+    """
+    shape = [-(-n // 2) for n in eighths.shape]
+    bits = np.zeros(shape, np.uint16)
+    for bit, (dz, dy, dx) in enumerate(np.ndindex(2, 2, 2)):
+        some = eighths[dz::2, dy::2, dx::2]
+        z, y, x = some.shape
+        bits[:z, :y, :x] |= some.astype(np.uint16) << (8 + bit)
+    return bits | chebyshev_distances(bits > 0)
+
+
+def content_cells(pack: Pack, side: int = CELL) -> np.ndarray:
+    """bool [cells z, cells y, cells x]: where a sample may find content. side: of a cell, voxels.
 
     A texel cube across a macroblock's border counts for both macroblocks, whose padded copies need not agree.
     """
-    size, side = pack.block_size, pack.padded_block_size
-    shape = [n * size // CELL + 1 for n in pack.grid_blocks[::-1]]
-    cells = np.zeros(shape, bool)
+    size, padded = pack.block_size, pack.padded_block_size
+    cells = np.zeros([n * size // side + 1 for n in pack.grid_blocks[::-1]], bool)
     for block, slot in zip(
         np.argwhere(pack.occupied).tolist(), pack.atlas_indices[pack.occupied].tolist(), strict=True
     ):
-        copy = tuple(slice(i * side, (i + 1) * side) for i in reversed(slot))
+        copy = tuple(slice(i * padded, (i + 1) * padded) for i in reversed(slot))
         content = np.asarray(pack.atlas_rgba[copy][..., 3] > 0)
         first = [b * size for b in block]  # of the copy's first texel cube, counted from j = -1
         for axis in range(3):
-            content = _pairs_then_cells(content, axis, first[axis] % CELL)
-        at = tuple(slice(f // CELL, f // CELL + n) for f, n in zip(first, content.shape, strict=True))
+            content = _pairs_then_cells(content, axis, first[axis] % side, side)
+        at = tuple(slice(f // side, f // side + n) for f, n in zip(first, content.shape, strict=True))
         cells[at] |= content[tuple(slice(0, c.stop - c.start) for c in at)]
     return cells
 
 
-def _pairs_then_cells(content: np.ndarray, axis: int, phase: int) -> np.ndarray:
+def _pairs_then_cells(content: np.ndarray, axis: int, phase: int, side: int) -> np.ndarray:
     """Along `axis`: voxels [B] to texel cubes [B - 1] to the cells that hold them; phase: where in a cell the first is."""
     voxels = np.moveaxis(content, axis, 0)
     cubes = voxels[:-1] | voxels[1:]
-    count = -(-(len(cubes) + phase) // CELL)
-    padded = np.zeros((count * CELL, *cubes.shape[1:]), bool)
+    count = -(-(len(cubes) + phase) // side)
+    padded = np.zeros((count * side, *cubes.shape[1:]), bool)
     padded[phase : phase + len(cubes)] = cubes
-    cells = np.asarray(padded.reshape(count, CELL, *cubes.shape[1:]).any(axis=1))
+    cells = np.asarray(padded.reshape(count, side, *cubes.shape[1:]).any(axis=1))
     return np.moveaxis(cells, 0, axis)
 
 

@@ -19,7 +19,7 @@ from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from training.scenes import Scene, picture_stems
-from viewer.rendering.gpu_scene import Limits
+from viewer.rendering.gpu_memory import Limits
 
 Spoil = Callable[[np.ndarray], np.ndarray]
 

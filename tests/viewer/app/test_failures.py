@@ -19,8 +19,8 @@ from viewer.app import loading as loading_module
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.films import FilmWriter
-from viewer.rendering import gpu_scene
-from viewer.rendering.gpu_scene import Limits
+from viewer.rendering import gpu_memory
+from viewer.rendering.gpu_memory import Limits
 
 
 @pytest.fixture(scope="session")
@@ -260,9 +260,9 @@ def test_a_driver_that_gives_up_while_a_pack_arrives_is_told_and_the_old_scene_s
 
     def refuse(uploader, what, size):
         calls.append(what)
-        raise gpu_scene.NoRoomError(f"the graphics driver has no room for {what}", found="GL_OUT_OF_MEMORY")
+        raise gpu_memory.NoRoomError(f"the graphics driver has no room for {what}", found="GL_OUT_OF_MEMORY")
 
-    monkeypatch.setattr(gpu_scene._Uploader, "check", refuse)
+    monkeypatch.setattr(gpu_memory.Uploader, "check", refuse)
     app.open(shapes_folder)
     assert "no room" in wait_for_dialog(ui) and calls and app.scene is scene
     monkeypatch.undo()

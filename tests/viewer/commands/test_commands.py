@@ -20,7 +20,7 @@ from viewer.commands import bench, render, scaling
 from viewer.rendering import offscreen
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.frame_times import same_view
-from viewer.rendering.gpu_scene import Limits
+from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.offscreen import OffscreenRenderer
 
 ROOT = Path(__file__).parents[3]

@@ -11,7 +11,8 @@ import pytest
 from console import UserError
 from scenepack.pack import Pack
 from tests.scenepack.random_packs import random_pack
-from viewer.rendering.gpu_scene import GpuScene, Limits, _Uploader, tightest_atlas, upload
+from viewer.rendering.gpu_memory import Limits, Uploader
+from viewer.rendering.gpu_scene import GpuScene, tightest_atlas, upload
 from viewer.rendering.offscreen import OffscreenRenderer
 
 
@@ -37,7 +38,7 @@ def test_every_macroblock_arrives_unchanged(ctx: moderngl.Context, layout: str) 
     """In one atlas, in two where a texture of twice the size is refused, and in the paper's."""
     pack = random_pack(np.random.default_rng(5), block_size=14, grid_blocks=(3, 3, 2), occupancy=0.02, style="noise")
     room = int(pack.occupied.sum()) * pack.padded_block_size**3 * 4
-    limits = Limits(2048, 1.5 * room) if layout == "two" else None
+    limits = Limits(2048, 1.5 * room) if layout == "two" else Limits(2048)
     scene = upload(ctx, pack, "paper" if layout == "paper" else "exact", limits)
     indirection = np.frombuffer(scene.textures["indirection"].read(alignment=1), np.uint8)
     indirection = indirection.reshape(*(n + 2 for n in pack.occupied.shape), 4)
@@ -63,6 +64,70 @@ def test_every_macroblock_arrives_unchanged(ctx: moderngl.Context, layout: str) 
     scene.release()
 
 
+@pytest.mark.parametrize("block_size", [5, 14])
+@pytest.mark.parametrize("diffuse", [False, True])
+def test_every_voxel_arrives_in_its_brick(ctx: moderngl.Context, block_size: int, diffuse: bool) -> None:
+    pack = random_pack(
+        np.random.default_rng(7),
+        block_size=block_size,
+        grid_blocks=(3, 2, 3),
+        occupancy=0.05,
+        style="noise",
+        diffuse=diffuse,
+    )
+    scene = upload(ctx, pack, "exact")
+    if scene.bricks is None:
+        pytest.skip("content lies in bricks on software rasterisers only")
+    content = np.frombuffer(scene.bricks.content.buffer.read(), np.uint8).reshape(-1, 4 if diffuse else 8)
+    shape = tuple(n + 2 for n in pack.occupied.shape)
+    first = np.frombuffer(scene.bricks.indirection.buffer.read(), np.int32).reshape(shape)
+    assert np.array_equal(first[1:-1, 1:-1, 1:-1] >= 0, pack.occupied)
+    assert (first < 0).sum() == first.size - pack.occupied.sum()
+    side = pack.padded_block_size
+    half = (side + 1) // 2
+    z, y, x = np.indices((side, side, side))
+    brick = (z // 2 * half + y // 2) * half + x // 2
+    place = 8 * brick + 4 * (z % 2) + 2 * (y % 2) + x % 2
+    for at in np.argwhere(pack.occupied):
+        sx, sy, sz = pack.atlas_indices[tuple(at)].astype(int) * side
+        copy = slice(sz, sz + side), slice(sy, sy + side), slice(sx, sx + side)
+        there = content[first[tuple(at + 1)] + place]
+        assert np.array_equal(there[..., :4], pack.atlas_rgba[copy])
+        assert diffuse or np.array_equal(there[..., 4:], pack.atlas_features[copy])
+    scene.release()
+
+
+def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
+    pack = random_pack(np.random.default_rng(2), block_size=30, grid_blocks=(6, 6, 6), occupancy=0.02, style="noise")
+    scene = upload(ctx, pack, "exact", at_once=False)
+    if scene.bricks is None:
+        pytest.skip("content lies in bricks on software rasterisers only")
+    middles = (np.argwhere(pack.occupied)[:, ::-1] + 0.5) * pack.block_size
+    shape = tuple(n + 2 for n in pack.occupied.shape)
+    arrived = np.zeros(len(middles), bool)
+    for near in ([0.0, 0.0, 0.0], [180.0, 180.0, 180.0], [0.0, 180.0, 90.0]):
+        scene.see_first(np.array(near))
+        scene.arrive(0.0)
+        scene.bricks.show_arrived()
+        first = np.frombuffer(scene.bricks.indirection.buffer.read(), np.int32).reshape(shape)[1:-1, 1:-1, 1:-1]
+        there = first[pack.occupied] >= 0
+        away = np.linalg.norm(middles - near, axis=1)
+        new = there & ~arrived
+        assert new.any() and not there.all()
+        assert away[new].max() <= away[~there].min() + 1e-6
+        arrived = there
+    scene.release()
+
+
+def test_a_buffer_too_short_for_bricks_leaves_the_content_in_an_atlas(ctx: moderngl.Context) -> None:
+    pack = random_pack(np.random.default_rng(5), block_size=14, grid_blocks=(3, 3, 2), occupancy=0.02, style="noise")
+    voxels = int(pack.occupied.sum()) * pack.padded_block_size**3
+    for texels, bricks in ((voxels, True), (voxels - 1, False)):
+        scene = upload(ctx, pack, "exact", Limits(2048, max_texels=texels))
+        assert (scene.bricks is not None) == bricks
+        scene.release()
+
+
 def test_gpu_bytes_are_within_a_sixth_of_the_occupied_macroblocks(
     offscreen: Callable[..., OffscreenRenderer], real_pack: Pack
 ) -> None:
@@ -73,7 +138,7 @@ def test_gpu_bytes_are_within_a_sixth_of_the_occupied_macroblocks(
 def test_a_texture_that_the_driver_refuses_is_told_in_one_line(ctx: moderngl.Context) -> None:
     if "llvmpipe" not in ctx.info["GL_RENDERER"]:
         pytest.skip("other drivers may have 32 GiB to spare")
-    uploader = _Uploader(ctx)
+    uploader = Uploader(ctx)
     with pytest.raises(UserError, match="no room for the huge texture"):
         uploader.volume("huge", (2048, 2048, 2048), 4)
     uploader.give_up()

@@ -18,7 +18,7 @@ from tests.viewer.rendering.shapes import shapes_pack
 from viewer.commands import render
 from viewer.rendering import gpu_scene
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_scene import Limits, NoRoomError
+from viewer.rendering.gpu_memory import Limits, NoRoomError
 from viewer.rendering.half_resolution import half_resolution
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.renderer import Renderer
@@ -87,12 +87,14 @@ def test_what_a_driver_refuses_while_textures_are_made_counts_as_too_large(
     allocate = gpu_scene._allocate
     refused = []
 
-    def refuse_the_first_size(uploader, pack: Pack, layout: str, features_beside: bool):
+    def refuse_the_first_size(uploader, pack: Pack, layout: str, arrangement: str):
+        if arrangement == "bricks":
+            raise NoRoomError("no room", found="GL_OUT_OF_MEMORY")
         if len(refused) < 2:  # in one atlas, then in two
             uploader.volume("first", (8, 8, 8), 4)  # must be given back
             refused.append(uploader.made[0])
             raise NoRoomError("no room", found="GL_OUT_OF_MEMORY")
-        return allocate(uploader, pack, layout, features_beside)
+        return allocate(uploader, pack, layout, arrangement)
 
     monkeypatch.setattr(gpu_scene, "_allocate", refuse_the_first_size)
     with pytest.warns(Notice, match="GL_OUT_OF_MEMORY"):

@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from baker.reference_marcher import fetch
 from scenepack.pack import Pack
 from tests.scenepack.random_packs import packs
-from viewer.rendering.skip_grid import CELL, FARTHEST, chebyshev_distances, content_bounds, content_cells
+from viewer.rendering.skip_grid import (
+    CELL,
+    FARTHEST,
+    chebyshev_distances,
+    content_bounds,
+    content_cells,
+    skip_words,
+)
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
@@ -29,6 +36,20 @@ def test_no_sample_in_a_cell_without_content_has_any_opacity(pack: Pack, seed: i
     low, high = content_bounds(content)
     outside = np.any((positions < low) | (positions > high), axis=1)
     assert not np.any(rgba[outside, 3] > 0)
+
+
+@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
+@given(pack=packs(block_sizes=(3, 5, 14, 30)))
+def test_words_hold_the_distances_of_cells_and_the_content_of_their_eighths(pack: Pack) -> None:
+    eighths = content_cells(pack, CELL // 2)
+    words = skip_words(eighths)
+    content = content_cells(pack)
+    z, y, x = content.shape
+    assert np.array_equal(words[:z, :y, :x] & 255, chebyshev_distances(words & 255 == 0)[:z, :y, :x])
+    assert np.array_equal(words[:z, :y, :x] & 255 == 0, content)
+    for k, j, i in np.argwhere(np.ones_like(eighths)):
+        bit = 8 + i % 2 + 2 * (j % 2) + 4 * (k % 2)
+        assert words[k // 2, j // 2, i // 2] >> bit & 1 == eighths[k, j, i]
 
 
 @pytest.mark.parametrize("seed", range(6))

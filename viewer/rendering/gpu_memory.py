@@ -1,0 +1,115 @@
+"""What a graphics card has room for, and textures made there one checked allocation at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+import moderngl
+import numpy as np
+
+from console import UserError
+from viewer.rendering.huge_pages import software_draws
+from viewer.rendering.texel_buffer import TexelBuffer, texel_buffers_work
+
+OR_HALF = "or measure it at half resolution: --allow-half"  # the remedy of commands that have this option
+
+
+class NoRoomError(UserError):
+    """A pack does not fit on the graphics card."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a card takes. max_side: voxels a side of a 3D texture. max_texture_bytes: of one texture.
+
+    max_texels: of a buffer that shaders read as a texture; 0 where content is better kept in 3D textures.
+    """
+
+    max_side: int
+    max_texture_bytes: float = inf
+    max_texels: int = 0
+
+    @classmethod
+    def of(cls, ctx: moderngl.Context) -> Limits:
+        """What the driver says. It tells no number of bytes; those it refuses when they are asked for."""
+        texels = ctx.info["GL_MAX_TEXTURE_BUFFER_SIZE"] if software_draws(ctx) and texel_buffers_work(ctx) else 0
+        return cls(ctx.info["GL_MAX_3D_TEXTURE_SIZE"], max_texels=texels)
+
+
+class Uploader:
+    """Creates textures and counts their bytes; every allocation is checked, for moderngl does not."""
+
+    def __init__(self, ctx: moderngl.Context, limits: Limits | None = None) -> None:
+        self.ctx, self.bytes, self.limits = ctx, 0, limits or Limits.of(ctx)
+        self.made: list[moderngl.Texture | moderngl.Texture3D | TexelBuffer] = []
+        while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
+            pass
+
+    def check(self, what: str, size: int) -> None:
+        error = self.ctx.error
+        if error != "GL_NO_ERROR":
+            raise NoRoomError(
+                f"the graphics driver has no room for {what}",
+                expected=f"{size / 2**20:.0f} MiB of texture memory",
+                found=error,
+                remedy="close other programs, or bake at a lower resolution",
+            )
+
+    def _refuse_more_than_fits(self, what: str, bytes_: int) -> None:
+        if bytes_ > self.limits.max_texture_bytes:
+            raise NoRoomError(
+                f"the {what} texture is too large for this graphics driver",
+                expected=f"at most {self.limits.max_texture_bytes / 2**20:.0f} MiB",
+                found=f"{bytes_ / 2**20:.0f} MiB",
+                remedy="bake at a lower resolution",
+            )
+
+    def volume(self, what: str, size: tuple[int, int, int], channels: int, dtype: str = "f1") -> moderngl.Texture3D:
+        """An uninitialised 3D texture of size (x, y, z)."""
+        bytes_ = int(np.prod(size, dtype=np.int64)) * channels * int(dtype[-1])
+        self._refuse_more_than_fits(what, bytes_)
+        texture = self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
+        self.made.append(texture)
+        self.check(f"the {what} texture", bytes_)
+        self.bytes += bytes_
+        return texture
+
+    def filled(self, what: str, data: np.ndarray, dtype: str = "u1") -> moderngl.Texture3D:
+        """A 3D texture from data [z, y, x, channels]."""
+        z, y, x, channels = data.shape
+        texture = self.volume(what, (x, y, z), channels, dtype)
+        texture.write(np.ascontiguousarray(data), alignment=1)
+        return texture
+
+    def texels(self, what: str, count: int, kind: str, unit: int) -> TexelBuffer:
+        """An uninitialised buffer of `count` texels for texture unit `unit`; see TexelBuffer for `kind`."""
+        if count > self.limits.max_texels:
+            raise NoRoomError(
+                f"the {what} buffer is too large for this graphics driver",
+                expected=f"at most {self.limits.max_texels} texels",
+                found=str(count),
+            )
+        bytes_ = TexelBuffer.size_of(count, kind)
+        self._refuse_more_than_fits(what, bytes_)
+        buffer = TexelBuffer(self.ctx, count, kind, unit)
+        self.made.append(buffer)
+        self.check(f"the {what} buffer", bytes_)
+        self.bytes += bytes_
+        return buffer
+
+    def weights(self, matrix: np.ndarray) -> moderngl.Texture:
+        """weights [inputs, outputs] as float RGBA texels, outputs padded to whole texels."""
+        inputs, outputs = matrix.shape
+        padded = np.zeros((inputs, -(-outputs // 4) * 4), np.float32)
+        padded[:, :outputs] = matrix
+        texture = self.ctx.texture((padded.shape[1] // 4, inputs), 4, padded.tobytes(), dtype="f4")
+        self.made.append(texture)
+        self.check("the view MLP's weights", padded.nbytes)
+        self.bytes += padded.nbytes
+        return texture
+
+    def give_up(self) -> None:
+        """Frees what was made so far."""
+        for texture in self.made:
+            texture.release()
