@@ -18,7 +18,6 @@ from viewer.rendering.texel_buffer import TexelBuffer
 
 UNITS = {"indirection": 0, "skip_grid": 1, "content": 2}  # texture units
 EMPTY = -1
-CUBE = 4  # cells of the skip grid a side that lie together
 A_STEP = 1 << 20  # bytes of content
 SHOWN_EVERY_S = 0.02  # while a pack arrives
 
@@ -34,21 +33,15 @@ def bricks_of(voxels: np.ndarray) -> np.ndarray:
     return split.transpose(0, 2, 4, 1, 3, 5).reshape(-1, 1).view(np.uint8)
 
 
-def cubes_of(words: np.ndarray) -> np.ndarray:
-    """[z / 4, y / 4, x / 4, 4, 4, 4] of the skip grid [z, y, x], zeros where that ends within a cube."""
-    padded = np.pad(words, [(0, -n % CUBE) for n in words.shape])
-    z, y, x = (n // CUBE for n in padded.shape)
-    return np.ascontiguousarray(padded.reshape(z, CUBE, y, CUBE, x, CUBE).transpose(0, 2, 4, 1, 3, 5))
-
-
 class BrickWriter:
     """Lays out a pack's macroblocks as bricks; steps() fills the buffers.
 
     count: macroblocks. textures: by the name of their sampler. defines: what the shaders must know.
-    near: a point of the grid, in voxels; macroblocks close to it arrive first. None: in the grid's order.
+    cubes: the skip grid, see viewer.rendering.skip_grid.cubes_of. near: a point of the grid, in voxels; macroblocks close
+    to it arrive first. None: in the grid's order.
     """
 
-    def __init__(self, uploader: Uploader, pack: Pack, features: np.ndarray | None, skip_words: np.ndarray) -> None:
+    def __init__(self, uploader: Uploader, pack: Pack, features: np.ndarray | None, cubes: np.ndarray) -> None:
         self.pack, self.features = pack, features
         self.near: np.ndarray | None = None
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * pack.padded_block_size  # (x, y, z)
@@ -62,7 +55,6 @@ class BrickWriter:
         shape = [n + 2 for n in pack.occupied.shape]
         self.indirection = uploader.texels("indirection", int(np.prod(shape)), "r32i", UNITS["indirection"])
         self.show_arrived()
-        cubes = cubes_of(skip_words)
         skip_grid = uploader.texels("skip distance", cubes.size, "r16ui", UNITS["skip_grid"])
         skip_grid.write(cubes)
         self.textures: dict[str, TexelBuffer] = {

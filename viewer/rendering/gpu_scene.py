@@ -305,7 +305,7 @@ def _allocate(uploader: Uploader, pack: Pack, layout: str, arrangement: Arrangem
 def _allocate_bricks(uploader: Uploader, pack: Pack) -> GpuScene:
     skip_grid = skip_grid_of(pack)
     features = pack.atlas_features if pack.view_mlp is not None else None
-    writer = BrickWriter(uploader, pack, features, skip_grid.words)
+    writer = BrickWriter(uploader, pack, features, skip_grid.cubes)
     hull = uploader.ctx.buffer(skip_grid.hull.tobytes()) if len(skip_grid.hull) else None
     one = (1, 1, 1)
     return GpuScene(

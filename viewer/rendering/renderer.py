@@ -91,6 +91,13 @@ class Renderer:
             self._scenes[layout] = upload(self.ctx, self.pack, layout, self._limits)
         return self._scenes[layout]
 
+    def see_first(self, camera: ViewCamera) -> None:
+        """What lies close to `camera` shall arrive first. Cameras of forward-facing packs lie all on one side of them."""
+        if not self.pack.ndc:
+            position = (camera.position - self.pack.min_xyz) / self.pack.voxel_size
+            for scene in self._scenes.values():
+                scene.see_first(position)
+
     def arrive(self, seconds: float = inf) -> bool:
         """Goes on filling the textures for about `seconds`; True where the whole pack is there."""
         return all([scene.arrive(seconds) for scene in self._scenes.values()])

@@ -83,9 +83,10 @@ class Canvas:
             self._coming.release()
         self._coming = None
 
-    def _receive(self) -> None:
-        """Goes on with what is on its way to the card."""
+    def _receive(self, camera: ViewCamera) -> None:
+        """Goes on with what is on its way to the card, what lies close to the camera first."""
         assert self.renderer is not None
+        (self._coming or self.renderer).see_first(camera)
         if self._coming is not None:
             if self._coming.arrive(ARRIVING_S):
                 self.renderer.release()
@@ -214,7 +215,7 @@ class Canvas:
         if self.renderer is None or camera is None:
             self.layers = []
             return False
-        self._receive()
+        self._receive(camera)
         wanted = _key(camera, settings, resolution.rest_scale)
         if wanted == self._wanted and not anew:
             return False

@@ -11,9 +11,11 @@ import pytest
 from console import UserError
 from scenepack.pack import Pack
 from tests.scenepack.random_packs import random_pack
+from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_memory import Limits, Uploader
 from viewer.rendering.gpu_scene import GpuScene, tightest_atlas, upload
 from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.renderer import Renderer
 
 
 def atlas_of(scene: GpuScene, name: str) -> np.ndarray:
@@ -99,15 +101,17 @@ def test_every_voxel_arrives_in_its_brick(ctx: moderngl.Context, block_size: int
 
 def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
     pack = random_pack(np.random.default_rng(2), block_size=30, grid_blocks=(6, 6, 6), occupancy=0.02, style="noise")
-    scene = upload(ctx, pack, "exact", at_once=False)
+    renderer = Renderer(ctx, pack, at_once=False)
+    scene = renderer.scene("exact")
     if scene.bricks is None:
         pytest.skip("content lies in bricks on software rasterisers only")
     middles = (np.argwhere(pack.occupied)[:, ::-1] + 0.5) * pack.block_size
     shape = tuple(n + 2 for n in pack.occupied.shape)
     arrived = np.zeros(len(middles), bool)
     for near in ([0.0, 0.0, 0.0], [180.0, 180.0, 180.0], [0.0, 180.0, 90.0]):
-        scene.see_first(np.array(near))
-        scene.arrive(0.0)
+        eye = pack.min_xyz + np.array(near) * pack.voxel_size
+        renderer.see_first(ViewCamera.look_at(eye, pack.min_xyz + 90.5 * pack.voxel_size, size=(8, 8)))
+        renderer.arrive(0.0)
         scene.bricks.show_arrived()
         first = np.frombuffer(scene.bricks.indirection.buffer.read(), np.int32).reshape(shape)[1:-1, 1:-1, 1:-1]
         there = first[pack.occupied] >= 0
@@ -116,7 +120,7 @@ def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
         assert new.any() and not there.all()
         assert away[new].max() <= away[~there].min() + 1e-6
         arrived = there
-    scene.release()
+    renderer.release()
 
 
 def test_a_buffer_too_short_for_bricks_leaves_the_content_in_an_atlas(ctx: moderngl.Context) -> None:
