@@ -27,6 +27,7 @@ from training.voxels.sparse_grid import GridLayout, build_layout, cell_means, di
 
 TAU_ALPHA = 0.005
 TAU_VIS = 0.01
+FAINTEST = 0.5 / 255  # opacity of a voxel that 8 bits do not round to nothing
 BOX_PROBE = 256  # most cells a side when looking for the box around the content
 BOX_MARGIN = 1.0  # probe cells added on every side of it
 BOX_TAIL, BOX_GROWTH = 0.0005, 1.1  # share of the opacity cut off at either end of an axis; what the rest is grown by
@@ -142,7 +143,7 @@ def _opacity(
     query: FieldQuery, occupied: Occupied | None, grid: BakeGrid, tau_alpha: float, tick: Tick | None,
     work: WorkFolder | None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """bool [blocks] with some voxel's alpha >= tau_alpha, and the cells' mean density [cells], 0 where below it.
+    """bool [blocks] with some voxel's alpha >= tau_alpha, and the cells' mean density [cells], 0 where none is FAINTEST.
 
     The field is asked at every voxel centre, one layer of macroblocks after another; only the coarser cells are kept.
     """
@@ -194,7 +195,7 @@ def _opacity_of_layer(
             alpha = 1 - np.exp(-values.max(axis=(1, 3, 5)) * grid.voxel_size)
             opaque[j, i] = alpha.max() >= tau_alpha
             at = tuple(slice(b * per_block, (b + 1) * per_block) for b in (j, i))
-            density[(slice(None), *at)] = np.where(alpha >= tau_alpha, values.mean(axis=(1, 3, 5)), 0)
+            density[(slice(None), *at)] = np.where(alpha >= FAINTEST, values.mean(axis=(1, 3, 5)), 0)
         tick(len(part))
     return {"opaque": opaque, "density": density}
 

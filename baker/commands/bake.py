@@ -39,8 +39,8 @@ def snerg_bake(
         codec: Codec of the atlas: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
         tau_alpha: Drop macroblocks whose largest opacity is below this, 0 ... 1.
         tau_vis: Drop macroblocks that no training camera sees with at least this transmittance, 0 ... 1.
-        tau_weight: Empty voxels that would make up less than this of any pixel of any training photograph, 0 ... 1. 0 keeps
-            all.
+        tau_weight: Empty voxels that would make up less than this of any pixel of any training photograph, 0 ... 1; by less
+            where the photographs lose 0.1 dB. 0 keeps all.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: the view MLP, then voxels and view
             MLP together (sharper, takes minutes).
         fine_tune_epochs: Passes over the training pixels while the view MLP is tuned. Not used if nothing is tuned.
