@@ -7,6 +7,7 @@ was killed goes on where it was (baker.baking.work_folder).
 from __future__ import annotations
 
 import time
+import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -24,7 +25,7 @@ from baker.tuning.fine_tune import EPOCHS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Closing, Pruned, prune_within
 from baker.view_mlp import from_params
-from console import UserError, progress
+from console import Notice, UserError, progress
 from console.progress import Progress
 from scenepack.blocks import fill_atlas
 from scenepack.constants import MAX_BLOCK_INDEX
@@ -37,9 +38,12 @@ from training.scenes.box import OPTION, box_text, with_box
 from training.scenes.scene import Box, cameras_of
 from training.views_between import with_views_between
 
+BYTES = 32**3 * 8  # of a macroblock, with padding: colour, opacity, features
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
 STAGE = "baking"  # in what programs that started us read of our progress
 LARGEST_SEED = 2**32 - 1
+MOST_MACROBLOCKS = 6000  # 1.6 GB of textures, and 5 GB while it is baked; lego at 1000³ has 4,400 before it is pruned
+COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
 MOST_LOST = 0.1  # dB of training rays that pruning may cost
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
@@ -65,6 +69,8 @@ class BakeConfig:
     """Passes over the training pixels that refine the view MLP; 0 for none."""
     seed: int = 0
     """Seed of the Gaussian samples within voxels and of fine-tuning."""
+    most_macroblocks: int = MOST_MACROBLOCKS
+    """Where more would be kept, the grid is made coarser."""
     aabb: Box | None = None
     """The box that is baked, training frame, in place of the one around the content; not for NDC scenes."""
 
@@ -72,7 +78,7 @@ class BakeConfig:
         """UserError where a number makes no sense: for commands to ask before hours of work, not after."""
         most = MAX_BLOCK_INDEX * BLOCK_SIZE
         ranges = {"resolution": (BLOCK_SIZE, most), "tau_alpha": (0, 1), "tau_vis": (0, 1), "tau_weight": (0, 1),
-                  "fine_tune_epochs": (0, 1_000_000), "seed": (0, LARGEST_SEED)}  # fmt: skip
+                  "fine_tune_epochs": (0, 1_000_000), "seed": (0, LARGEST_SEED), "most_macroblocks": (1, 2**31 - 1)}  # fmt: skip
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
             if not low <= value <= high:
@@ -104,7 +110,7 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
         "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
         "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
         "resolution": config.resolution, "tau_alpha": config.tau_alpha, "tau_vis": config.tau_vis,
-        "aabb": config.aabb,
+        "most_macroblocks": config.most_macroblocks, "aabb": config.aabb,
     }  # fmt: skip
 
 
@@ -165,7 +171,7 @@ def bake(
             counts |= {"below_tau_weight": emptied, "kept": counts["kept"] - again.macroblocks}
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
-        **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": config.resolution,
+        **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": grid.resolution,
         "tau_weight": config.tau_weight, "macroblocks": counts,
     }  # fmt: skip
     if removed:
@@ -238,7 +244,7 @@ def check_bake(run: Run, config: BakeConfig) -> None:
 
 
 def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stages) -> tuple[BakeGrid, Culling]:
-    """The grid, and which of its macroblocks are kept."""
+    """The grid, as fine as config.most_macroblocks allows, and which of its macroblocks are kept."""
     query = _query(run, config)
     frame = np.asarray(run.scene.worldspace_T_opengl, np.float64)
 
@@ -255,16 +261,27 @@ def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stage
 
     with stages("box"), progress("looking for content", 1.0, stage=STAGE):
         box = once(work, "box", find_box)
-    grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame)
-    with progress("culling", 1.0, stage=STAGE) as bar:
-        culling = cull(
-            query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha, tau_vis=config.tau_vis,
-            on_blocks=lambda share: bar.update(0.75 * share, "opacity"),
-            on_rays=lambda share: bar.update(0.75 + 0.25 * share, "visibility"), work=work, stages=stages,
+    grid, label = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame), ""
+    while True:
+        with progress("culling", 1.0, stage=STAGE) as bar:
+            culling = cull(
+                query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha,
+                tau_vis=config.tau_vis, on_blocks=lambda share, bar=bar: bar.update(0.75 * share, "opacity"),
+                on_rays=lambda share, bar=bar: bar.update(0.75 + 0.25 * share, "visibility"), work=work, stages=stages,
+                label=label,
+            )  # fmt: skip
+        kept = int(culling.kept.sum())
+        if not kept:
+            raise _nothing_there(run)
+        if kept <= config.most_macroblocks or grid.resolution == BLOCK_SIZE:
+            return grid, culling
+        coarser = max(int(COARSER * grid.resolution * (config.most_macroblocks / kept) ** 0.5), BLOCK_SIZE)
+        warnings.warn(
+            Notice(f"a grid of {grid.resolution} voxels would keep {kept} macroblocks, {kept * BYTES / 1e9:.1f} GB on the "
+                   f"graphics card: {coarser} voxels instead; for larger packs: --most-macroblocks {kept}"),
+            stacklevel=2,
         )  # fmt: skip
-    if not culling.kept.any():
-        raise _nothing_there(run)
-    return grid, culling
+        grid, label = make_grid(box["low"], box["high"], coarser, BLOCK_SIZE, frame), f"{coarser}_"
 
 
 def _query(run: Run, config: BakeConfig) -> FieldQuery:

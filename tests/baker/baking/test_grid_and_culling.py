@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from baker.baking import bake as baking
+from baker.baking.bake import BakeConfig, Stages
 from baker.baking.culling import content_box, cull
 from baker.baking.grid import box_in_grid_frame, make_grid
 from baker.baking.supersample import spread_of, supersample
 from baker.baking.work_folder import WorkFolder
-from console import UserError
+from console import Notice, UserError
 from scenepack import Pack, check_pack
 from scenepack.blocks import dense_from_pack, fill_atlas
 from scenepack.padding import restore_padding
@@ -77,6 +82,26 @@ def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_
     facing = np.abs(distance - RADIUS) < 0.2 * diagonal
     seen = facing & (centres[..., 0] > 0)  # grid z up in z, y, x order: what the cameras above look at
     assert culling.kept[facing & seen].mean() > 0.6
+
+
+def test_where_more_macroblocks_would_be_kept_than_cards_hold_the_grid_is_coarser_and_says_so(
+    scene, dataset, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(baking, "field_query", lambda run: ball)
+    monkeypatch.setattr(baking, "occupied_query", lambda run: lambda low, high: None)
+    run = SimpleNamespace(scene=scene, dataset=dataset, path=tmp_path)
+    work = WorkFolder(tmp_path / "work", {"bake": 1})
+
+    def culled(most: int) -> tuple[int, int]:
+        grid, culling = baking._culled(run, BakeConfig(120, most_macroblocks=most), work, Stages())  # type: ignore[arg-type]
+        return grid.resolution, int(culling.kept.sum())
+
+    resolution, kept = culled(6000)
+    assert resolution == 120
+    with pytest.warns(Notice, match=f"120 voxels would keep {kept} macroblocks.*--most-macroblocks {kept}"):
+        coarser, fewer = culled(kept // 2)
+    assert 30 <= coarser < 120 and fewer <= kept // 2
+    work.remove()
 
 
 def baked(culling, grid, work=None) -> Pack:
