@@ -15,6 +15,10 @@ from scenepack.files import PARAMS_NAME, ZIP_ERRORS
 from training.scenes.sources import PICTURES, find_source, is_film
 
 Kind = Literal["pack", "run", "scene", "pictures", "unknown"]
+POSED, REPORT = (
+    "scene",
+    "poses.json",
+)  # a scene whose poses were found, in the folder for the results; what it says of itself
 SCENE_FILES = (
     "transforms_train.json",
     "transforms.json",
@@ -53,7 +57,14 @@ def kind_of(path: Path) -> Kind:
         return "scene"
     if any((path / folder / "config.json").is_file() for folder in ("", "run")):
         return "run"  # of snerg-train; or what snerg-make left when it was stopped
+    if found_poses(path):
+        return "scene"  # what snerg-make left when it was stopped before training
     return "pictures" if _bare(path) else "unknown"
+
+
+def found_poses(path: Path) -> bool:
+    """Whether `path` is a folder for results in which camera poses were found."""
+    return (path / POSED / REPORT).is_file()
 
 
 def pack_in(path: Path) -> Path:

@@ -27,10 +27,9 @@ from training.scenes.read import has_poses
 from training.scenes.scene import Box
 from training.scenes.sources import FEWEST, Source, find_source, is_film
 from viewer.app.bare_preview import BarePreview
-from viewer.app.files import why_not_writable
+from viewer.app.files import POSED, REPORT, found_poses, why_not_writable
 
 Subject = Literal["scene", "run"]
-POSED = "scene"  # the folder of a scene whose poses were found, in the folder for the results
 OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
 DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
@@ -227,6 +226,9 @@ class Plan:
     def of(cls, subject: Subject, path: Path) -> Plan:
         """How `path` would be made if nothing else is said. UserError where an unfinished run's description is broken."""
         path = path.resolve()
+        if subject == "scene" and found_poses(path):
+            source = _photographs_of(path / POSED)
+            return cls("scene", source, path, survey=Survey(source))
         if subject == "scene":
             return cls(
                 "scene", path, _beside(path, f"{path.stem if is_film(path) else path.name}-snerg"), survey=Survey(path)
@@ -313,9 +315,10 @@ class Plan:
     def attempt_text(self) -> str:
         """How far the earlier attempt is, "" where there is none."""
         if self.attempt is None:
-            return (
-                "Finding camera poses has begun in this folder. It continues." if (self.out / "posing").is_dir() else ""
-            )
+            if self.bare is not None and found_poses(self.out):
+                return "The camera poses in this folder are used, unless the photographs were changed since."
+            begun = (self.out / "posing").is_dir()
+            return "Finding camera poses has begun in this folder. It continues." if begun else ""
         steps = [int(path.stem.removeprefix("step_")) for path in (self.run / "checkpoints").glob("step_*.safetensors")]
         total = self.attempt["steps"]
         if steps and max(steps) >= total:
@@ -350,6 +353,16 @@ class Plan:
 def _beside(path: Path, name: str) -> Path:
     """A folder called `name` beside `path`, or in the user's home where nothing may be written there."""
     return path.parent / name if why_not_writable(path.parent) is None else Path.home() / name
+
+
+def _photographs_of(posed: Path) -> Path:
+    """The photographs or the film that the poses in a folder were found of; the folder itself where these are gone."""
+    try:
+        named = read_json_file(posed / REPORT)["photographs"]
+        source = Path(named) if isinstance(named, str) else posed
+        return source if source.is_absolute() and source.exists() else posed
+    except (OSError, ValueError, KeyError, TypeError):
+        return posed
 
 
 def _description(run: Path) -> dict:

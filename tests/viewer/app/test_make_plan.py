@@ -14,10 +14,12 @@ from console.driven import Report
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.app.test_application import FakeStage
 from tests.viewer.waiting import until
+from training.posing import find
 from training.scenes.presets import BakeablePreset
 from viewer.app import make_plan
 from viewer.app.application import App
 from viewer.app.commands import run
+from viewer.app.files import POSED, REPORT
 from viewer.app.make_plan import Plan
 from viewer.app.making import Job
 
@@ -195,6 +197,25 @@ def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
     assert "It is baked" in Plan.of("run", folder).attempt_text()
     other = Plan("scene", tmp_path / "elsewhere", folder)
     assert "another scene" in other.problem()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped(tmp_path, there):
+    assert (POSED, REPORT) == (find.SCENE, find.REPORT)
+    folder = photographs(tmp_path / "shed")
+    out = tmp_path / "shed-snerg"
+    write_colmap(out / "scene", around(), ball())
+    (out / "scene" / "poses.json").write_text(json.dumps({"photographs": str(folder if there else tmp_path / "gone")}))
+    app = App(stage=FakeStage())
+    app.drop([out])
+    plan = app.making.plan
+    until(lambda: plan.survey.finished)
+    assert not app.messages.dialogs and plan.out == out and plan.problem() is None
+    assert plan.source == (folder if there else out / "scene") and plan.posed == out / "scene"
+    assert plan.has_points and ("camera poses in this folder are used" in plan.attempt_text()) == there
+    app.drop([out / "scene"])
+    assert app.making.plan.source == out / "scene", "a scene like any other"
+    run(app, "escape")
 
 
 @pytest.mark.parametrize("text", ["{}", '{"scene": 3, "config": 4}', '{"scene": "", "config": {}}', "[1]", "{"])
