@@ -23,7 +23,17 @@ from training.lock import only_one_trains
 from training.posing.child import ask
 from training.posing.masks import MASKS, masked_names
 from training.posing.prepare import IMAGES, LOG, Prepared, cameras, fingerprint, focal_of, prepare, store, stored
-from training.posing.telling import few, left_out, require_enough, require_poses, tell_aside, tell_masks, write_table
+from training.posing.telling import (
+    few,
+    left_out,
+    require_enough,
+    require_poses,
+    tell_aside,
+    tell_masks,
+    why_left_out,
+    write_left_out,
+    write_table,
+)
 from training.scenes.read import has_poses
 from training.scenes.sources import Source, find_source
 
@@ -101,10 +111,13 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
     by_name = {picture.name: picture for picture in prepared.pictures}
     unposed = [picture.told_as for name, picture in by_name.items() if name not in set(found["registered"])]
     write_table(work, prepared, found)
+    why = why_left_out(prepared, found)
+    write_left_out(source, work, prepared, why)
     require_poses(source, work, prepared, found, unposed)
     report = {
         "format": FORMAT, "key": {name: key[name] for name in ("files", "frames")}, "photographs": str(source.path.resolve()),
         "names": {name: by_name[name].told_as for name in found["registered"]}, "unposed": unposed,
+        "left_out": why,
         "aside": dict(prepared.aside), "points": found["points"], "error_pixels": round(found["error"], 3),
         "seconds": _seconds(work), "seed": key["seed"],
     }  # fmt: skip

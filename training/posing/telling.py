@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -10,11 +11,11 @@ from typing import Any
 
 from console import Notice, UserError
 from console.atomic import write_file
-from training.posing.prepare import Prepared
+from training.posing.prepare import IMAGES, Prepared
 from training.posing.stillness import stands_still
 from training.scenes.sources import FEWEST, MASKS, Source
 
-TABLE = "photographs.txt"
+TABLE, LEFT_OUT = "photographs.txt", "left_out.json"
 FEWEST_SHARE = 0.6  # of the pictures that must have a pose
 NAMED = 8  # pictures that a message names
 MOST_ROWS = 60  # of a table that is printed
@@ -101,6 +102,24 @@ def write_table(work: Path, prepared: Prepared, found: Mapping[str, Any]) -> Non
     wide = max(len(pose) for _, _, pose, _ in rows)
     lines = [f"{features:>8}  {matches:>7}  {pose:<{wide}}  {name}" for features, matches, pose, name in rows]
     write_file(work / TABLE, "\n".join(lines) + "\n")
+
+
+def why_left_out(prepared: Prepared, found: Mapping[str, Any]) -> dict[str, str]:
+    """Why pictures have no pose or were set aside, by the names that the user knows."""
+    registered, apart = set(found["registered"]), {name for part in found["models"][1:] for name in part}
+    why = {}
+    for picture in prepared.pictures:
+        if picture.name not in registered:
+            alone = "matches no other" if not found["matched"].get(picture.name, 0) else "matches too few others"
+            why[picture.told_as] = "matches others, but not the rest" if picture.name in apart else alone
+    return {**why, **prepared.aside}
+
+
+def write_left_out(source: Source, work: Path, prepared: Prepared, why: Mapping[str, str]) -> None:
+    """The same for programs, with the files where these are not the user's own."""
+    files = {p.told_as: str((work / IMAGES / p.name).resolve()) for p in prepared.pictures if p.told_as in why}
+    said = {"photographs": str(source.path.resolve()), "left_out": dict(why), "files": files}
+    write_file(work / LEFT_OUT, json.dumps(said, indent=1) + "\n")
 
 
 def tell_masks(source: Source, prepared: Prepared, masked: Sequence[str]) -> None:

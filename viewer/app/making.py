@@ -21,6 +21,7 @@ from viewer.app.child import Child
 from viewer.app.files import FileRequest, existing_folder
 from viewer.app.first_look import FirstLook, Kind, Look
 from viewer.app.host import Teller
+from viewer.app.left_out import LeftOut, left_out_of
 from viewer.app.log import Dialog
 from viewer.app.make_plan import Plan, Subject
 from viewer.app.review import Review, first_look
@@ -135,6 +136,7 @@ class Making:
     _looked: float = 0.0
     _surveyed: bool = False
     _left_told: int | None = None
+    _left_out: LeftOut | None = None  # photographs whose small pictures are being read
 
     def offer(self, host: MakingHost, subject: Subject, path: Path) -> None:
         """Asks whether, and how, a scene or a run shall be made into a pack."""
@@ -159,7 +161,9 @@ class Making:
     def busy(self) -> bool:
         """Whether something goes on that tick should look at now and then."""
         survey = None if self.plan is None else self.plan.survey
-        waits = self.job is not None or self.looking is not None or self.review is not None
+        waits = (
+            self.job is not None or self.looking is not None or self.review is not None or self._left_out is not None
+        )
         return waits or (survey is not None and (survey.busy or not self._surveyed))
 
     def _forget(self) -> None:
@@ -272,7 +276,8 @@ class Making:
             if self.look is None:  # too few points to see anything
                 self._begin(host, replace(looking.plan, poses_only=False))
                 return
-            self.review = Review(looking.plan, self.look)
+            self._left_out = left_out_of(looking.plan.out)
+            self.review = Review(looking.plan, self.look, self._left_out)
         of_before = before is not None and host.scene is not None and host.scene.pack is before.pack
         if self.look is not None and (host.scene is None or of_before):
             self.show_points(host)
@@ -334,6 +339,9 @@ class Making:
         if survey is not None and survey.finished and (not self._surveyed or survey.news()):
             self._surveyed = True
             host.touch()
+        if self._left_out is not None and self._left_out.finished:
+            self._left_out = None
+            host.touch()
         self._tick_look(host)
         job, now = self.job, time.monotonic()
         if job is None or now - self._looked < LOOKED_AT_EVERY_S:
@@ -358,7 +366,9 @@ class Making:
             host.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
+            self._left_out = left_out_of(job.plan.out) if job.plan.poses_only else None
             text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
-            host.messages.fail(f"{name} could not be made", text, buttons=(("OK", ""), ("Try again", "make-again")))
+            buttons = (("OK", ""), ("Try again", "make-again"))
+            host.messages.fail(f"{name} could not be made", text, buttons=buttons, left_out=self._left_out)
         if self.quit_after:
             host.quitting = True

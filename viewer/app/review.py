@@ -15,6 +15,7 @@ from scenepack.pack import Pack
 from training.scenes.scene import Box
 from viewer.app import crop
 from viewer.app.first_look import FirstLook, Kind, Look
+from viewer.app.left_out import LeftOut
 from viewer.app.make_plan import Plan
 from viewer.app.pose import triple
 
@@ -33,11 +34,12 @@ class ReviewHost(Protocol):
 class Review:
     """plan: what will be trained. look: at its points. until: when it goes on by itself (monotonic seconds); None for never.
 
-    kind: as chosen.
+    kind: as chosen. left_out: photographs without a pose, and those set aside.
     """
 
     plan: Plan
     look: Look
+    left_out: LeftOut | None = None
     kind: Kind = field(init=False)
     until: float | None = field(default_factory=lambda: time.monotonic() + WAIT_S)
 

@@ -7,14 +7,15 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.panels import theme
+from viewer.app.stage import Stage
+from viewer.panels import left_out_strip, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, main_button, px
 
 NAME = "##dialog"
 
 
-def show(app: App, size: ImVec2, fonts: Fonts) -> None:
+def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
     """Draws the oldest dialog that is not answered; Enter and Escape answer it with its first button."""
     if not app.messages.dialogs:
         return
@@ -41,6 +42,9 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
         imgui.push_text_wrap_pos(0.0)
         imgui.text_unformatted(dialog.text)
         imgui.pop_text_wrap_pos()
+    if dialog.left_out is not None:
+        imgui.dummy(ImVec2(0, px(2)))
+        left_out_strip.show(stage, dialog.left_out)
     imgui.dummy(ImVec2(0, px(6)))
     answer = _buttons(dialog.buttons)
     if pressed_here(imgui.Key.enter) or pressed_here(imgui.Key.escape):

@@ -7,7 +7,8 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
 from viewer.app.review import Review
-from viewer.panels import layout, theme
+from viewer.app.stage import Stage
+from viewer.panels import layout, left_out_strip, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
@@ -21,13 +22,15 @@ ABOUT = {
 }
 
 
-def show(app: App, box: layout.Box, fonts: Fonts) -> None:
+def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
     """Draws the card at the lower left of the viewport's box, while there is something to review."""
     review = app.making.review
     if review is None:
         return
     with corner_card("##review", box):
         _head(review, fonts)
+        if review.left_out is not None:
+            left_out_strip.show(stage, review.left_out)
         shown = app.making.points_shown(app)
         if not shown:
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):

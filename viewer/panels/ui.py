@@ -116,11 +116,11 @@ class Ui:
             layout.show_rail(app, regions)
         layout.show_pages(app, stage, regions, self.fonts)
         make_dialog.show_job(app, stage, picture, self.fonts)
-        review_card.show(app, picture, self.fonts)
+        review_card.show(app, stage, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
         make_dialog.show(app, stage, ImVec2(size.x, size.y), self.fonts)
-        dialogs.show(app, ImVec2(size.x, size.y), self.fonts)
+        dialogs.show(app, stage, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
         self.keyboard.seen()
 

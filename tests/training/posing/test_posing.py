@@ -197,6 +197,9 @@ def test_photographs_that_show_different_things_are_named(tmp_path: Path):
     assert "do not overlap enough" in str(error.value) and "8 of 8 match no other: s0.jpg, s1.jpg" in str(error.value)
     table = (tmp_path / "out" / find.WORK / telling.TABLE).read_text().splitlines()
     assert len(table) == 9 and all(line.split()[1:3] == ["0", "no"] for line in table[1:])
+    said = json.loads((tmp_path / "out" / find.WORK / telling.LEFT_OUT).read_text())
+    assert said["left_out"] == {f"s{seed}.jpg": "matches no other" for seed in range(8)}
+    assert Path(said["photographs"]) == tmp_path and all(Path(file).is_file() for file in said["files"].values())
 
 
 @pytest.mark.parametrize("name", [find.SCENE, find.WORK])

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from scenepack.blocks import dense_from_pack
 from tests.training.reconstructions import around, ball, side_by_side, write_colmap
@@ -20,6 +23,7 @@ from viewer.app import review as review_module
 from viewer.app.application import App
 from viewer.app.child import Child
 from viewer.app.first_look import FirstLook, Look
+from viewer.app.left_out import LeftOut
 from viewer.app.make_plan import Plan
 from viewer.app.review import Review
 
@@ -170,6 +174,58 @@ def test_another_scene_that_is_open_stays_until_the_points_are_asked_for(bare, p
     assert bare.scene.pack is pack and not bare.making.points_shown(bare)
     bare.making.show_points(bare)
     assert bare.making.points_shown(bare)
+
+
+def leave_out(folder: Path, out: Path, file: Path) -> None:
+    """Writes down, as training.posing does, that a portrait and a landscape photograph, and one that is gone, are left out."""
+    sideways = Image.Exif()
+    sideways[0x0112] = 6  # orientation: the camera was turned to the right
+    Image.new("RGB", (400, 200), (200, 30, 30)).save(folder / "a.jpg", exif=sideways)
+    Image.new("RGB", (400, 200), (30, 30, 200)).save(out / "kept.png")
+    why = {"a.jpg": "matches no other", "walk.mp4 at 1.00 s": "blurred", "gone.jpg": "blurred"}
+    said = {
+        "photographs": str(folder),
+        "left_out": why,
+        "files": {"walk.mp4 at 1.00 s": str(out / "kept.png")},
+    }
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(said))
+
+
+def assert_pictured(found: LeftOut) -> None:
+    until(lambda: found.finished)
+    assert list(found.why) == ["a.jpg", "walk.mp4 at 1.00 s", "gone.jpg"] and list(found.boxes) == list(found.why)[:2]
+    assert found.sheet is not None
+    (x, y, width, height), landscape = found.boxes.values()
+    assert width < height and landscape[2] > landscape[3], "as the camera was held"
+    assert found.sheet[y + height // 2, x + width // 2, 0] > 180 and found.sheet[5, landscape[0] + 5, 2] > 180
+
+
+def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, offscreen):
+    leave_out(tmp_path / "shed", tmp_path / "out", tmp_path / "out" / "scene" / "poses.json")
+    live(bare, lambda: bare.making.review is not None)
+    review = bare.making.review
+    assert_pictured(review.left_out)
+    live(bare, lambda: bare.making._left_out is None)
+    app = App(stage=FakeStage())
+    app.making.review = review
+    review.hold()
+    ui = offscreen(app, size=(900, 700))
+    ui.settle()
+    pixels = ui.picture().astype(int)
+    red, blue = (np.abs(pixels - colour).max(-1) < 12 for colour in ((200, 30, 30), (30, 30, 200)))
+    assert min(red.sum(), blue.sum()) > 300, "both are in the picture"
+
+
+def test_photographs_that_hold_a_scene_up_are_shown_with_the_reason(bare, tmp_path, monkeypatch):
+    leave_out(tmp_path / "shed", tmp_path / "out", tmp_path / "out" / "posing" / "left_out.json")
+    bare.making.end()
+    shutil.rmtree(tmp_path / "out" / "scene")
+    monkeypatch.setattr(Plan, "command", lambda plan: [sys.executable, "-c", "raise SystemExit(2)"])
+    bare.making.plan = Plan("scene", tmp_path / "shed", tmp_path / "out")
+    bare.making.start(bare)
+    live(bare, lambda: bool(bare.messages.dialogs))
+    assert_pictured(bare.messages.dialogs[0].left_out)
 
 
 def test_a_scene_without_points_is_trained_at_once(bare, tmp_path):

@@ -1,0 +1,80 @@
+"""Photographs that no scene comes of: those without a camera pose and those that were set aside, why, and small pictures of them.
+
+training.posing writes them down, beside the poses that it found or in the work that it could not end.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from PIL import ImageOps
+
+from console import UserError
+from console.json_text import read_json_file
+from training.scenes.pictures import UNREADABLE, decodable
+from viewer.app.files import POSED, REPORT
+
+UNFINISHED = Path("posing") / "left_out.json"
+CELL, MOST = 128, 24  # pixels of the longer side; later ones are told by name alone
+Box = tuple[int, int, int, int]
+
+
+class LeftOut:
+    """why: the reason by the name that the user knows, in order. Pictures are read in a thread: poll `finished`.
+
+    sheet: uint8 [CELL, width, 3], None before all are read. boxes: by name, x, y, width, height of its picture there; one that
+    cannot be read has none.
+    """
+
+    def __init__(self, why: Mapping[str, str], files: Mapping[str, Path]) -> None:
+        self.why = why
+        self.sheet: np.ndarray | None = None
+        self.boxes: dict[str, Box] = {}
+        self._files = files
+        self._thread = threading.Thread(target=self._run, name="snerg-left-out", daemon=True)
+        self._thread.start()
+
+    @property
+    def finished(self) -> bool:
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        pictures: list[np.ndarray] = []
+        x = 0
+        for name in list(self.why)[:MOST]:
+            try:
+                picture = _small(self._files[name])
+            except (UserError, *UNREADABLE):  # gone since, or one that only the program that finds poses can read
+                continue
+            height, width = picture.shape[:2]
+            self.boxes[name] = (x, 0, width, height)
+            pictures.append(np.pad(picture, ((0, CELL - height), (0, 0), (0, 0))))
+            x += width
+        if pictures:
+            self.sheet = np.concatenate(pictures, axis=1)
+
+
+def left_out_of(out: Path) -> LeftOut | None:
+    """Those of the folder for the results; None where there are none, or nothing is known of them."""
+    for file in (out / POSED / REPORT, out / UNFINISHED):
+        try:
+            said = read_json_file(file)
+            why = {str(name): str(reason) for name, reason in said["left_out"].items()}
+            source, kept = Path(said["photographs"]), dict(said.get("files", {}))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            continue
+        files = {name: Path(kept[name]) if name in kept else source / name for name in why}
+        return LeftOut(why, files) if why else None
+    return None
+
+
+def _small(file: Path) -> np.ndarray:
+    """uint8 [h, w, 3], at most CELL a side, turned as the camera was held."""
+    with decodable(file) as image:
+        image.draft("RGB", (2 * CELL, 2 * CELL))
+        turned = ImageOps.exif_transpose(image).convert("RGB")
+    turned.thumbnail((CELL, CELL))
+    return np.asarray(turned)
