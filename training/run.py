@@ -31,6 +31,7 @@ from training.methods import make_method, settled
 from training.plausible import require_plausible
 from training.scenes import Scene, SceneOptions, load_scene
 from training.scenes.box import checked_box, require_seen
+from training.scenes.upright import checked_up
 
 FORMAT = 1
 
@@ -243,10 +244,10 @@ def read_description(path: Path) -> RunDescription:
 
 def _scene_options(values: dict[str, Any], where: str) -> SceneOptions:
     """Options from JSON, which knows no tuples; those that an older run lacks have their defaults."""
-    box = values.get("aabb")
-    options = SceneOptions(**{**values, "aabb": None})
+    box, up = values.get("aabb"), values.get("up")
+    options = SceneOptions(**{**values, "aabb": None, "up": None})
     require_plausible(options, where)
-    return replace(options, aabb=None if box is None else checked_box(box))
+    return replace(options, aabb=None if box is None else checked_box(box), up=None if up is None else checked_up(up))
 
 
 def _provenance() -> dict[str, Any]:

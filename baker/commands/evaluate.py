@@ -53,7 +53,7 @@ def snerg_eval(
     check_results(json, folder=images)
     made = reading_of(subject)
     photographed = load_scene(
-        scene, downscale=downscale, spherify=spherify or made["spherify"], masks=masks or bool(made["masks"])
+        scene, downscale=downscale, spherify=spherify or made["spherify"], masks=masks or made["masks"], up=made["up"]
     )
     try:
         result = evaluate(

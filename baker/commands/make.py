@@ -36,6 +36,7 @@ def snerg_make(
     spherify: bool = False,
     masks: bool = False,
     aabb: str | None = None,
+    up: str | None = None,
     steps: int | None = None,
     resolution: int | None = None,
     fine_tune: Literal["none", "view-mlp", "all"] = "all",
@@ -57,6 +58,8 @@ def snerg_make(
         masks: Cut the object out with the masks next to the pictures.
         aabb: Box of the content, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box that is printed when training
             starts. Not for forward-facing scenes, which are in NDC.
+        up: What is up, x,y,z in the training frame as it is without this option. Only for COLMAP scenes, and photographs and
+            films whose poses are found, that are seen from all around. The default is the mean up direction of the cameras.
         steps: Number of training steps. The default is the preset's.
         resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the presets cpu and
             full, 1.25 per pixel of the photographs, from 512 to 1000.
@@ -76,8 +79,9 @@ def snerg_make(
     from training.scenes import SceneOptions
     from training.scenes.box import OPTION, parse_box
     from training.scenes.downscale import suggested_downscale
+    from training.scenes.upright import parse_up
 
-    box = None if aabb is None else parse_box(aabb)
+    box, upwards = None if aabb is None else parse_box(aabb), None if up is None else parse_up(up)
     run_path, pack_path = out / "run", out / "pack"
     check_target(pack_path)
     config = dataclasses.replace(CONFIGS[preset], seed=seed)
@@ -103,13 +107,14 @@ def snerg_make(
         if stored.scene != scene.resolve():
             raise UserError("holds a run of another scene", where=run_path, expected=scene, found=stored.scene,
                             remedy="choose another --out")  # fmt: skip
-        if box is not None and box != stored.options.aabb:
-            raise UserError("a run cannot change how its scene is read", where=OPTION, expected=stored.options.aabb or "none",
-                            found=box, remedy="leave it out, or choose another --out")  # fmt: skip
+        for option, asked, before in ((OPTION, box, stored.options.aabb), ("--up", upwards, stored.options.up)):
+            if asked is not None and asked != before:
+                raise UserError("a run cannot change how its scene is read", where=option, expected=before or "none",
+                                found=asked, remedy="leave it out, or choose another --out")  # fmt: skip
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
     else:
         downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
-    options = SceneOptions(downscale or 1, spherify or None, masks, box)
+    options = SceneOptions(downscale or 1, spherify or None, masks, box, upwards)
     run = train(scene, run_path, config, options, resume=stored or False)
     trained = time.monotonic()
     if resolution is None:
@@ -133,7 +138,7 @@ def minutes(seconds: float) -> str:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    words = join_negative_values(sys.argv[1:] if args is None else args, ["--aabb"])
+    words = join_negative_values(sys.argv[1:] if args is None else args, ["--aabb", "--up"])
     return run_command(snerg_make, prog="snerg-make", description=DESCRIPTION, args=words)
 
 

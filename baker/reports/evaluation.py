@@ -23,6 +23,7 @@ from scenepack.pack import Pack
 from training import metrics
 from training.run import Run, is_run, load_run, read_description
 from training.scenes import Camera, Photograph, Scene, picture_stems
+from training.scenes.upright import checked_up
 
 # a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
 Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
@@ -96,15 +97,18 @@ def evaluate(
     }
 
 
-def reading_of(subject: Path) -> dict[str, bool | None]:
-    """How the subject's photographs were read: `spherify` and `masks` of training.scenes.SceneOptions, where it tells."""
+def reading_of(subject: Path) -> dict[str, Any]:
+    """How the subject's photographs were read: `spherify`, `masks` and `up` of training.scenes.SceneOptions, where it tells."""
     if is_run(subject):
         stored: Any = vars(read_description(subject).options)
     else:
         stored = load_pack(subject).metadata.get("provenance")
     stored = stored if isinstance(stored, dict) else {}
-    spherify = stored.get("spherify")
-    return {"spherify": spherify if isinstance(spherify, bool) else None, "masks": stored.get("masks") is True}
+    spherify, up = stored.get("spherify"), stored.get("up")
+    return {
+        "spherify": spherify if isinstance(spherify, bool) else None, "masks": stored.get("masks") is True,
+        "up": None if up is None else checked_up(up),
+    }  # fmt: skip
 
 
 def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray) -> ViewScore:

@@ -20,6 +20,8 @@ from training.plausible import require_plausible
 from training.scenes import SceneOptions
 from training.scenes.box import OPTION, parse_box
 from training.scenes.presets import PresetName, names_with_about
+from training.scenes.upright import OPTION as UP
+from training.scenes.upright import parse_up
 
 if TYPE_CHECKING:
     from training.run import RunDescription
@@ -39,7 +41,7 @@ FREE = (
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    args = join_negative_values(sys.argv[1:] if args is None else args, [OPTION])
+    args = join_negative_values(sys.argv[1:] if args is None else args, [OPTION, UP])
     return run_command(make_command(args), prog="snerg-train", description=DESCRIPTION, args=args)
 
 
@@ -66,6 +68,7 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         spherify: bool = False,
         masks: bool = False,
         aabb: str | None = None,
+        up: str | None = None,
         resume: bool = False,
         coordinator: str | None = None,
         processes: int | None = None,
@@ -82,6 +85,8 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
             masks: Cut the object out with the masks next to the pictures.
             aabb: Box of the content, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box that is printed when
                 training starts. Not for forward-facing scenes, which are in NDC.
+            up: What is up, x,y,z in the training frame as it is without this option. Only for COLMAP scenes that are seen from
+                all around. The default is the mean up direction of the cameras.
             resume: Continue the run in --out from its newest checkpoint, with its own settings.
             coordinator: HOST:PORT of process 0, if several processes train together and their launcher does not provide it.
                 Slurm, MPI and Kubernetes usually need none of these three options. See docs/distributed.md.
@@ -96,14 +101,21 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         from training.loop import train
 
         box = None if aabb is None else parse_box(aabb)
+        upwards = None if up is None else parse_up(up)
         if resume:
             stored = describe(out)
             _refuse_changes(stored.config, config)
-            asked = {"downscale": downscale, "spherify": spherify or None, "masks": masks or None, "aabb": box}
+            asked = {
+                "downscale": downscale,
+                "spherify": spherify or None,
+                "masks": masks or None,
+                "aabb": box,
+                "up": upwards,
+            }
             _refuse_another_reading(stored.options, asked)
             run = train(scene, out, config, resume=stored)
         else:
-            options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks, box)
+            options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks, box, upwards)
             run = train(scene, out, config, options)
         if is_writer():
             print(f"{out}: {run.step} of {config.steps} steps done; bake it with: snerg-bake {out} --out PACK")

@@ -21,9 +21,10 @@ from training.scenes.colmap_files import Reconstruction, model_suffix, read_reco
 from training.scenes.llff import NEAR_360, ndc_facts, picture_folders, recentre, target_size
 from training.scenes.pictures import PictureLoader, find_mask, picture_size
 from training.scenes.pixels import may_be_transparent
-from training.scenes.poses import faces_forward
+from training.scenes.poses import faces_forward, similarity
 from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
 from training.scenes.transforms import FAR, HALF_SIDE, NEAR, normalise
+from training.scenes.upright import OPTION, axes_of
 
 LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -184,6 +185,9 @@ def _placed(
     """The photographs in the training frame, and what a Scene says of the space."""
     enough = len(found.points) >= FEWEST_POINTS and sum(map(len, found.seen)) >= FEWEST_POINTS
     if enough and not options.spherify and faces_forward(found.world_T_camera):
+        if options.up is not None:
+            raise UserError("what is up cannot be told of a forward-facing scene", where=OPTION, found=str(path),
+                            remedy="leave it out, or use --spherify")  # fmt: skip
         placed = _moved(photographs, recentre(found.world_T_camera, _depths(found))[0])
         try:
             facts = ndc_facts(placed)
@@ -194,6 +198,9 @@ def _placed(
             text = f"the cameras look forward, but {error.found} sees too far aside for NDC"
             warnings.warn(Notice(f"{path}: {text}; reading it as seen from all around"), stacklevel=3)
     P, scale, centre, axes = normalise(found.world_T_camera)
+    if options.up is not None:
+        turn = axes_of(options.up)
+        P, axes = similarity(turn, np.zeros(3), 1.0, P), axes @ turn
     near, far, box = NEAR, FAR, np.array([[-HALF_SIDE] * 3, [HALF_SIDE] * 3])
     if enough:
         points = scale * (found.points - centre) @ axes

@@ -18,6 +18,8 @@ from training.scenes import blender, colmap, llff, transforms
 from training.scenes.box import checked_box, with_box
 from training.scenes.rays import camera_rays
 from training.scenes.scene import Scene, SceneOptions
+from training.scenes.upright import OPTION as UP
+from training.scenes.upright import checked_up
 
 MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some pixels have no ray
 LEAST_FOCAL = 1e-3  # pixels; below, squares of the picture's own coordinates leave the range of floats
@@ -42,6 +44,9 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
         raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
     for layout in LAYOUTS:
         if layout.recognises(path):
+            if options.up is not None and layout is not colmap:
+                raise UserError("the files say themselves what is up", where=UP, found=str(path),
+                                expected="a COLMAP scene, or photographs without poses", remedy="leave it out")  # fmt: skip
             with np.errstate(all="ignore"):  # what comes of numbers without a meaning is looked at below
                 scene = layout.read(path, options)
             _require_finite(scene)
@@ -63,7 +68,8 @@ def _checked(options: SceneOptions) -> SceneOptions:
     downscale = options.downscale
     if isinstance(downscale, bool) or not 1 <= downscale < math.inf or int(downscale) != downscale:
         raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
-    return replace(options, downscale=int(downscale), aabb=None if options.aabb is None else checked_box(options.aabb))
+    return replace(options, downscale=int(downscale), aabb=None if options.aabb is None else checked_box(options.aabb),
+                   up=None if options.up is None else checked_up(options.up))  # fmt: skip
 
 
 def _require_finite(scene: Scene) -> None:

@@ -68,6 +68,7 @@ def picture_stems(photographs: Sequence[Photograph]) -> list[str]:
 
 
 Box = tuple[float, float, float, float, float, float]  # x0, y0, z0, x1, y1, z1
+Direction = tuple[float, float, float]  # of any length above 0
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,8 @@ class SceneOptions:
     """Captures: cut the object out by the masks beside the pictures (alpha 0 where black)."""
     aabb: Box | None = None
     """The box that holds the content, in the training frame, in place of the reader's own; not for NDC scenes."""
+    up: Direction | None = None
+    """COLMAP, seen from all around: what is up, in the training frame as it is without this; None: the cameras' own mean."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from scenepack.padding import restore_padding
 from training.scenes import Scene, load_scene
 from training.scenes.colmap import FARTHEST, box_of_points, looks_inwards
 from training.scenes.points import SparsePoints, sparse_points
-from training.scenes.scene import cameras_of
+from training.scenes.scene import Direction, cameras_of
 from training.scenes.transforms import HALF_SIDE
 from viewer.app.photographs import shots_of
 from viewer.app.pose import Pose, Turntable, triple
@@ -56,10 +56,18 @@ class Look:
         """How many have a pose."""
         return sum(len(split) for split in self.scene.splits.values())
 
+    def places_in_grid(self) -> np.ndarray:
+        """The points float64 [M, 3] in the pack's grid frame."""
+        grid_T_training = np.linalg.inv(self.pack.worldspace_T_opengl)
+        return self.points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
+
+    def eyes(self) -> np.ndarray:
+        """Where the cameras stand, float64 [N, 3], training frame."""
+        return np.stack([p.camera.world_T_camera[:3, 3] for split in self.scene.splits.values() for p in split])
+
     def overview(self) -> Pose:
         """From where points and cameras are seen from outside."""
-        grid_T_training = np.linalg.inv(self.pack.worldspace_T_opengl)
-        places = self.points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
+        places = self.places_in_grid()
         eyes = np.stack([shot.view.position for shot in shots_of(self.pack)])
         middle = 0.5 * (eyes.mean(0) + np.median(places, axis=0))
         reach = max(
@@ -73,11 +81,13 @@ class Look:
 class FirstLook:
     """Reads the scene in a folder in a thread. Poll `finished`; then `look` is there, or None where there are no points.
 
-    spherify, masks: as training.scenes.SceneOptions has them.
+    spherify, masks, up: as training.scenes.SceneOptions has them.
     """
 
-    def __init__(self, folder: Path, spherify: bool | None = None, masks: bool = False) -> None:
-        self.folder, self._spherify, self._masks = folder, spherify, masks
+    def __init__(
+        self, folder: Path, spherify: bool | None = None, masks: bool = False, up: Direction | None = None
+    ) -> None:
+        self.folder, self._spherify, self._masks, self._up = folder, spherify, masks, up
         self.look: Look | None = None
         self._thread = threading.Thread(target=self._run, name="snerg-first-look", daemon=True)
         self._thread.start()
@@ -91,7 +101,7 @@ class FirstLook:
             with warnings.catch_warnings():  # what the reader has to say is said where training reads the scene
                 warnings.simplefilter("ignore")
                 forward = not self._spherify and load_scene(self.folder).ndc
-                scene = load_scene(self.folder, spherify=True, masks=self._masks)
+                scene = load_scene(self.folder, spherify=True, masks=self._masks, up=self._up)
             points = sparse_points(scene)
             if points is not None and len(points.places) >= FEWEST:
                 provenance = {"scene": str(self.folder.resolve()), "spherify": True, "masks": self._masks}

@@ -24,7 +24,7 @@ from training.scenes.downscale import suggested_downscale
 from training.scenes.pictures import picture_size
 from training.scenes.presets import PRESETS
 from training.scenes.read import has_poses
-from training.scenes.scene import Box
+from training.scenes.scene import Box, Direction
 from training.scenes.sources import FEWEST, Source, find_source, is_film
 from viewer.app.bare_preview import BarePreview
 from viewer.app.files import POSED, REPORT, found_poses, why_not_writable
@@ -191,9 +191,9 @@ class Plan:
     """source: the scene's or the run's folder. out: of a scene, the folder for run/ and pack/; of a run, the pack itself.
 
     downscale, resolution (voxels a side), steps: None leaves them to the preset, or to the command. masks: None cuts out
-    where there is a mask for each photograph. aabb: the box to train, training frame, None for the reader's own. poses_only:
-    no more is begun than finding poses. survey: of the scene's photographs. attempt: what an older run in `out` says
-    of itself; it is gone on with. place_problem: why nothing can be written there.
+    where there is a mask for each photograph. aabb: the box to train, and up: what is up, training frame; None for the
+    reader's own. poses_only: no more is begun than finding poses. survey: of the scene's photographs. attempt: what an
+    older run in `out` says of itself; it is gone on with. place_problem: why nothing can be written there.
     """
 
     subject: Subject
@@ -206,6 +206,7 @@ class Plan:
     masks: bool | None = None
     steps: int | None = None
     aabb: Box | None = None
+    up: Direction | None = None
     poses_only: bool = False
     survey: Survey | None = field(default=None, repr=False)
     attempt: dict | None = field(default=None, repr=False)
@@ -343,7 +344,9 @@ class Plan:
             words += ["--preset", self.preset, "--no-view"]
             names = ["downscale", "steps", "resolution"]
             words += ["--spherify"] * self.spherify + ["--masks"] * self.cut_out + ["--poses-only"] * self.poses_only
-            words += [] if self.aabb is None else ["--aabb", ",".join(f"{value:g}" for value in self.aabb)]
+            for name in ("aabb", "up"):
+                value = getattr(self, name)
+                words += [] if value is None else [f"--{name}", ",".join(f"{number:g}" for number in value)]
         for name in names:
             if (value := getattr(self, name)) is not None:
                 words += [f"--{name}", str(value)]

@@ -17,6 +17,7 @@ from PIL import Image
 
 from console import UserError
 from console.driven import Report
+from training.scenes.scene import Direction
 from viewer.app.child import Child
 from viewer.app.files import FileRequest, existing_folder
 from viewer.app.first_look import FirstLook, Kind, Look
@@ -25,7 +26,8 @@ from viewer.app.left_out import LeftOut, left_out_of
 from viewer.app.log import Dialog
 from viewer.app.make_plan import Plan, Subject
 from viewer.app.review import Review, first_look
-from viewer.app.state import Clipboard, OpenScene
+from viewer.app.state import Clipboard, OpenScene, Viewport
+from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import RenderSettings
 
 LOOKED_AT_EVERY_S = 0.2
@@ -43,6 +45,11 @@ class MakingHost(Teller, Protocol):
 
     settings: RenderSettings
     scene: OpenScene | None
+    viewport: Viewport
+
+    def camera(self) -> ViewCamera | None:
+        """The camera of this moment."""
+        ...
 
     def set(self, **fields: object) -> None:
         """Changes render settings."""
@@ -109,10 +116,12 @@ class Job:
 
 @dataclass
 class Looking:
-    """The points of a plan's scene while they are read. review: before its training begins."""
+    """The points of a plan's scene while they are read. review: before its training begins. before: the review that this takes
+    the place of."""
 
     plan: Plan
     review: bool = False
+    before: Review | None = None
     first: FirstLook = field(init=False)
 
     def __post_init__(self) -> None:
@@ -248,6 +257,28 @@ class Making:
                 host.set(crop=self.review.box_in_grid())
         host.touch()
 
+    def pick_ground(self, host: MakingHost, x: float, y: float) -> None:
+        """In the review: the ground was clicked on at a point of the viewport (window units from its corner)."""
+        review, camera = self.review, host.camera()
+        if review is None or camera is None or not self.points_shown(host):
+            return
+        review.hold()
+        scale = host.viewport.pixels_per_unit
+        up = review.up_at(camera, x * scale, y * scale)
+        if isinstance(up, str):
+            host.messages.say(up, "warning")
+        else:
+            self.set_up(host, up)
+        host.touch()
+
+    def set_up(self, host: MakingHost, up: Direction | None) -> None:
+        """In the review: another direction is up; None for the cameras' own. The points are read again."""
+        if self.review is not None:
+            self._uncut(host)
+            self.looking = Looking(replace(self.review.plan, up=up), review=True, before=self.review)
+            self.review = None
+        host.touch()
+
     def show_points(self, host: MakingHost) -> None:
         """Shows the points and cameras of what is being made."""
         under_way = self.review or self.job
@@ -276,12 +307,20 @@ class Making:
             if self.look is None:  # too few points to see anything
                 self._begin(host, replace(looking.plan, poses_only=False))
                 return
-            self._left_out = left_out_of(looking.plan.out)
-            self.review = Review(looking.plan, self.look, self._left_out)
+            self._begin_review(looking, self.look)
         of_before = before is not None and host.scene is not None and host.scene.pack is before.pack
         if self.look is not None and (host.scene is None or of_before):
             self.show_points(host)
         host.touch()
+
+    def _begin_review(self, looking: Looking, look: Look) -> None:
+        before = looking.before
+        if before is None:
+            self._left_out = left_out_of(looking.plan.out)
+        self.review = Review(looking.plan, look, self._left_out if before is None else before.left_out)
+        if before is not None:
+            self.review.hold()
+            self.review.kind = before.kind if before.kind in self.review.kinds else self.review.kind
 
     def _from_there(self, host: MakingHost) -> Callable[[], None] | None:
         """What keeps the camera that was chosen among the points, once the pack is shown."""

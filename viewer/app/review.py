@@ -12,12 +12,15 @@ from typing import Protocol
 import numpy as np
 
 from scenepack.pack import Pack
-from training.scenes.scene import Box
+from training.scenes.scene import Box, Direction
+from training.scenes.upright import composed
 from viewer.app import crop
 from viewer.app.first_look import FirstLook, Kind, Look
+from viewer.app.ground import normal_at, point_under
 from viewer.app.left_out import LeftOut
 from viewer.app.make_plan import Plan
 from viewer.app.pose import triple
+from viewer.rendering.camera import ViewCamera
 
 WAIT_S = 60.0
 SAME = 1e-6  # of the box's extent: a face that was not moved
@@ -34,12 +37,14 @@ class ReviewHost(Protocol):
 class Review:
     """plan: what will be trained. look: at its points. until: when it goes on by itself (monotonic seconds); None for never.
 
-    kind: as chosen. left_out: photographs without a pose, and those set aside.
+    kind: as chosen. picking: a click on the ground is awaited, which tells what is up. left_out: photographs without a pose,
+    and those set aside.
     """
 
     plan: Plan
     look: Look
     left_out: LeftOut | None = None
+    picking: bool = False
     kind: Kind = field(init=False)
     until: float | None = field(default_factory=lambda: time.monotonic() + WAIT_S)
 
@@ -77,6 +82,16 @@ class Review:
         self.hold()
         self.kind = kind
 
+    def up_at(self, camera: ViewCamera, x: float, y: float) -> Direction | str:
+        """What is up (for the plan), where the ground is clicked on at a pixel; in words, why nothing is told by that."""
+        index = point_under(camera, self.look.places_in_grid(), x, y)
+        if index is None:
+            return "There is no point. Click on points of the ground."
+        normal = normal_at(self.look.points.places, index, self.look.eyes())
+        if normal is None:
+            return "The points there do not lie in a plane. Click on points of the ground."
+        return composed(self.plan.up, normal)
+
     def box_in_grid(self) -> crop.Box | None:
         """The box of the chosen kind, as far as the points' grid reaches; None of a forward-facing scene."""
         box = self.look.boxes.get(self.kind)
@@ -86,7 +101,8 @@ class Review:
         """The plan as it is trained, with what was chosen. cut: the box that the points are cut to, None for no other."""
         plan = self.plan
         spherify = plan.spherify if self.look.kind != "forward" else self.kind != "forward"
-        return replace(plan, aabb=self._box(cut), spherify=spherify, poses_only=False)
+        up = None if self.kind == "forward" else plan.up
+        return replace(plan, aabb=self._box(cut), spherify=spherify, up=up, poses_only=False)
 
     def _box(self, cut: crop.Box | None) -> Box | None:
         """The box to train, training frame; None where that is the reader's own."""
@@ -105,7 +121,7 @@ class Review:
 
 def first_look(plan: Plan) -> FirstLook:
     """Begins to read the points of what a plan trains."""
-    return FirstLook(plan.posed, plan.spherify or None, plan.cut_out)
+    return FirstLook(plan.posed, plan.spherify or None, plan.cut_out, plan.up)
 
 
 def in_grid(pack: Pack, box: np.ndarray) -> crop.Box:

@@ -13,6 +13,7 @@ import numpy as np
 from console import UserError, progress
 from scenepack.pack import Pack
 from training.scenes import Scene, load_scene
+from training.scenes.upright import checked_up
 from viewer.benchmark.power import PowerMeter
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.frame_times import Contender, Turns, taking_turns
@@ -35,7 +36,8 @@ class Photographs:
         stored: Any = pack.metadata.get("provenance")
         stored = stored if isinstance(stored, dict) else {}
         spherify, masks = stored.get("spherify") is True or None, stored.get("masks") is True
-        read = load_scene(scene, downscale=downscale, spherify=spherify, masks=masks)
+        up = None if stored.get("up") is None else checked_up(stored["up"])
+        read = load_scene(scene, downscale=downscale, spherify=spherify, masks=masks, up=up)
         if not read.splits.get(split):
             names = ", ".join(name for name, some in read.splits.items() if some)
             raise UserError("has no such photographs", where=scene, expected=f"--split {names}", found=split)

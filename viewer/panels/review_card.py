@@ -61,6 +61,7 @@ def _choices(app: App, review: Review, shown: bool) -> None:
     hint(ABOUT[review.kind])
     if review.kind == "forward" or not shown:
         return
+    _upright(app, review)
     label("Box", LABELS)
     on = switch("box", app.settings.crop is not None)
     tip("Show the box that is trained, and drag its faces")
@@ -71,6 +72,25 @@ def _choices(app: App, review: Review, shown: bool) -> None:
     hint(
         "Drag the dots on its faces, or type numbers on the Crop page." if on else "Switch it on to see and change it."
     )
+
+
+def _upright(app: App, review: Review) -> None:
+    """What is up: the cameras' own, or the ground's, which is clicked on."""
+    label("Up", LABELS)
+    picking = switch("up", review.picking)
+    if picking != review.picking:
+        review.hold()
+        review.picking = picking
+    tip("Click on the ground in the picture, and it becomes level")
+    if review.plan.up is not None:
+        imgui.same_line(0, px(12))
+        if imgui.small_button("As it was"):
+            app.making.set_up(app, None)
+        tip("The mean up direction of the cameras")
+    if review.picking:
+        hint("Click on points of the ground.")
+    else:
+        hint("Set by you." if review.plan.up is not None else "From the cameras. Switch it on and click on the ground.")
 
 
 def _answer(app: App, review: Review) -> None:

@@ -93,8 +93,12 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
         _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
         _drag(app, box, dx, dy)
         app.touch()
-    if imgui.is_item_deactivated() and _hands.shot is not None and _hands.travelled < px(4):
-        page_photographs.stand_in(app, _hands.shot)
+    if imgui.is_item_deactivated() and _hands.travelled < px(4):
+        review = app.making.review
+        if review is not None and review.picking and _hands.button == LEFT:
+            app.making.pick_ground(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+        elif _hands.shot is not None:
+            page_photographs.stand_in(app, _hands.shot)
     if hovered and io.mouse_wheel:
         if rig.flying:
             rig.faster(io.mouse_wheel)

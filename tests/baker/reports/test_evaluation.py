@@ -60,13 +60,15 @@ def test_a_scene_is_read_as_the_run_or_the_pack_read_it(tmp_path: Path) -> None:
     run.mkdir()
     options = {"downscale": 4, "spherify": True, "masks": True}
     (run / "config.json").write_text(json.dumps({"format": 1, "scene": "s", "scene_options": options, "config": {}}))
-    assert reading_of(run) == {"spherify": True, "masks": True}
+    assert reading_of(run) == {"spherify": True, "masks": True, "up": None}
 
     pack = small_pack()
     save_pack(pack, tmp_path / "published")
-    assert reading_of(tmp_path / "published") == {"spherify": None, "masks": False}
+    assert reading_of(tmp_path / "published") == {"spherify": None, "masks": False, "up": None}
     save_pack(pack.with_metadata(provenance=options), tmp_path / "ours")
-    assert reading_of(tmp_path / "ours") == {"spherify": True, "masks": True}
+    assert reading_of(tmp_path / "ours") == {"spherify": True, "masks": True, "up": None}
+    save_pack(pack.with_metadata(provenance={**options, "up": [0, 1, 2]}), tmp_path / "leaning")
+    assert reading_of(tmp_path / "leaning")["up"] == (0.0, 1.0, 2.0)
 
 
 def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(

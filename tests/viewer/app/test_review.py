@@ -23,8 +23,10 @@ from viewer.app import review as review_module
 from viewer.app.application import App
 from viewer.app.child import Child
 from viewer.app.first_look import FirstLook, Look
+from viewer.app.ground import normal_at
 from viewer.app.left_out import LeftOut
 from viewer.app.make_plan import Plan
+from viewer.app.projection import project
 from viewer.app.review import Review
 
 FAKE = Path(__file__).with_name("fake_make.py")
@@ -174,6 +176,60 @@ def test_another_scene_that_is_open_stays_until_the_points_are_asked_for(bare, p
     assert bare.scene.pack is pack and not bare.making.points_shown(bare)
     bare.making.show_points(bare)
     assert bare.making.points_shown(bare)
+
+
+def tilted_ground() -> np.ndarray:
+    """Points [M, 3] on a plane that leans against the cameras' up, about what they look at; some stand above it."""
+    rng = np.random.default_rng(3)
+    flat = np.concatenate([rng.uniform(-0.8, 0.8, (300, 2)), np.zeros((300, 1))], 1)
+    flat[::12, 2] = rng.uniform(0.1, 0.4, 25)
+    lean = np.radians(25)
+    turn = np.array([[1, 0, 0], [0, np.cos(lean), -np.sin(lean)], [0, np.sin(lean), np.cos(lean)]])
+    return flat @ turn.T + [1.0, -2.0, 0.5]
+
+
+def test_the_plane_about_a_point_is_found_though_something_stands_on_it():
+    points, up = tilted_ground() - [1.0, -2.0, 0.5], np.array([0.0, -np.sin(np.radians(25)), np.cos(np.radians(25))])
+    for index in (1, 100, 250):
+        found = normal_at(points, index, 3 * up[None])
+        assert found is not None and found @ up > np.cos(np.radians(2))
+        assert normal_at(points, index, -3 * up[None]) @ up < 0, "the cameras are above the ground"
+    assert normal_at(np.random.default_rng(0).normal(size=(60, 3)), 0, up[None]) is None, "no plane"
+    assert normal_at(points[:5], 0, up[None]) is None, "too few"
+
+
+def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
+    app, review = reviewed(write_colmap(tmp_path / "scene", around(), tilted_ground()))
+    review.plan.out = tmp_path / "out"
+    ui = offscreen(app, size=(900, 800))
+    ui.settle()
+
+    def leaning() -> float:
+        """Degrees between the ground and what is level."""
+        places = app.making.look.points.places
+        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.look.eyes())
+        return float(np.degrees(np.arccos(min(normal[2], 1.0))))
+
+    assert leaning() > 15
+    camera, places = app.camera(), review.look.places_in_grid()
+    pixels, _ = project(camera, places)
+    free = (np.abs(pixels - [265, 330]) < [150, 100]).all(-1)  # what no card covers
+    at = pixels[free][np.argmin(np.linalg.norm(pixels[free] - pixels[free].mean(0), axis=-1))]
+    box = app.viewport
+    ui.click(box.x + at[0], box.y + at[1])
+    assert app.making.review is review, "clicks are the camera's and the photographs'"
+    review.picking = True
+    ui.click(box.x + 5, box.y + 5)
+    assert app.making.review is review and "Click on points" in app.messages.toast and review.seconds_left is None
+    ui.click(box.x + at[0], box.y + at[1])
+    live(app, lambda: app.making.review is not None and app.making.review is not review)
+    again = app.making.review
+    assert leaning() < 3 and app.making.points_shown(app) and again.seconds_left is None
+    words = again.decided(None).command()
+    assert words[words.index("--up") + 1].count(",") == 2 and again.decided(None).aabb is None
+    app.making.set_up(app, None)
+    live(app, lambda: app.making.review is not None)
+    assert leaning() > 15 and "--up" not in app.making.review.decided(None).command()
 
 
 def leave_out(folder: Path, out: Path, file: Path) -> None:
