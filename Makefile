@@ -5,6 +5,7 @@
 #   make card-report   all figures of this machine's graphics card, in out/card; CARD="--pack PACK --minutes 20"
 #   make fuzz     spoilt files until one breaks something; MINUTES=10, SEED=0, FUZZ="--only packs"
 #   make kills    commands ended with kill -9 at random moments, and on full disks; TIMES=10, ONLY="--only bake"
+#   make long-run MINUTES=120   training, baking and viewing in a loop: nothing may be left behind, memory stays flat
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -19,7 +20,7 @@ DEMO := viewer/demo/demo.zip
 # What the graphics card's report trains with: JAX for the card where there is one.
 CARD_EXTRAS ?= $(if $(shell command -v nvidia-smi 2>/dev/null),train-cuda12,train),video
 
-.PHONY: view install test fuzz kills bench card-report lint demo clean gl
+.PHONY: view install test fuzz kills long-run bench card-report lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -36,6 +37,9 @@ fuzz: $(VENV)/.developer
 
 kills: $(VENV)/.developer gl
 	$(BIN)/python -m tests.fuzz.interruptions --times $(TIMES) --disks $(TIMES) --seed $(SEED) $(ONLY)
+
+long-run: $(VENV)/.developer gl
+	$(BIN)/python -m tests.fuzz.long_run --minutes $(MINUTES)
 
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400
