@@ -32,7 +32,7 @@ def films_possible() -> bool:
 class FilmWriter:
     """An H.264 film, written aside until finish(). UserError where PyAV is not installed or a side is odd.
 
-    The same pictures give the same bytes.
+    The same pictures give a film that shows the same, to the last bit; rarely, the encoder writes it in other bytes.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: int) -> None:

@@ -1,4 +1,4 @@
-"""Exports are of the whole pack and repeat to the last byte, whatever the window's size, the machine's speed and its cores."""
+"""Exports are of the whole pack and repeat, whatever the window's size, the machine's speed and its cores."""
 
 from __future__ import annotations
 
