@@ -3,7 +3,8 @@
     python -m tests.viewer.panels.many_packs WARM_UP PACKS ROUNDS TOLERATED PACK [PACK ...]
 
 Prints JSON: host and card, bytes held after the warm-up and after each round of PACKS, [before, after, after, ...], and as many
-open descriptors. A round in which no more than the share TOLERATED is added is the last: what is forgotten is forgotten in every round.
+open descriptors. A round in which no more than the share TOLERATED is added is the last: what is forgotten is forgotten in
+every round.
 """
 
 from __future__ import annotations
