@@ -162,6 +162,14 @@ def remove_leftovers(target: Path) -> None:
                 _discard(path, target)
 
 
+def discard(path: Path) -> None:
+    """Deletes a file or folder, gone from its name in one step: who still writes into it finds nothing there. Raises nothing.
+
+    What a kill leaves of it, under a hidden name, goes with the next remove_leftovers(path).
+    """
+    _discard(path, path)
+
+
 def is_leftover(name: str) -> bool:
     """Whether a file's name is a hidden one of ours, left by a writer that was killed, or being written."""
     return re.fullmatch(rf"\..+\.({NEW}|{OLD}|{GONE})-\d+-[0-9a-f]{{8}}", name) is not None

@@ -79,6 +79,12 @@ class Method(Protocol):
         """
         ...
 
+    def grain(self, state: Any) -> np.ndarray | None:
+        """float64 [3]: lengths along the training frame's axes within which the field is smooth, the sides of its voxels; None
+        where nothing limits its detail, as of an MLP.
+        """
+        ...
+
     def view_mlp(self, state: Any) -> ViewMlpParams | None:
         """The deferred head; None for a diffuse model."""
         ...

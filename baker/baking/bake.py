@@ -7,6 +7,7 @@ was killed goes on where it was (baker.baking.work_folder).
 from __future__ import annotations
 
 import time
+import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -22,9 +23,9 @@ from baker.baking.supersample import supersample
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.fine_tune import EPOCHS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
-from baker.tuning.pruning import FIRM, TAU_WEIGHT, Pruned, prune
+from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Closing, Pruned, prune_within
 from baker.view_mlp import from_params
-from console import UserError, progress
+from console import Notice, UserError, progress
 from console.progress import Progress
 from scenepack.blocks import fill_atlas
 from scenepack.constants import MAX_BLOCK_INDEX
@@ -37,15 +38,16 @@ from training.scenes.box import OPTION, box_text, with_box
 from training.scenes.scene import Box, cameras_of
 from training.views_between import with_views_between
 
+BYTES = 32**3 * 8  # of a macroblock, with padding: colour, opacity, features
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
 STAGE = "baking"  # in what programs that started us read of our progress
 LARGEST_SEED = 2**32 - 1
+MOST_MACROBLOCKS = 6000  # 1.6 GB of textures, and 5 GB while it is baked; lego at 1000³ has 4,400 before it is pruned
+COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
-MOST_LOST = (
-    0.1  # dB of training rays that this may cost: lego at 1000³ loses nothing, at 200 × 200 0.4, mary_rose 1.9 dB
-)
+MOST_LOST = 0.1  # dB of training rays that pruning may cost
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
-FORMAT = 1  # of a work folder: raised whenever the same key would give other pieces
+FORMAT = 2  # of a work folder: raised whenever the same key would give other pieces
 
 
 @dataclass(frozen=True)
@@ -59,13 +61,16 @@ class BakeConfig:
     tau_vis: float = TAU_VIS
     """Macroblocks that no training camera sees with at least this transmittance are dropped."""
     tau_weight: float = TAU_WEIGHT
-    """Voxels that would make up less than this of any pixel of any training photograph are emptied; 0 leaves all (the paper)."""
+    """Voxels that would make up less than this of any pixel of any training photograph are emptied, or less where the photographs
+    lose MOST_LOST by it; 0 leaves all (the paper)."""
     fine_tune: Literal["none", "view-mlp", "all"] = "all"
     """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together."""
     fine_tune_epochs: int = EPOCHS
     """Passes over the training pixels that refine the view MLP; 0 for none."""
     seed: int = 0
     """Seed of the Gaussian samples within voxels and of fine-tuning."""
+    most_macroblocks: int = MOST_MACROBLOCKS
+    """Where more would be kept, the grid is made coarser."""
     aabb: Box | None = None
     """The box that is baked, training frame, in place of the one around the content; not for NDC scenes."""
 
@@ -73,7 +78,7 @@ class BakeConfig:
         """UserError where a number makes no sense: for commands to ask before hours of work, not after."""
         most = MAX_BLOCK_INDEX * BLOCK_SIZE
         ranges = {"resolution": (BLOCK_SIZE, most), "tau_alpha": (0, 1), "tau_vis": (0, 1), "tau_weight": (0, 1),
-                  "fine_tune_epochs": (0, 1_000_000), "seed": (0, LARGEST_SEED)}  # fmt: skip
+                  "fine_tune_epochs": (0, 1_000_000), "seed": (0, LARGEST_SEED), "most_macroblocks": (1, 2**31 - 1)}  # fmt: skip
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
             if not low <= value <= high:
@@ -105,7 +110,7 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
         "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
         "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
         "resolution": config.resolution, "tau_alpha": config.tau_alpha, "tau_vis": config.tau_vis,
-        "aabb": config.aabb,
+        "most_macroblocks": config.most_macroblocks, "aabb": config.aabb,
     }  # fmt: skip
 
 
@@ -138,13 +143,12 @@ def bake(
             restore_padding(part, atlas[0], BLOCK_SIZE)
     del atlas, part  # what pruning leaves takes their place
     counts, removed = culling.counts(), None
+    by_opacity = config.aabb is not None  # photographs also show what lies outside of the box that is baked
     if config.tau_weight > 0:
         with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
-            views = with_views_between(run.dataset)
-            pack, removed = prune(pack, views, config.tau_weight, config.seed, bar.update)
+            pack, removed = _pruned(pack, run.dataset, config, config.tau_weight, UNSEEN, by_opacity, bar)
         counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
-    by_opacity = config.aabb is not None  # photographs also show what lies outside of the box that is baked
     if config.fine_tune != "none":
         with stages("view MLP"), progress("fine-tuning the view MLP", 1.0, stage=STAGE) as bar:
             pack, before, after = fine_tune(
@@ -162,15 +166,18 @@ def bake(
         pack, figures, again = _with_tuned_voxels(handed_over.pop(), run.dataset, config, stages, by_opacity)
         tuned |= figures
         if removed and again:
-            removed = Pruned(removed.voxels_before, again.voxels_after, removed.macroblocks + again.macroblocks)
-            counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - again.macroblocks}
+            emptied = removed.macroblocks + again.macroblocks
+            removed = Pruned(removed.voxels_before, again.voxels_after, emptied, removed.tau_weight)
+            counts |= {"below_tau_weight": emptied, "kept": counts["kept"] - again.macroblocks}
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
-        **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": config.resolution,
+        **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": grid.resolution,
         "tau_weight": config.tau_weight, "macroblocks": counts,
     }  # fmt: skip
     if removed:
-        provenance["voxels"] = {"before": removed.voxels_before, "after": removed.voxels_after}
+        provenance["voxels"] = {
+            "before": removed.voxels_before, "after": removed.voxels_after, "tau_weight": removed.tau_weight,
+        }  # fmt: skip
     if tuned:
         provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
@@ -195,18 +202,25 @@ def _with_tuned_voxels(
     if config.tau_weight > 0:
         with stages("pruning again"), progress("emptying voxels that are faint now", 1.0, stage=STAGE) as bar:
             tau = TUNED_TAU * config.tau_weight
-            thinner, removed = prune(pack, with_views_between(dataset), tau, config.seed, bar.update, FIRM)
-        before, after = (shown_psnr(p, dataset, config.seed, by_opacity=by_opacity) for p in (pack, thinner))
-        if before - after <= MOST_LOST:
-            pack = thinner
-        else:
-            removed = None
-        del thinner
+            pack, removed = _pruned(pack, dataset, config, tau, FIRM, by_opacity, bar)
     second = JointConfig(seed=config.seed + 1, held_out=0, rate=SECOND_RATE)
     with stages(name), progress(f"{label}, all views", 1.0, stage=STAGE) as bar:
         pack, last = joint_tune(pack, dataset, second, bar.update, by_opacity)
     figures |= {"passes": first.passes + second.passes, "samples_a_ray_after": last["samples_a_ray_after"]}
     return pack, figures, removed
+
+
+def _pruned(
+    pack: Pack, dataset: RayDataset, config: BakeConfig, tau_weight: float, closing: Closing, by_opacity: bool,
+    bar: Progress,
+) -> tuple[Pack, Pruned]:  # fmt: skip
+    """The pack without the voxels that are faint by tau_weight, or by less where that costs training rays MOST_LOST."""
+
+    def score(pack: Pack) -> float:
+        return shown_psnr(pack, dataset, config.seed, by_opacity=by_opacity)
+
+    views = with_views_between(dataset)
+    return prune_within(MOST_LOST, score, pack, views, tau_weight, config.seed, bar.update, closing)
 
 
 def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
@@ -230,7 +244,7 @@ def check_bake(run: Run, config: BakeConfig) -> None:
 
 
 def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stages) -> tuple[BakeGrid, Culling]:
-    """The grid, and which of its macroblocks are kept."""
+    """The grid, as fine as config.most_macroblocks allows, and which of its macroblocks are kept."""
     query = _query(run, config)
     frame = np.asarray(run.scene.worldspace_T_opengl, np.float64)
 
@@ -247,16 +261,27 @@ def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stage
 
     with stages("box"), progress("looking for content", 1.0, stage=STAGE):
         box = once(work, "box", find_box)
-    grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame)
-    with progress("culling", 1.0, stage=STAGE) as bar:
-        culling = cull(
-            query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha, tau_vis=config.tau_vis,
-            on_blocks=lambda share: bar.update(0.75 * share, "opacity"),
-            on_rays=lambda share: bar.update(0.75 + 0.25 * share, "visibility"), work=work, stages=stages,
+    grid, label = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame), ""
+    while True:
+        with progress("culling", 1.0, stage=STAGE) as bar:
+            culling = cull(
+                query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha,
+                tau_vis=config.tau_vis, on_blocks=lambda share, bar=bar: bar.update(0.75 * share, "opacity"),
+                on_rays=lambda share, bar=bar: bar.update(0.75 + 0.25 * share, "visibility"), work=work, stages=stages,
+                label=label,
+            )  # fmt: skip
+        kept = int(culling.kept.sum())
+        if not kept:
+            raise _nothing_there(run)
+        if kept <= config.most_macroblocks or grid.resolution == BLOCK_SIZE:
+            return grid, culling
+        coarser = max(int(COARSER * grid.resolution * (config.most_macroblocks / kept) ** 0.5), BLOCK_SIZE)
+        warnings.warn(
+            Notice(f"a grid of {grid.resolution} voxels would keep {kept} macroblocks, {kept * BYTES / 1e9:.1f} GB on the "
+                   f"graphics card: {coarser} voxels instead; for larger packs: --most-macroblocks {kept}"),
+            stacklevel=2,
         )  # fmt: skip
-    if not culling.kept.any():
-        raise _nothing_there(run)
-    return grid, culling
+        grid, label = make_grid(box["low"], box["high"], coarser, BLOCK_SIZE, frame), f"{coarser}_"
 
 
 def _query(run: Run, config: BakeConfig) -> FieldQuery:
@@ -283,7 +308,7 @@ def _content(
     with progress("supersampling", count, stage=STAGE) as bar:
         yield from supersample(
             _query(run, config), grid, culling,
-            tau_alpha=config.tau_alpha, seed=config.seed, on_blocks=_Rate(bar, count), work=work,
+            grain=run.method.grain(run.state), seed=config.seed, on_blocks=_Rate(bar, count), work=work,
         )  # fmt: skip
 
 

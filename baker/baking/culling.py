@@ -27,6 +27,7 @@ from training.voxels.sparse_grid import GridLayout, build_layout, cell_means, di
 
 TAU_ALPHA = 0.005
 TAU_VIS = 0.01
+FAINTEST = 0.5 / 255  # opacity of a voxel that 8 bits do not round to nothing
 BOX_PROBE = 256  # most cells a side when looking for the box around the content
 BOX_MARGIN = 1.0  # probe cells added on every side of it
 BOX_TAIL, BOX_GROWTH = 0.0005, 1.1  # share of the opacity cut off at either end of an axis; what the rest is grown by
@@ -114,16 +115,18 @@ def cull(
     on_rays: Tick | None = None,
     work: WorkFolder | None = None,
     stages: Callable[[str], AbstractContextManager] = nullcontext,
+    label: str = "",
 ) -> Culling:
     """Both tests of section 5.4. occupied: spares asking the field where it is surely empty (baker.baking.field_query).
 
-    on_blocks, on_rays are told the share done of either. work: where a broken-off bake goes on. stages: times the two.
+    on_blocks, on_rays are told the share done of either. work: where a broken-off bake goes on; label begins the names of the
+    pieces there. stages: times the two.
     """
     with stages("opacity"):
-        opaque, density = _opacity(query, occupied, grid, tau_alpha, on_blocks, work)
+        opaque, density = _opacity(query, occupied, grid, tau_alpha, on_blocks, work, label)
     cells = density > 0
     with stages("visibility"):
-        bits = once(work, "visibility", lambda: _seen(density, grid, dataset, tau_vis, on_rays))["bits"]
+        bits = once(work, f"{label}visibility", lambda: _seen(density, grid, dataset, tau_vis, on_rays))["bits"]
     seen = np.unpackbits(bits, count=cells.size).reshape(cells.shape).astype(bool)
     for _ in range(DILATION):
         seen = dilate(seen)
@@ -140,9 +143,9 @@ def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
 
 def _opacity(
     query: FieldQuery, occupied: Occupied | None, grid: BakeGrid, tau_alpha: float, tick: Tick | None,
-    work: WorkFolder | None,
+    work: WorkFolder | None, label: str,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """bool [blocks] with some voxel's alpha >= tau_alpha, and the cells' mean density [cells], 0 where below it.
+    """bool [blocks] with some voxel's alpha >= tau_alpha, and the cells' mean density [cells], 0 where none is FAINTEST.
 
     The field is asked at every voxel centre, one layer of macroblocks after another; only the coarser cells are kept.
     """
@@ -164,7 +167,7 @@ def _opacity(
         if tick:
             tick(min(done / total, 1.0))
 
-    layers = {k: (f"opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, tau_alpha, on_some))
+    layers = {k: (f"{label}opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, tau_alpha, on_some))
               for k in range(bz) if holds[k].any()}  # fmt: skip
     share_out(work, list(layers.values()))
     for k, piece in layers.items():
@@ -194,7 +197,7 @@ def _opacity_of_layer(
             alpha = 1 - np.exp(-values.max(axis=(1, 3, 5)) * grid.voxel_size)
             opaque[j, i] = alpha.max() >= tau_alpha
             at = tuple(slice(b * per_block, (b + 1) * per_block) for b in (j, i))
-            density[(slice(None), *at)] = np.where(alpha >= tau_alpha, values.mean(axis=(1, 3, 5)), 0)
+            density[(slice(None), *at)] = np.where(alpha >= FAINTEST, values.mean(axis=(1, 3, 5)), 0)
         tick(len(part))
     return {"opaque": opaque, "density": density}
 

@@ -19,13 +19,17 @@ MAX_CELLS = 512  # of culling, along an axis
 
 @dataclass(frozen=True)
 class BakeGrid:
-    """min_xyz float64 [3], voxel_size: grid frame. blocks (x, y, z). worldspace_T_opengl [4, 4]: grid to training frame."""
+    """min_xyz float64 [3], voxel_size: grid frame. blocks (x, y, z). worldspace_T_opengl [4, 4]: grid to training frame.
+
+    resolution: voxels along the longest side of the box that the blocks cover.
+    """
 
     min_xyz: np.ndarray
     voxel_size: float
     blocks: tuple[int, int, int]
     block_size: int
     worldspace_T_opengl: np.ndarray
+    resolution: int
 
     @property
     def cell(self) -> int:
@@ -81,4 +85,6 @@ def make_grid(
         )  # fmt: skip
     extent = np.array(blocks) * block_size * voxel_size
     x, y, z = blocks
-    return BakeGrid(0.5 * (low + high) - 0.5 * extent, voxel_size, (x, y, z), block_size, worldspace_T_opengl)
+    return BakeGrid(
+        0.5 * (low + high) - 0.5 * extent, voxel_size, (x, y, z), block_size, worldspace_T_opengl, resolution
+    )

@@ -13,7 +13,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import shutil
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -25,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from console import Notice, UserError
-from console.atomic import write_file
+from console.atomic import discard, remove_leftovers, write_file
 from scenepack.files import ZIP_ERRORS
 
 try:
@@ -85,6 +84,7 @@ class WorkFolder:
             return
         try:
             path.mkdir(parents=True, exist_ok=True)
+            remove_leftovers(path)
             self._lock = self._hold()
             if file.is_file() and file.read_text(encoding="utf-8") != text:
                 warnings.warn(Notice("the unfinished bake here was of another run or with other options: starting over"),
@@ -142,7 +142,7 @@ class WorkFolder:
     def close(self) -> None:
         """Lets others bake here; what was done stays. Where nothing was, nothing stays."""
         if not self.share.helps and self.path.is_dir() and next(self.path.glob("*.npz"), None) is None:
-            shutil.rmtree(self.path, ignore_errors=True)
+            discard(self.path)
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
@@ -150,7 +150,7 @@ class WorkFolder:
     def remove(self) -> None:
         """The bake is done: nothing of it stays."""
         self.close()
-        shutil.rmtree(self.path, ignore_errors=True)
+        discard(self.path)  # in one step: a helper may be writing a piece, and a folder that is not empty stays
 
     def _wait_for(self, file: Path, text: str) -> None:
         """Until process 0 bakes the same here."""

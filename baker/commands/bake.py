@@ -25,6 +25,7 @@ def snerg_bake(
     fine_tune: Literal["none", "view-mlp", "all"] = "all",
     fine_tune_epochs: int = 100,
     seed: int = 0,
+    most_macroblocks: int = 6000,
     aabb: str | None = None,
     processes: int | None = None,
     process_id: int | None = None,
@@ -39,12 +40,13 @@ def snerg_bake(
         codec: Codec of the atlas: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
         tau_alpha: Drop macroblocks whose largest opacity is below this, 0 ... 1.
         tau_vis: Drop macroblocks that no training camera sees with at least this transmittance, 0 ... 1.
-        tau_weight: Empty voxels that would make up less than this of any pixel of any training photograph, 0 ... 1. 0 keeps
-            all.
+        tau_weight: Empty voxels that would make up less than this of any pixel of any training photograph, 0 ... 1; by less
+            where the photographs lose 0.1 dB. 0 keeps all.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: the view MLP, then voxels and view
             MLP together (sharper, takes minutes).
         fine_tune_epochs: Passes over the training pixels while the view MLP is tuned. Not used if nothing is tuned.
         seed: Random seed of the samples inside voxels and of fine-tuning.
+        most_macroblocks: If more would be kept, the grid is made coarser. A macroblock takes 0.26 MB on the graphics card.
         aabb: Box that is baked, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box around the content. Not for
             forward-facing scenes, which are in NDC.
         processes: Number of processes that bake this pack together. Each runs the same command on a host that shares the
@@ -63,7 +65,9 @@ def snerg_bake(
     share = share_of(processes, process_id)
     check_target(out)  # now, not after the work is done
     box = None if aabb is None else parse_box(aabb)
-    config = BakeConfig(resolution, tau_alpha, tau_vis, tau_weight, fine_tune, fine_tune_epochs, seed, box)
+    config = BakeConfig(
+        resolution, tau_alpha, tau_vis, tau_weight, fine_tune, fine_tune_epochs, seed, most_macroblocks, box
+    )
     config.check()
     if not 0 <= pictures <= LARGEST_SIDE:
         raise UserError("is out of range", where="--pictures", expected=f"0 to {LARGEST_SIDE}", found=pictures)

@@ -31,6 +31,7 @@ from scenepack.padding import restore_padding
 from training.dataset import RayDataset
 
 TAU_WEIGHT = 0.0085  # on a lego at 512³ this empties one voxel in seven and costs 0.04 dB
+MILDER = (0.5, 0.25)
 DENSER = 20.0  # times itself, density grows to where it is closed
 
 
@@ -49,11 +50,12 @@ FIRM = Closing(
 
 @dataclass(frozen=True)
 class Pruned:
-    """voxels: with alpha before and after. macroblocks: left empty, and dropped."""
+    """voxels: with alpha before and after. macroblocks: left empty, and dropped. tau_weight: what it was done by, 0 if not."""
 
     voxels_before: int
     voxels_after: int
     macroblocks: int
+    tau_weight: float
 
 
 def prune(
@@ -68,14 +70,47 @@ def prune(
 
     A pack that no view sees at all comes back as it is.
     """
-    assert pack.atlas_features is not None, "baking always stores features"
-    blocks = [tuple(block) for block in np.argwhere(pack.occupied)]
     lit = light_of(pack, dataset, seed, on_share)
-    if lit is None:
-        count = sum(int(np.count_nonzero(_data(pack, pack.atlas_rgba, block)[..., 3])) for block in blocks)
-        return pack, Pruned(count, count, 0)
+    return (pack, _untouched(pack)) if lit is None else _thinner(pack, lit, tau_weight, closing)
+
+
+def prune_within(
+    most_lost: float,
+    score: Callable[[Pack], float],
+    pack: Pack,
+    dataset: RayDataset,
+    tau_weight: float = TAU_WEIGHT,
+    seed: int = 0,
+    on_share: Callable[[float], None] | None = None,
+    closing: Closing = UNSEEN,
+) -> tuple[Pack, Pruned]:
+    """As prune, by the largest of tau_weight and MILDER parts of it that lowers the score (dB) by no more than most_lost.
+
+    What one voxel shows may be little, and all of them together a wall: rooms whose walls are mist are such scenes. A pack
+    that any of it would harm comes back as it is.
+    """
+    lit = light_of(pack, dataset, seed, on_share)
+    if lit is not None:
+        least = score(pack) - most_lost
+        for part in (1.0, *MILDER):
+            thinner, pruned = _thinner(pack, lit, part * tau_weight, closing)
+            if score(thinner) >= least:
+                return thinner, pruned
+            del thinner  # before the next takes its place
+    return pack, _untouched(pack)
+
+
+def _untouched(pack: Pack) -> Pruned:
+    count = sum(int(np.count_nonzero(_data(pack, pack.atlas_rgba, block)[..., 3])) for block in _blocks(pack))
+    return Pruned(count, count, 0, 0.0)
+
+
+def _thinner(pack: Pack, lit: Light, tau_weight: float, closing: Closing) -> tuple[Pack, Pruned]:
+    """The pack without its voxels that make up less than tau_weight in this light, closed."""
+    assert pack.atlas_features is not None, "baking always stores features"
     before = after = 0
     kept = np.zeros(pack.occupied.shape, bool)
+    blocks = _blocks(pack)
     for block in blocks:
         rgba = _data(pack, pack.atlas_rgba, block)
         stays = _stays(rgba, lit.at(block), tau_weight)
@@ -85,11 +120,15 @@ def prune(
         ((block, _thinned(pack, block, lit.at(block), tau_weight, closing)) for block in blocks if kept[block]),
         kept, pack.block_size,
     )  # fmt: skip
-    del lit
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
     for atlas in (rgba, features):
         restore_padding(atlas, indices, pack.block_size)
-    return thinner, Pruned(before, after, len(blocks) - int(kept.sum()))
+    return thinner, Pruned(before, after, len(blocks) - int(kept.sum()), tau_weight)
+
+
+def _blocks(pack: Pack) -> list[tuple[int, ...]]:
+    """Places z, y, x of the occupied macroblocks."""
+    return [tuple(block) for block in np.argwhere(pack.occupied)]
 
 
 def closing_gain(alpha: np.ndarray, transmittance: np.ndarray, closing: Closing) -> np.ndarray:

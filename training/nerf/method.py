@@ -88,6 +88,10 @@ class NerfMethod:
         """An MLP cannot tell without being asked everywhere."""
         return None
 
+    def grain(self, state: NerfState) -> None:
+        """Nothing limits the detail of an MLP with positional encoding."""
+        return None
+
     def view_mlp(self, state: NerfState) -> ViewMlpParams | None:
         """The fine model's deferred head; None for a diffuse model, and for the baselines, which have none a ray."""
         view = here(state.params.fine.view)

@@ -76,6 +76,10 @@ class VoxelMethod:
         """Whether the boxes meet any present voxel's support; see training.method.Method."""
         return boxes_with_voxels(self.engine.occupancy(state), low, high)
 
+    def grain(self, state: Any) -> np.ndarray:
+        """The sides of the voxels; see training.method.Method."""
+        return self.engine.occupancy(state).voxel
+
     def view_mlp(self, state: Any) -> ViewMlpParams | None:
         return self.engine.view_mlp(state)
 

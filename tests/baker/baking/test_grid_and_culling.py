@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from baker.baking import bake as baking
+from baker.baking.bake import BakeConfig, Stages
 from baker.baking.culling import content_box, cull
 from baker.baking.grid import box_in_grid_frame, make_grid
-from baker.baking.supersample import supersample
+from baker.baking.supersample import spread_of, supersample
 from baker.baking.work_folder import WorkFolder
-from console import UserError
+from console import Notice, UserError
 from scenepack import Pack, check_pack
 from scenepack.blocks import dense_from_pack, fill_atlas
 from scenepack.padding import restore_padding
@@ -79,6 +84,26 @@ def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_
     assert culling.kept[facing & seen].mean() > 0.6
 
 
+def test_where_more_macroblocks_would_be_kept_than_cards_hold_the_grid_is_coarser_and_says_so(
+    scene, dataset, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(baking, "field_query", lambda run: ball)
+    monkeypatch.setattr(baking, "occupied_query", lambda run: lambda low, high: None)
+    run = SimpleNamespace(scene=scene, dataset=dataset, path=tmp_path)
+    work = WorkFolder(tmp_path / "work", {"bake": 1})
+
+    def culled(most: int) -> tuple[int, int]:
+        grid, culling = baking._culled(run, BakeConfig(120, most_macroblocks=most), work, Stages())  # type: ignore[arg-type]
+        return grid.resolution, int(culling.kept.sum())
+
+    resolution, kept = culled(6000)
+    assert resolution == 120
+    with pytest.warns(Notice, match=f"120 voxels would keep {kept} macroblocks.*--most-macroblocks {kept}"):
+        coarser, fewer = culled(kept // 2)
+    assert 30 <= coarser < 120 and fewer <= kept // 2
+    work.remove()
+
+
 def baked(culling, grid, work=None) -> Pack:
     """What supersample gives, as a pack of its own."""
     atlas = fill_atlas(supersample(ball, grid, culling, work=work), culling.kept, grid.block_size)
@@ -103,6 +128,42 @@ def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) 
     np.testing.assert_allclose(rgba[edge][:, :3] / 255, alpha[edge][:, None] * COLOUR, atol=1.01 / 255)
     centres = np.argwhere(solid) + 0.5 - 30
     assert np.linalg.norm(centres * grid.voxel_size, axis=1).max() < RADIUS, "voxels lie where the ball is"
+
+
+def test_a_field_no_finer_than_the_grid_is_asked_once_a_voxel_and_stays_as_sharp_as_it_is(dataset) -> None:
+    """What the paper's samples average out of an MLP, a field of voxels never had."""
+    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
+    culling, asked = cull(ball, grid, dataset), []
+
+    def ramp(points: np.ndarray):
+        asked.append(points)
+        return ball(points)._replace(density=60 * (1 + np.sin(points[:, 0] * 40)))  # type: ignore[arg-type]
+
+    blocks = dict(supersample(ramp, grid, culling, grain=np.full(3, grid.voxel_size)))
+    points = np.concatenate(asked)
+    voxels = (points @ grid.worldspace_T_opengl[:3, :3] - grid.min_xyz) / grid.voxel_size
+    np.testing.assert_allclose(voxels % 1, 0.5, atol=1e-3)
+    assert len(np.unique(np.floor(voxels), axis=0)) == len(voxels), "each once"
+    place, content = next(iter(blocks.items()))
+    z, y, x = np.nonzero(content[..., 3])
+    centres = grid.training_points(np.stack([x, y, z], -1) + 0.5 + np.array(place)[::-1] * 30)
+    alpha = 1 - np.exp(-ramp(centres).density * grid.voxel_size)
+    np.testing.assert_allclose(content[z, y, x, 3], 255 * alpha, atol=0.51)
+
+
+def test_what_the_fields_own_grain_blurs_along_an_axis_is_not_blurred_again() -> None:
+    frame = np.eye(4)
+    frame[:3, :3] = BLENDER_FRAME[:3, :3]
+    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, frame)
+    np.testing.assert_allclose(
+        spread_of(grid, None), np.full(3, 1 / np.sqrt(12)), rtol=1e-6
+    )  # a voxel's own: the paper's
+    along = frame[:3, :3].T @ np.array([0.0, 1.0, 0.0])  # the grid's axis that is the training frame's y
+    coarse = np.abs(along) > 0.5
+    spread = spread_of(grid, np.array([0.0, 4.0, 0.0]) * grid.voxel_size)
+    assert spread[coarse] == 0 and np.allclose(spread[~coarse], 1 / np.sqrt(12))
+    half = spread_of(grid, np.full(3, 0.6) * grid.voxel_size)
+    np.testing.assert_allclose(half, 0.8 / np.sqrt(12), rtol=1e-6)
 
 
 def test_the_atlas_holds_each_macroblock_and_copies_of_its_neighbours(dataset) -> None:

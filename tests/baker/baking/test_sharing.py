@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,21 @@ def test_a_helper_that_comes_late_finds_that_the_bake_has_ended(dataset, tmp_pat
     with pytest.raises(BakeEnded):
         voxels(dataset, late)
     assert not (tmp_path / "work").exists()
+
+
+def test_a_piece_that_a_helper_writes_as_the_bake_ends_leaves_nothing(tmp_path: Path, monkeypatch) -> None:
+    first, helper = (WorkFolder(tmp_path / "work", KEY, Share(number, 2)) for number in (0, 1))
+    first.once("a", lambda: {"a": np.zeros(1)})
+    remove = os.rmdir
+
+    def after_another_piece(path, **options) -> None:
+        with suppress(BakeEnded):
+            helper.once("b", lambda: {"b": np.zeros(1)})
+        remove(path, **options)
+
+    monkeypatch.setattr(os, "rmdir", after_another_piece)
+    first.remove()
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_helper_of_another_bake_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

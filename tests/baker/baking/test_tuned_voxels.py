@@ -17,7 +17,7 @@ Call = tuple[str, Any]
 
 
 @pytest.fixture
-def calls(monkeypatch: pytest.MonkeyPatch, helps: float, costs: float) -> list[Call]:
+def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
     """What the stages were called with, in order, while tuning helps by so many dB."""
     noted: list[Call] = []
 
@@ -29,29 +29,28 @@ def calls(monkeypatch: pytest.MonkeyPatch, helps: float, costs: float) -> list[C
             "samples_a_ray_before": 12.0, "samples_a_ray_after": samples,
         }  # fmt: skip
 
-    def prune(pack: Any, dataset: Any, tau: float, seed: int, on_share: Any, closing: Any) -> Any:
-        noted.append(("prune", (tau, closing)))
-        return replace(pack, params={"thinner": True}), Pruned(100, 80, 3)
+    def prune_within(most_lost: float, score: Any, pack: Any, dataset: Any, tau: float, *rest: Any) -> Any:
+        noted.append(("prune", (most_lost, tau, rest[-1])))
+        assert score(pack) == 29.0
+        return replace(pack, params={"thinner": True}), Pruned(100, 80, 3, tau)
 
     monkeypatch.setattr(baking, "joint_tune", joint_tune)
-    monkeypatch.setattr(baking, "prune", prune)
+    monkeypatch.setattr(baking, "prune_within", prune_within)
     monkeypatch.setattr(baking, "with_views_between", lambda dataset: dataset)
-    shown = iter((30.0, 30.0 - costs))
-    monkeypatch.setattr(baking, "shown_psnr", lambda *args, **options: next(shown))
+    monkeypatch.setattr(baking, "shown_psnr", lambda *args, **options: 29.0)
     return noted
 
 
 @pytest.mark.parametrize(
-    ("helps", "costs", "tau", "expected"),
+    ("helps", "tau", "expected"),
     [
-        (0.5, 0.02, 0.01, ["tune", "prune", "tune"]),
-        (0.5, 1.0, 0.01, ["tune", "prune", "tune"]),
-        (0.5, 0.0, 0.0, ["tune", "tune"]),
-        (0.0, 0.0, 0.01, ["tune"]),
+        (0.5, 0.01, ["tune", "prune", "tune"]),
+        (0.5, 0.0, ["tune", "tune"]),
+        (0.0, 0.01, ["tune"]),
     ],
 )
 def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
-    calls: list[Call], helps: float, costs: float, tau: float, expected: list[str]
+    calls: list[Call], helps: float, tau: float, expected: list[str]
 ) -> None:
     pack = random_pack(np.random.default_rng(0))
     config = BakeConfig(tau_weight=tau, seed=7)
@@ -65,8 +64,7 @@ def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
         assert last.held_out == 0 and last.seed != first.seed
         assert figures["passes"] == first.passes + last.passes and figures["samples_a_ray_after"] == 10.0 - len(calls)
     if "prune" in expected:
-        assert calls[1][1] == (pytest.approx(0.04), FIRM)
-    if "prune" in expected and costs < 0.1:
-        assert removed == Pruned(100, 80, 3) and tuned.params == {"thinner": True}
+        assert calls[1][1] == (baking.MOST_LOST, pytest.approx(0.04), FIRM)
+        assert removed == Pruned(100, 80, 3, pytest.approx(0.04)) and tuned.params == {"thinner": True}
     else:
-        assert removed is None and tuned is pack, "where it costs too much, nothing is pruned"
+        assert removed is None and tuned is pack

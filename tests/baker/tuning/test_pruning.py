@@ -11,7 +11,7 @@ from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.tuning import jax_marcher, pruning, sighting
 from baker.tuning.marcher import make_marcher
-from baker.tuning.pruning import FIRM, UNSEEN, closing_gain, light_of, prune
+from baker.tuning.pruning import FIRM, UNSEEN, closing_gain, light_of, prune, prune_within
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
 from tests.baker.analytic import RADIUS, ball
@@ -65,6 +65,22 @@ def test_a_lower_threshold_keeps_the_haze_in_front_of_the_ball_and_none_goes_twi
     again = prune(prune(hazy_ball(dataset)[0], dataset, 0.02)[0], dataset, 0.02)[1]
     assert once.voxels_after < once.voxels_before
     assert again.voxels_after > 0.85 * again.voxels_before, "a pack that was thinned has little left to lose"
+
+
+def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
+    """Mist of many voxels that show little each: together they are what photographs show."""
+    pack, _ = hazy_ball(dataset)
+
+    def lost_mist(thinner: Pack) -> float:
+        return float(np.count_nonzero(thinner.atlas_rgba[..., 3] == HAZE))
+
+    hard, mild = (prune(pack, dataset, part * 0.02) for part in (1, 0.25))
+    assert lost_mist(pack) > lost_mist(mild[0]) > lost_mist(hard[0])
+    for allowed, expected in ((1e9, hard), (lost_mist(pack) - lost_mist(mild[0]), mild)):
+        thinner, figures = prune_within(allowed, lost_mist, pack, dataset, 0.02)
+        assert np.array_equal(thinner.atlas_rgba, expected[0].atlas_rgba) and figures == expected[1]
+    untouched, figures = prune_within(0.0, lost_mist, pack, dataset, 0.02)
+    assert untouched is pack and figures.tau_weight == 0 and figures.voxels_after == figures.voxels_before > 0
 
 
 def test_a_pack_that_no_camera_sees_is_left_alone(dataset) -> None:
