@@ -7,10 +7,12 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.fuzz.interruptions import Writer, digest
 from tests.fuzz.windows import MakingWindow, working_on
+from viewer.app.films import films_possible, write_film
 
 OLD, NEW = "old " * 1000, "new " * 1000
 # Each writes NEW to the last word of its line. Its first run makes the file `begun` beside it and goes on for a minute.
@@ -61,6 +63,19 @@ def test_half_written_outputs_and_what_is_left_behind_are_seen(tmp_path: Path, s
     else:
         assert len(writer.problems) == 1 and problem in writer.problems[0]
     assert (place / "out").read_text() == NEW, "the same line was run to its end"
+
+
+@pytest.mark.skipif(not films_possible(), reason="PyAV is not installed")
+def test_films_are_compared_by_their_pictures_and_half_a_film_is_none(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (3, 32, 48, 3), np.uint8)
+    film, other, half = (tmp_path / name for name in ("film.mp4", "other.mp4", "half.mp4"))
+    write_film(film, list(noise), 30)
+    whole, found = film.read_bytes(), digest(film)
+    half.write_bytes(whole[: len(whole) // 2])
+    write_film(other, list(noise[::-1]), 30)
+    assert len({found, digest(other), digest(half), digest(tmp_path / "none.mp4")}) == 4
+    film.write_bytes(whole + (8).to_bytes(4, "big") + b"free")  # an empty box, which players pass over
+    assert digest(film) == found
 
 
 # A window whose "snerg-make" is a program that notices nothing, or ends as soon as the pipe to it is closed.
