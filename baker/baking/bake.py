@@ -206,7 +206,9 @@ def _with_tuned_voxels(
     second = JointConfig(seed=config.seed + 1, held_out=0, rate=SECOND_RATE)
     with stages(name), progress(f"{label}, all views", 1.0, stage=STAGE) as bar:
         pack, last = joint_tune(pack, dataset, second, bar.update, by_opacity)
-    figures |= {"passes": first.passes + second.passes, "samples_a_ray_after": last["samples_a_ray_after"]}
+    figures |= {
+        "passes": round(figures["passes"] + last["passes"], 2), "samples_a_ray_after": last["samples_a_ray_after"],
+    }  # fmt: skip
     return pack, figures, removed
 
 

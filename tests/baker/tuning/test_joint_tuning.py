@@ -283,6 +283,20 @@ def test_the_same_seed_gives_the_same_pack_so_that_a_bake_that_goes_on_ends_alik
     assert [f for f in check_pack(one) if f.severity in ("warning", "error")] == []
 
 
+def test_a_pass_of_too_many_steps_is_cut_short_and_anneals_all_the_same(dataset: RayDataset, monkeypatch) -> None:
+    rates: list[float] = []
+    update = fused_tuner.FusedTuner.update
+
+    def noting(self, ids, rates_now, count) -> None:
+        rates.append(float(rates_now[0]))
+        update(self, ids, rates_now, count)
+
+    monkeypatch.setattr(fused_tuner.FusedTuner, "update", noting)
+    figures = joint_tune(pack_of(), dataset, replace(QUICK, passes=50, most_steps=3))[1]
+    assert len(rates) == 3 and 0 < figures["passes"] < 50
+    np.testing.assert_allclose(rates[-1] / rates[0], QUICK.final_rate_factor ** (2 / 3), rtol=1e-5)
+
+
 def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(dataset: RayDataset) -> None:
     pack = problem_of(pack_of(), dataset).pack
     tuned, figures = joint_tune(copied(pack), dataset, replace(QUICK, rate=0.0, density_rate=50.0, head_rate=3.0))
