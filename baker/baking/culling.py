@@ -115,18 +115,18 @@ def cull(
     on_rays: Tick | None = None,
     work: WorkFolder | None = None,
     stages: Callable[[str], AbstractContextManager] = nullcontext,
-    label: str = "",
 ) -> Culling:
     """Both tests of section 5.4. occupied: spares asking the field where it is surely empty (baker.baking.field_query).
 
-    on_blocks, on_rays are told the share done of either. work: where a broken-off bake goes on; label begins the names of the
-    pieces there. stages: times the two.
+    on_blocks, on_rays are told the share done of either. work: where a broken-off bake goes on. stages: times the two.
     """
     with stages("opacity"):
-        opaque, density = _opacity(query, occupied, grid, tau_alpha, on_blocks, work, label)
+        opaque, density = _opacity(query, occupied, grid, tau_alpha, on_blocks, work)
     cells = density > 0
     with stages("visibility"):
-        bits = once(work, f"{label}visibility", lambda: _seen(density, grid, dataset, tau_vis, on_rays))["bits"]
+        bits = once(work, f"{grid.resolution}_visibility", lambda: _seen(density, grid, dataset, tau_vis, on_rays))[
+            "bits"
+        ]
     seen = np.unpackbits(bits, count=cells.size).reshape(cells.shape).astype(bool)
     for _ in range(DILATION):
         seen = dilate(seen)
@@ -143,7 +143,7 @@ def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
 
 def _opacity(
     query: FieldQuery, occupied: Occupied | None, grid: BakeGrid, tau_alpha: float, tick: Tick | None,
-    work: WorkFolder | None, label: str,
+    work: WorkFolder | None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """bool [blocks] with some voxel's alpha >= tau_alpha, and the cells' mean density [cells], 0 where none is FAINTEST.
 
@@ -167,7 +167,7 @@ def _opacity(
         if tick:
             tick(min(done / total, 1.0))
 
-    layers = {k: (f"{label}opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, tau_alpha, on_some))
+    layers = {k: (f"{grid.resolution}_opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, tau_alpha, on_some))
               for k in range(bz) if holds[k].any()}  # fmt: skip
     share_out(work, list(layers.values()))
     for k, piece in layers.items():

@@ -25,6 +25,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tests.told import told
+from tests.viewer.screen import virtual_screen
 
 ROOT = Path(__file__).parents[2]
 MODULES = {
@@ -35,9 +36,11 @@ MODULES = {
     "picture": "viewer.commands.render",
     "film": "viewer.commands.render",
 }
+WINDOWS = ("export", "window")  # of snerg-view, see tests.fuzz.windows
 DISK = "64m"  # enough for each of them where it is empty
 PATIENCE_S = 900.0
-TRAINING = ["--preset", "tiny", "--steps", "60", "--checkpoint-every", "15", "--validate-every", "30"]
+STEPS = "60"
+TRAINING = ["--preset", "tiny", "--steps", STEPS, "--checkpoint-every", "15", "--validate-every", "30"]
 BAKING = ["--resolution", "40", "--fine-tune", "none", "--tau-weight", "0"]
 
 
@@ -53,15 +56,25 @@ class Writer:
     seconds: float = 0.0
     problems: list[str] = field(default_factory=list)
 
-    @property
-    def program(self) -> list[str]:
-        return ["-m", MODULES[self.name]]
+    def line(self, out: Path) -> list[str]:
+        """Program and arguments that write `out`."""
+        return [sys.executable, "-m", MODULES[self.name], *self.words, "--out", str(out)]
 
     def start(self, out: Path, *more: str) -> subprocess.Popen[str]:
-        line = [sys.executable, *self.program, *self.words, "--out", str(out), *more]
         return subprocess.Popen(
-            line, cwd=ROOT, text=True, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+            [*self.line(out), *more],
+            cwd=ROOT,
+            text=True,
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
         )
+
+    def end(self, child: subprocess.Popen[str]) -> None:
+        """kill -9, and all that it started with it."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
 
     def run(self, out: Path) -> tuple[int, str]:
         """To its end: the exit status, and what it said on stderr."""
@@ -92,8 +105,7 @@ class Writer:
         child = self.start(place / self.out)
         self.wait(child, moment)
         finished = child.poll() is not None
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(child.pid, signal.SIGKILL)
+        self.end(child)
         child.communicate()
         found = self._found(place, old, f"killed after {moment:.2f} of its time")
         self._must_end_well(place, f"killed after {moment:.2f} of its time")
@@ -159,9 +171,23 @@ def digest(path: Path) -> str:
         if run != path:
             parts.append(digest(path / "pack").encode())
         return hashlib.sha256(b"".join(parts)).hexdigest()
+    if path.suffix == ".mp4" and path.exists():
+        return _of_film(path)
     if path.is_dir():
         return hashlib.sha256(b"".join(f.name.encode() + _content(f) for f in sorted(path.iterdir()))).hexdigest()
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else "nothing"
+
+
+def _of_film(path: Path) -> str:
+    """Of its pictures and their times, to the last bit: the encoder may choose other bytes for the same picture."""
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            parts = [str(f.time).encode() + f.to_ndarray().tobytes() for f in container.decode(video=0)]
+    except (av.FFmpegError, IndexError) as error:
+        return f"no film: {error!r}: {hashlib.sha256(path.read_bytes()).hexdigest()}"
+    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
 def _content(file: Path) -> bytes:
@@ -200,6 +226,7 @@ def writers(base: Path) -> list[Writer]:
     from PIL import Image
 
     from scenepack import save_pack
+    from tests.fuzz.windows import ExportingWindow, MakingWindow
     from tests.viewer.conftest import toy_pack
     from training.scenes.procedural import write_procedural_scene
 
@@ -224,6 +251,10 @@ def writers(base: Path) -> list[Writer]:
         Writer("convert", ["convert", str(pack), "--codec", "webp"], "converted", older_pack),
         Writer("picture", [str(pack), "--size", "800x800"], "picture.png", older_picture),
         Writer("film", [*view, "--orbit", "24"], "film.mp4", lambda out: out.write_bytes(b"older")),
+        ExportingWindow(
+            "export", [str(pack), "--export-size", "96x72"], "film.mp4", lambda out: out.write_bytes(b"older")
+        ),
+        MakingWindow("window", [str(scene)], "made"),
     ]
 
 
@@ -235,9 +266,12 @@ def campaign(names: list[str], times: int, disks: int, seed: int) -> tuple[str, 
     ]
     problems = []
     moments = random.Random(seed)
-    with tempfile.TemporaryDirectory(prefix="snerg-interruptions-") as folder:
+    with tempfile.TemporaryDirectory(prefix="snerg-interruptions-") as folder, contextlib.ExitStack() as stack:
         base, place, disk = (Path(folder) / name for name in ("base", "place", "disk"))
         base.mkdir(), disk.mkdir()
+        if set(names) & set(WINDOWS):
+            os.environ |= {"DISPLAY": stack.enter_context(virtual_screen()), "XDG_CONFIG_HOME": str(base / "home")}
+            os.environ.pop("WAYLAND_DISPLAY", None)
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(base / "compiled"))
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
         for writer in writers(base):
@@ -263,9 +297,11 @@ def main() -> int:
     parser.add_argument("--times", type=int, default=40, help="kills of each command (default 40)")
     parser.add_argument("--disks", type=int, default=10, help="full disks under each command (default 10)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", choices=MODULES, action="append", help="one command; may be given several times")
+    parser.add_argument(
+        "--only", choices=[*MODULES, *WINDOWS], action="append", help="one command; may be given several times"
+    )
     given = parser.parse_args()
-    table, problems = campaign(given.only or list(MODULES), given.times, given.disks, given.seed)
+    table, problems = campaign(given.only or [*MODULES, *WINDOWS], given.times, given.disks, given.seed)
     print(table)
     return 1 if problems else 0
 

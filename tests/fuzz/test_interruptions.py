@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.fuzz.interruptions import Writer, digest
+from tests.fuzz.windows import MakingWindow, working_on
+from viewer.app.films import films_possible, write_film
 
 OLD, NEW = "old " * 1000, "new " * 1000
 # Each writes NEW to the last word of its line. Its first run makes the file `begun` beside it and goes on for a minute.
@@ -33,9 +37,8 @@ class Scripted(Writer):
 
     script = ""
 
-    @property
-    def program(self) -> list[str]:
-        return ["-c", PROGRAM + self.script]
+    def line(self, out: Path) -> list[str]:
+        return [sys.executable, "-c", PROGRAM + self.script, str(out)]
 
     def wait(self, child: subprocess.Popen[str], moment: float) -> None:
         until = time.monotonic() + 60
@@ -60,3 +63,43 @@ def test_half_written_outputs_and_what_is_left_behind_are_seen(tmp_path: Path, s
     else:
         assert len(writer.problems) == 1 and problem in writer.problems[0]
     assert (place / "out").read_text() == NEW, "the same line was run to its end"
+
+
+@pytest.mark.skipif(not films_possible(), reason="PyAV is not installed")
+def test_films_are_compared_by_their_pictures_and_half_a_film_is_none(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (3, 32, 48, 3), np.uint8)
+    film, other, half = (tmp_path / name for name in ("film.mp4", "other.mp4", "half.mp4"))
+    write_film(film, list(noise), 30)
+    whole, found = film.read_bytes(), digest(film)
+    half.write_bytes(whole[: len(whole) // 2])
+    write_film(other, list(noise[::-1]), 30)
+    assert len({found, digest(other), digest(half), digest(tmp_path / "none.mp4")}) == 4
+    film.write_bytes(whole + (8).to_bytes(4, "big") + b"free")  # an empty box, which players pass over
+    assert digest(film) == found
+
+
+# A window whose "snerg-make" is a program that notices nothing, or ends as soon as the pipe to it is closed.
+WINDOW = """
+import subprocess, sys, time
+subprocess.Popen([sys.executable, "-c", sys.argv[1], sys.argv[2]], stdin=subprocess.PIPE, start_new_session=True)
+time.sleep(60)
+"""
+DEAF, HEARING = "import time; time.sleep(60)", "import sys; sys.stdin.read()"
+
+
+@pytest.mark.parametrize(("maker", "problems"), [(DEAF, ["window: what it makes outlives it"]), (HEARING, [])])
+def test_what_a_killed_window_leaves_running_is_seen_and_ended(tmp_path: Path, maker: str, problems: list[str]) -> None:
+    out = str(tmp_path / "out")
+    writer = MakingWindow("window", [], "out")
+    writer.patience_s = 0.5 if problems else 60.0
+    child = subprocess.Popen([sys.executable, "-c", WINDOW, maker, out], text=True)
+    until = time.monotonic() + 60
+    while len(working_on(out)) < 2 and time.monotonic() < until:
+        time.sleep(0.01)
+    writer.end(child)
+    child.wait()
+    assert writer.problems == problems
+    until = time.monotonic() + 60
+    while working_on(out) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not working_on(out)

@@ -75,8 +75,10 @@ def _require_rays(arrays: Mapping[str, np.ndarray], rays: int) -> None:
         raise unfit("step_voxels", f"{finest:g} to {farthest:g}", float(step))
     _require({"closed": np.asarray(arrays.get("closed", np.int32(0)))}, "closed", (), "i")
     *lists, drawn = (int(n) for n in arrays["sizes"])
-    if min(*lists, drawn) < 0 or max(lists) > LONGEST_LIST or drawn > MOST_RAYS:
-        raise unfit("sizes", f"lists up to {LONGEST_LIST}, rays up to {MOST_RAYS}", arrays["sizes"].tolist())
+    unknown = not any(lists)  # as of an engine that has no lists; otherwise a step marches through all of them
+    if min(*lists, drawn) < (0 if unknown else 1) or max(lists) > LONGEST_LIST or drawn > MOST_RAYS:
+        expected = f"lists of 1 to {LONGEST_LIST}, or none, and rays up to {MOST_RAYS}"
+        raise unfit("sizes", expected, arrays["sizes"].tolist())
 
 
 def _require(arrays: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...], kind: str) -> None:

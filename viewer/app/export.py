@@ -26,13 +26,16 @@ __all__ = ["Export", "films_possible"]
 
 Snapshot = Callable[[ViewCamera, RenderSettings], np.ndarray]
 FILM_SUFFIX, STILL_SUFFIX = ".mp4", ".png"
+CENTRES = (
+    256  # to a pixel, that principal points are rounded to: cards then hold them exactly, whatever a tile's corner
+)
 
 
 @dataclass
 class Export:
     """cameras: one a frame. target: a .png (one frame), an .mp4, or a folder for numbered PNGs.
 
-    tile_side: pixels a side of what is rendered at once.
+    tile_side: pixels a side of what is rendered at once; it changes no pixel.
     """
 
     cameras: list[ViewCamera]
@@ -48,6 +51,10 @@ class Export:
         self.done_tiles = 0
         self.started = time.monotonic()
         self.finished = False
+        self.cameras = [
+            replace(camera, cx=round(CENTRES * camera.cx) / CENTRES, cy=round(CENTRES * camera.cy) / CENTRES)
+            for camera in self.cameras
+        ]
         width, height = self.cameras[0].width, self.cameras[0].height
         self._boxes = tiles(width, height, self.tile_side)
         self._frame = np.zeros((height, width, 3), np.uint8)

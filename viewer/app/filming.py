@@ -138,11 +138,13 @@ class Filming:
             self.selected, self.time, self.playing = None, 0.0, False
             host.messages.say(f"{len(self.path.keyframes)} keyframes from {file.name}")
 
-    def still(self, host: Host, target: Path) -> None:
-        """Starts to write the present view, at `size`."""
-        camera = host.camera()
+    def still(self, host: Host, target: Path, camera: ViewCamera | None = None) -> None:
+        """Starts to write a camera's view, by default the present one at `size`."""
+        seen = host.camera() if camera is None else None
+        if seen is not None:
+            camera = _reshaped(seen, self.size)
         if camera is not None:
-            self._start(host, [_reshaped(camera, self.size)], target)
+            self._start(host, [camera], target)
 
     def film(self, host: Host, target: Path) -> None:
         """Starts to write the path: an .mp4, or a folder of PNGs."""

@@ -13,6 +13,7 @@ from console import UserError
 from console.atomic import Replacement
 
 MOST_FPS = 1000
+THREADS = 8  # of the encoder, on any computer: what it writes depends on their number
 
 
 def require_video() -> None:
@@ -29,7 +30,10 @@ def films_possible() -> bool:
 
 
 class FilmWriter:
-    """An H.264 film, written aside until finish(). UserError where PyAV is not installed or a side is odd."""
+    """An H.264 film, written aside until finish(). UserError where PyAV is not installed or a side is odd.
+
+    The same pictures give a film that shows the same, to the last bit; rarely, the encoder writes it in other bytes.
+    """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: int) -> None:
         """size: width, height in pixels."""
@@ -49,6 +53,7 @@ class FilmWriter:
             raise
         self._stream.width, self._stream.height = size
         self._stream.pix_fmt = "yuv420p"
+        self._stream.codec_context.thread_count = THREADS
 
     def add(self, picture: np.ndarray) -> None:
         """Appends a picture, uint8 [height, width, 3]."""

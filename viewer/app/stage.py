@@ -118,7 +118,7 @@ class Stage(Picture, Protocol):
         """Distance (grid units) along the ray through pixel (x, y) to the surface; None where there is none."""
 
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """The picture, uint8 [height, width, 3]."""
+        """The picture of the whole pack, uint8 [height, width, 3]; what of it is on its way to the card is waited for."""
         ...
 
     def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:

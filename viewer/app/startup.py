@@ -95,10 +95,13 @@ class Startup:
 
     def _start_export(self, app: App) -> None:
         assert self.export is not None
+        assert app.scene is not None
         if self.export_size is not None:
             app.filming.size = self.export_size
+        width, height = app.filming.size
+        app.scene.rig.shape(width / height)  # the film's, not the window's: that has none yet, or one that changes
         if self.export.suffix.lower() == STILL_SUFFIX:
-            app.filming.still(app, self.export)
+            app.filming.still(app, self.export, app.scene.rig.camera(app.filming.size, app.settings.near))
             return
         if not app.filming.path.keyframes:
             app.filming.turntable(app)

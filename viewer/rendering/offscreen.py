@@ -13,6 +13,7 @@ import numpy as np
 from console import UserError
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.current_context import current_context
 from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.rendering.renderer import Renderer
@@ -68,6 +69,8 @@ class OffscreenRenderer:
 
     ctx: a context to use instead of one of our own. limits: of the card; allow_half: at half resolution if need be; see
     viewer.rendering.renderer.Renderer. Raises UserError where there is no OpenGL or the pack does not fit.
+
+    Until it is released its context is the thread's current one; then that which was before is current again.
     """
 
     def __init__(
@@ -79,7 +82,7 @@ class OffscreenRenderer:
         *,
         allow_half: bool = True,
     ) -> None:
-        self._owns_context = ctx is None
+        self._owns_context, self._give_back = ctx is None, current_context()
         self.ctx = ctx or create_context()
         self.make_current()  # a context handed in need not be: uploads would land in another's textures
         try:
@@ -87,6 +90,7 @@ class OffscreenRenderer:
         except UserError:
             if self._owns_context:
                 self.ctx.release()
+            self._give_back()
             raise
         self._framebuffers: dict[tuple[int, int, str], moderngl.Framebuffer] = {}
 
@@ -139,6 +143,7 @@ class OffscreenRenderer:
         self.renderer.release()
         if self._owns_context:
             self.ctx.release()
+        self._give_back()
 
     def __enter__(self) -> OffscreenRenderer:
         return self

@@ -96,6 +96,13 @@ class Canvas:
             self.renderer.arrive(ARRIVING_S)
             self._wanted = ()  # more is to be seen now
 
+    def _receive_all(self) -> Renderer:
+        """What draws the whole pack, at its finest: what is still on its way to the card is waited for."""
+        assert self.renderer is not None
+        finest = self._coming or self.renderer
+        finest.arrive()
+        return finest
+
     def show_other(self, pack: Pack | None) -> None:
         """See Stage.show_other."""
         other = None
@@ -171,11 +178,10 @@ class Canvas:
 
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """See Stage.snapshot."""
-        assert self.renderer is not None
-        self.renderer.arrive()
+        renderer = self._receive_all()
         width, height = camera.width, camera.height
         framebuffer = self._still.fit(width, height)
-        self.renderer.render(framebuffer, camera, settings, (0, 0, width, height))
+        renderer.render(framebuffer, camera, settings, (0, 0, width, height))
         pixels = np.frombuffer(framebuffer.read((0, 0, width, height), components=3, alignment=1), np.uint8)
         return pixels.reshape(height, width, 3)[::-1].copy()
 

@@ -2,8 +2,9 @@
 
     python -m tests.viewer.panels.many_packs WARM_UP PACKS ROUNDS TOLERATED PACK [PACK ...]
 
-Prints JSON: host and card, bytes held after the warm-up and after each round of PACKS, [before, after, after, ...]. A round in
-which no more than the share TOLERATED is added is the last: what is forgotten is forgotten in every round.
+Prints JSON: host and card, bytes held after the warm-up and after each round of PACKS, [before, after, after, ...], and as many
+open descriptors. A round in which no more than the share TOLERATED is added is the last: what is forgotten is forgotten in
+every round.
 """
 
 from __future__ import annotations
@@ -25,6 +26,11 @@ def resident_bytes() -> int:
     gc.collect()
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * 4096
+
+
+def open_descriptors() -> int:
+    """How many files, pipes and the like this process has open."""
+    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 def open_and_look(ui: OffscreenUi, path: Path, *, other: bool = False) -> None:
@@ -54,14 +60,14 @@ def main(warm_up: str, times: str, rounds: str, tolerated: str, *packs: str) -> 
     ui.app.resolution.enabled = False
     paths = [Path(pack) for pack in packs]
     open_and_close(ui, paths, int(warm_up))
-    held = [(resident_bytes(), ui.canvas.gpu_bytes)]
+    held = [(resident_bytes(), ui.canvas.gpu_bytes, open_descriptors())]
     for _ in range(int(rounds)):
         open_and_close(ui, paths, int(times))
-        held.append((resident_bytes(), ui.canvas.gpu_bytes))
+        held.append((resident_bytes(), ui.canvas.gpu_bytes, open_descriptors()))
         if held[-1][0] < (1 + float(tolerated)) * held[-2][0]:
             break
     assert ctx.error == "GL_NO_ERROR"
-    print(json.dumps(dict(zip(("host", "card"), zip(*held, strict=True), strict=True))))
+    print(json.dumps(dict(zip(("host", "card", "descriptors"), zip(*held, strict=True), strict=True))))
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +16,7 @@ from scenepack.pack import Pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from viewer.rendering import offscreen as offscreen_module
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.gpu_scene import Limits
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.settings import MODES, RenderSettings
 
@@ -145,3 +147,19 @@ def test_no_opengl_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, message: s
     with pytest.raises(UserError, match=r"OpenGL 3\.3 or later") as caught:
         create_context()
     assert "\n" not in str(caught.value) and "install" in str(caught.value)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only EGL tells which context is current")
+def test_a_program_has_its_own_context_back_when_a_renderer_is_released(shapes: Pack, camera: ViewCamera) -> None:
+    told = bytes(range(16))
+    for refused in (False, True):
+        own = create_context()
+        texture = own.texture((2, 2), 4, told)
+        if refused:
+            with pytest.raises(UserError):
+                OffscreenRenderer(shapes, limits=Limits(16), allow_half=False)
+        else:
+            with OffscreenRenderer(shapes) as one, OffscreenRenderer(shapes) as other:
+                assert np.array_equal(one.render(camera), other.render(camera))
+        assert texture.read() == told and own.error == "GL_NO_ERROR"
+        own.release()

@@ -1,0 +1,35 @@
+"""snerg-view in which a scene is being made by the real snerg-make; it closes once that has ended.
+
+python -m tests.fuzz.making_window SCENE OUT STEPS RESOLUTION. Exit status 1 where there is no pack then.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from viewer.app import application
+from viewer.app.make_plan import Plan
+from viewer.commands import view
+
+
+def main(scene: Path, out: Path, steps: int, resolution: int) -> int:
+    start = application.App.use
+    plan = Plan("scene", scene, out, preset="tiny", steps=steps, resolution=resolution)
+
+    def use(app: application.App, preferences) -> None:
+        start(app, preferences)
+        app.making.plan = plan
+        app.making.start(app)
+        app.making.quit_after = True
+
+    application.App.use = use
+    status = view.main([])
+    if status == 0 and not (out / "pack").is_dir():
+        print(plan.log.read_text() if plan.log.exists() else "nothing was begun", file=sys.stderr)
+        return 1
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])))
