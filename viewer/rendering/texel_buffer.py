@@ -25,8 +25,9 @@ BINDINGS_IN_SHADERS = "GL_ARB_shading_language_420pack"
 
 def _function(ctx: moderngl.Context, name: str, *arguments: Any) -> Any:
     """OpenGL's function `name`, which returns nothing; None where the driver has none."""
-    backend: Any = getattr(ctx.mglo, "_context", None)
-    address = backend.load(name) if backend is not None else None
+    loader: Any = getattr(ctx.mglo, "_context", None)  # of a window another class than of an offscreen context
+    load = getattr(loader, "load_opengl_function", None)
+    address = load(name) if load else None
     return ctypes.CFUNCTYPE(None, *arguments)(address) if address else None
 
 
