@@ -8,6 +8,7 @@
 //   on every side. content: per voxel, brick by brick (BRICK_SIDE^3 of them a macroblock, x fastest), rgba and features as
 //   bytes. skip_grid: see march_exact.glsl; in cubes of 4^3 cells. viewer/rendering/brick_scene.py fills all three.
 // Options: INDIRECTION_SIZE: macroblocks along x and y, the border included. SKIP_SIZE: cubes of cells along x and y.
+// BYTE: one level of a stored value.
 
 layout(binding = INDIRECTION_UNIT) uniform isamplerBuffer indirection;
 layout(binding = SKIP_GRID_UNIT) uniform usamplerBuffer skip_grid;
@@ -29,10 +30,10 @@ struct Content {
 };
 
 #ifdef FEATURES_STORED
-#define BYTE (1.0 / 255.0)
+#define UNIT BYTE
 
 vec4 bytes(uint word) {
-    return vec4(ivec4(int(word & 255u), int((word >> 8) & 255u), int((word >> 16) & 255u), int(word >> 24)));
+    return vec4(ivec4(int(word % 256u), int((word >> 8) % 256u), int((word >> 16) % 256u), int(word >> 24)));
 }
 
 void add_voxel(inout Content content, float weight, int place) {
@@ -41,7 +42,7 @@ void add_voxel(inout Content content, float weight, int place) {
     content.features += weight * bytes(voxel.y);
 }
 #else
-#define BYTE 1.0
+#define UNIT 1.0
 
 void add_voxel(inout Content content, float weight, int place) {
     content.rgba += weight * texelFetch(content_voxels, place);
@@ -57,7 +58,7 @@ Content filtered_content(int first, vec3 padded) {
     ivec3 halves = ivec3(1, 2, 4);
     ivec3 a = (i >> 1) * BRICK_STEPS + (i & 1) * halves;
     ivec3 b = (j >> 1) * BRICK_STEPS + (j & 1) * halves;
-    vec4 square = BYTE * vec4(close.x * close.y, far.x * close.y, close.x * far.y, far.x * far.y);
+    vec4 square = UNIT * vec4(close.x * close.y, far.x * close.y, close.x * far.y, far.x * far.y);
     vec4 front = square * close.z, back = square * far.z;
     Content content = Content(vec4(0.0), first >= 0, vec4(0.0));
     int z = first + a.z;

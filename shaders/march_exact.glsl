@@ -33,13 +33,14 @@ Marched march(Ray ray) {
             vec3 cell = floor(point);
             vec3 within = point - cell;
             int word = skip_word(ivec3(cell));
-            bool some = (word & 255) == 0;
+            int empty = word % 256;  // the low byte
+            bool some = empty == 0;
             vec3 upper = vec3(greaterThanEqual(within, vec3(0.5)));
             int eighth = int(dot(upper, vec3(1.0, 2.0, 4.0)));
             if (some && ((word >> (8 + eighth)) & 1) != 0) break;
             // The empty cube around, (2 distance - 1) cells wide, is left after as many steps along each axis; so is an
             // empty eighth, which is a cell of half the size.
-            float distance = some ? 1.0 : float(word & 255);
+            float distance = some ? 1.0 : float(empty);
             within = some ? 2.0 * within - upper : within;
             vec3 leave = (ahead - within) * cell_inverse + distance * abs(cell_inverse);
             float steps = (some ? 0.5 : 1.0) * min(min(leave.x, leave.y), leave.z);

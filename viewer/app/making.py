@@ -12,16 +12,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-from PIL import Image
-
 from console import UserError
-from console.driven import Report
 from training.scenes.scene import Direction
 from viewer.app.child import Child
 from viewer.app.files import FileRequest, existing_folder
 from viewer.app.first_look import FirstLook, Kind, Look
 from viewer.app.host import Teller
+from viewer.app.job import Job
 from viewer.app.left_out import LeftOut, left_out_of
 from viewer.app.log import Dialog
 from viewer.app.make_plan import Plan, Subject
@@ -32,8 +29,6 @@ from viewer.rendering.settings import RenderSettings
 
 LOOKED_AT_EVERY_S = 0.2
 PARTING_S = 30.0  # for the child to save in, where the program ends in a way that leaves no window to wait in
-KEPT_FIGURES = 400
-PICTURE_SIDE = 512  # pixels of the longer side, at most
 
 
 class MakingHost(Teller, Protocol):
@@ -59,59 +54,6 @@ class MakingHost(Teller, Protocol):
 
     def show_look(self, look: Look, path: Path, name: str) -> None:
         """Shows points and cameras."""
-
-
-@dataclass
-class Job:
-    """plan: what is being made. report: the child's last word on how far it is. figures: PSNR (dB) as training goes on.
-
-    picture: a held-out photograph and how it is rendered so far, side by side, uint8 [h, w, 3].
-    """
-
-    plan: Plan
-    child: Child
-    started: float = field(default_factory=time.monotonic)
-    report: Report | None = None
-    figures: list[float] = field(default_factory=list)
-    picture: np.ndarray | None = None
-    _picture_time: float = 0.0
-
-    @property
-    def stopping(self) -> bool:
-        """Whether it was asked to stop."""
-        return self.child.stopping
-
-    @property
-    def stage(self) -> int:
-        """0 nothing heard yet, else which of the plan's stages it is, from 1."""
-        if self.report is None:
-            return 0
-        name = {"poses": "Poses", "training": "Training"}.get(self.report.stage, "Baking")
-        return self.plan.stages.index(name) + 1 if name in self.plan.stages else 1
-
-    def look(self) -> bool:
-        """Takes in what the child has done since; True where there is something new to show."""
-        report = self.child.report()
-        changed = report is not None and report != self.report
-        if changed and report is not None:
-            self.report = report
-            if "psnr" in report.metrics:
-                self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
-        return self._look_at_picture() or changed
-
-    def _look_at_picture(self) -> bool:
-        file = self.plan.run / "validation" / "latest.png"
-        try:
-            changed = file.stat().st_mtime
-            if changed == self._picture_time:
-                return False
-            with Image.open(file, formats=["PNG"]) as opened:
-                picture = opened.convert("RGB")
-            picture.thumbnail((PICTURE_SIDE, PICTURE_SIDE))
-            self.picture, self._picture_time = np.asarray(picture), changed
-        except (OSError, ValueError):  # not there yet
-            return False
-        return True
 
 
 @dataclass

@@ -9,8 +9,8 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from console.progress import duration
 from viewer.app.application import App
+from viewer.app.job import Job
 from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
-from viewer.app.making import Job
 from viewer.app.stage import Stage
 from viewer.panels import layout, preview_strip, theme
 from viewer.panels.corner_card import corner_card

@@ -65,6 +65,7 @@ class BrickWriter:
         self.defines: dict[str, object] = {
             "BRICKS": True,
             "INDIRECTION_SIZE": f"{shape[2]}, {shape[1]}",
+            "BYTE": repr(1 / 255),
             "SKIP_SIZE": f"{cubes.shape[2]}, {cubes.shape[1]}",
             **{f"{name.upper()}_UNIT": unit for name, unit in UNITS.items()},
         }

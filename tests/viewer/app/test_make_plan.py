@@ -20,8 +20,8 @@ from viewer.app import make_plan
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import POSED, REPORT
+from viewer.app.job import Job
 from viewer.app.make_plan import Plan
-from viewer.app.making import Job
 
 
 def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):

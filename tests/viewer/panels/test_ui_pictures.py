@@ -26,9 +26,9 @@ from tests.viewer.waiting import until
 from training.scenes.procedural import write_procedural_scene
 from viewer.app import crop, make_plan
 from viewer.app.commands import run
+from viewer.app.job import Job
 from viewer.app.log import LogLine
 from viewer.app.make_plan import Plan, Survey
-from viewer.app.making import Job
 from viewer.app.timing import FrameTimes
 from viewer.panels.layout import PAGES
 

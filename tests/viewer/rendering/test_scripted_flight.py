@@ -86,7 +86,7 @@ def test_the_target_is_held_within_a_tenth_over_a_flight(
     assert len(told) > 100 and scales.min() > SMALLEST_SCALE and scales.max() > 3 * scales.min()
     assert abs(told.mean() - HEADROOM) < 0.02  # what is planned for: a tenth below the target
     assert (told > 1.1).mean() <= 0.01 and told.max() < 1.2
-    assert (told < 0.75).mean() <= 0.03  # nor are pixels given away
+    assert (told < 0.75).mean() <= 0.04  # nor are pixels given away
 
 
 def test_the_scale_does_not_flicker_over_a_flight(costs: tuple[np.ndarray, np.ndarray]) -> None:

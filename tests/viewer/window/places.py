@@ -16,8 +16,8 @@ from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.files import FileRequest
 from viewer.app.first_look import Look
+from viewer.app.job import Job
 from viewer.app.make_plan import Plan
-from viewer.app.making import Job
 from viewer.app.review import Review
 from viewer.panels.layout import PAGES
 
