@@ -23,7 +23,7 @@ from baker.baking.supersample import supersample
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.fine_tune import EPOCHS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
-from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Closing, Pruned, prune_within
+from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Closing, Pruned, prune
 from baker.view_mlp import from_params
 from console import Notice, UserError, progress
 from console.progress import Progress
@@ -222,7 +222,7 @@ def _pruned(
         return shown_psnr(pack, dataset, config.seed, by_opacity=by_opacity)
 
     views = with_views_between(dataset)
-    return prune_within(MOST_LOST, score, pack, views, tau_weight, config.seed, bar.update, closing)
+    return prune(pack, views, tau_weight, config.seed, bar.update, closing, score, MOST_LOST)
 
 
 def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:

@@ -31,7 +31,7 @@ from scenepack.padding import restore_padding
 from training.dataset import RayDataset
 
 TAU_WEIGHT = 0.0085  # on a lego at 512³ this empties one voxel in seven and costs 0.04 dB
-MILDER = (0.5, 0.25)
+MILDER = (0.5, 0.25)  # parts of tau_weight
 DENSER = 20.0  # times itself, density grows to where it is closed
 
 
@@ -65,38 +65,26 @@ def prune(
     seed: int = 0,
     on_share: Callable[[float], None] | None = None,
     closing: Closing = UNSEEN,
+    score: Callable[[Pack], float] | None = None,
+    most_lost: float = 0.0,
 ) -> tuple[Pack, Pruned]:
     """The pack without the voxels that would make up less than tau_weight of any pixel of a training view, closed within.
 
-    A pack that no view sees at all comes back as it is.
+    score (dB): where given, it may fall by no more than most_lost. Otherwise tau_weight is MILDER, or the pack comes back as it
+    is. What one voxel shows may be little, and all of them together a wall: rooms whose walls are mist are such scenes.
+    A pack that no view sees at all comes back as it is, too.
     """
     lit = light_of(pack, dataset, seed, on_share)
-    return (pack, _untouched(pack)) if lit is None else _thinner(pack, lit, tau_weight, closing)
-
-
-def prune_within(
-    most_lost: float,
-    score: Callable[[Pack], float],
-    pack: Pack,
-    dataset: RayDataset,
-    tau_weight: float = TAU_WEIGHT,
-    seed: int = 0,
-    on_share: Callable[[float], None] | None = None,
-    closing: Closing = UNSEEN,
-) -> tuple[Pack, Pruned]:
-    """As prune, by the largest of tau_weight and MILDER parts of it that lowers the score (dB) by no more than most_lost.
-
-    What one voxel shows may be little, and all of them together a wall: rooms whose walls are mist are such scenes. A pack
-    that any of it would harm comes back as it is.
-    """
-    lit = light_of(pack, dataset, seed, on_share)
-    if lit is not None:
-        least = score(pack) - most_lost
-        for part in (1.0, *MILDER):
-            thinner, pruned = _thinner(pack, lit, part * tau_weight, closing)
-            if score(thinner) >= least:
-                return thinner, pruned
-            del thinner  # before the next takes its place
+    if lit is None:
+        return pack, _untouched(pack)
+    if score is None:
+        return _thinner(pack, lit, tau_weight, closing)
+    least = score(pack) - most_lost
+    for part in (1.0, *MILDER):
+        thinner, pruned = _thinner(pack, lit, part * tau_weight, closing)
+        if score(thinner) >= least:
+            return thinner, pruned
+        del thinner  # before the next takes its place
     return pack, _untouched(pack)
 
 

@@ -29,13 +29,14 @@ def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
             "samples_a_ray_before": 12.0, "samples_a_ray_after": samples,
         }  # fmt: skip
 
-    def prune_within(most_lost: float, score: Any, pack: Any, dataset: Any, tau: float, *rest: Any) -> Any:
-        noted.append(("prune", (most_lost, tau, rest[-1])))
+    def prune(pack: Any, dataset: Any, tau: float, *rest: Any) -> Any:
+        closing, score, most_lost = rest[-3:]
+        noted.append(("prune", (most_lost, tau, closing)))
         assert score(pack) == 29.0
         return replace(pack, params={"thinner": True}), Pruned(100, 80, 3, tau)
 
     monkeypatch.setattr(baking, "joint_tune", joint_tune)
-    monkeypatch.setattr(baking, "prune_within", prune_within)
+    monkeypatch.setattr(baking, "prune", prune)
     monkeypatch.setattr(baking, "with_views_between", lambda dataset: dataset)
     monkeypatch.setattr(baking, "shown_psnr", lambda *args, **options: 29.0)
     return noted

@@ -11,7 +11,7 @@ from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.tuning import jax_marcher, pruning, sighting
 from baker.tuning.marcher import make_marcher
-from baker.tuning.pruning import FIRM, UNSEEN, closing_gain, light_of, prune, prune_within
+from baker.tuning.pruning import FIRM, UNSEEN, closing_gain, light_of, prune
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
 from tests.baker.analytic import RADIUS, ball
@@ -77,9 +77,9 @@ def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
     hard, mild = (prune(pack, dataset, part * 0.02) for part in (1, 0.25))
     assert lost_mist(pack) > lost_mist(mild[0]) > lost_mist(hard[0])
     for allowed, expected in ((1e9, hard), (lost_mist(pack) - lost_mist(mild[0]), mild)):
-        thinner, figures = prune_within(allowed, lost_mist, pack, dataset, 0.02)
+        thinner, figures = prune(pack, dataset, 0.02, score=lost_mist, most_lost=allowed)
         assert np.array_equal(thinner.atlas_rgba, expected[0].atlas_rgba) and figures == expected[1]
-    untouched, figures = prune_within(0.0, lost_mist, pack, dataset, 0.02)
+    untouched, figures = prune(pack, dataset, 0.02, score=lost_mist)
     assert untouched is pack and figures.tau_weight == 0 and figures.voxels_after == figures.voxels_before > 0
 
 
