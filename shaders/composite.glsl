@@ -2,20 +2,23 @@
 //
 // Content is premultiplied: with the sample's colour c, features f and opacity a, and transmittance T so far,
 //   C += T c,   F += T f,   T *= 1 - a     where a > ALPHA_CONTRIBUTES, until T <= TRANSMITTANCE_STOP.
-// Options: ACCUMULATE_FEATURES; ACCUMULATE_DEPTH, COUNT_COST: what the depth and cost modes need.
+// Options: ACCUMULATE_FEATURES; ACCUMULATE_DEPTH, ACCUMULATE_NORMAL, COUNT_COST: what the modes depth and normals, and those
+//   of cost, need.
+// NORMAL_REACH: voxels to either side over which opacity is compared for the normal; less is rougher, more blunts edges.
 
 struct Marched {
     vec3 rgb;             // C
     vec4 features;        // F
     float transmittance;  // T
     float depth;          // sum of T a t
+    vec3 normal;          // sum of T a n, n the unit vector along which opacity falls most, in voxels
     float fetched;        // samples fetched from the atlas
     float jumps;          // steps over empty space
     vec3 block;           // macroblock of the first sample that contributed, or -1
 };
 
 Marched nothing_yet() {
-    return Marched(vec3(0.0), vec4(0.0), 1.0, 0.0, 0.0, 0.0, vec3(-1.0));
+    return Marched(vec3(0.0), vec4(0.0), 1.0, 0.0, vec3(0.0), 0.0, 0.0, vec3(-1.0));
 }
 
 #ifdef VIEW_MLP
@@ -26,8 +29,28 @@ Marched nothing_yet() {
 #endif
 #endif
 
-// Adds one sample that contributes. t: its distance along the ray.
-void composite(inout Marched marched, Content content, float t, vec3 block, vec3 viewdir) {
+#ifdef ACCUMULATE_NORMAL
+uniform vec3 grid_size;
+
+float opacity_at(vec3 position) {
+    vec3 inside = clamp(position, vec3(0.0), grid_size - 1e-3);
+    Content content = content_at(inside, block_of(inside));
+    return content.occupied ? content.rgba.a : 0.0;
+}
+
+// The unit vector along which opacity falls most; zero where it does not.
+vec3 normal_at(vec3 position) {
+    vec2 step = vec2(NORMAL_REACH, 0.0);
+    vec3 rise = vec3(
+        opacity_at(position + step.xyy) - opacity_at(position - step.xyy),
+        opacity_at(position + step.yxy) - opacity_at(position - step.yxy),
+        opacity_at(position + step.yyx) - opacity_at(position - step.yyx));
+    return -rise / max(length(rise), 1e-4);
+}
+#endif
+
+// Adds one sample that contributes, at `position` (voxels). t: its distance along the ray.
+void composite(inout Marched marched, Content content, float t, vec3 position, vec3 block, vec3 viewdir) {
     vec4 rgba = content.rgba;
 #ifdef VIEW_MLP_PER_SAMPLE
     vec4 features = features_of(content) / rgba.a;
@@ -38,6 +61,9 @@ void composite(inout Marched marched, Content content, float t, vec3 block, vec3
     marched.rgb += marched.transmittance * rgba.rgb;
 #ifdef ACCUMULATE_DEPTH
     marched.depth += marched.transmittance * rgba.a * t;
+#endif
+#ifdef ACCUMULATE_NORMAL
+    marched.normal += marched.transmittance * rgba.a * normal_at(position);
 #endif
 #ifdef FIRST_BLOCK
     marched.block = marched.block.x < 0.0 ? block : marched.block;
@@ -52,6 +78,8 @@ void partially_unpremultiply(inout Marched marched) {
         float saturated = min(1.0, UNPREMULTIPLY_GAIN * alpha);
         marched.rgb *= saturated / alpha;
         marched.features *= saturated / alpha;
+        marched.depth *= saturated / alpha;
+        marched.normal *= saturated / alpha;
         marched.transmittance = 1.0 - saturated;
     }
 }

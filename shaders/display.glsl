@@ -3,8 +3,10 @@
 // Source: docs/rendering.md ("Shading") for the picture; the published viewer and three.js for the choice of views.
 // Options: MODE: MODE_NORMAL the picture; MODE_DIFFUSE without the view-dependent residual; MODE_FEATURES the first three
 //   features; MODE_VIEW_DEPENDENT the residual alone; MODE_ALPHA opacity; MODE_DEPTH mean depth, near bright;
+//   MODE_NORMALS the direction that surfaces face in the grid frame, -1 ... 1 along x, y, z as red, green, blue of 0 ... 1;
 //   MODE_SAMPLES and MODE_JUMPS what the pixel cost; MODE_MACROBLOCKS a colour for each macroblock first hit;
 //   MODE_ATLAS the atlas as it lies in memory, see march_atlas.glsl.
+// RAW: numbers for files instead of a colour: see raw_values.
 // Inputs: background; depth_range: distances shown white and black; cost_scale: the count shown brightest.
 
 #include "colour_map.glsl"
@@ -12,6 +14,9 @@
 uniform vec3 background;
 uniform vec2 depth_range;
 uniform float cost_scale;
+#if defined(NDC) && MODE == MODE_NORMALS
+uniform mat3 training_R_grid;  // lengths kept
+#endif
 
 vec3 diffuse_colour(Marched marched) {
     return marched.rgb + marched.transmittance * background;
@@ -25,6 +30,36 @@ vec3 residual(Ray ray, Marched marched) {
 #endif
     return vec3(0.0);
 }
+
+#if MODE == MODE_DEPTH || MODE == MODE_NORMALS
+// Where the ray meets the scene, at its mean depth: in voxels; in forward-facing packs in the training frame, unwarped.
+vec3 mean_point(Ray ray, Marched marched) {
+    float mean = marched.depth / max(1.0 - marched.transmittance, 1e-6);
+    vec3 position = ray.origin + (mean - ray.start) * ray.direction;
+#ifdef NDC
+    vec3 warped = inverse(voxel_R_ndc) * (position - voxel_t_ndc);
+    float z = 2.0 * NDC_NEAR / min(warped.z - 1.0, -TINY);
+    return vec3(-warped.xy * z / ndc_scale, z);
+#else
+    return position;
+#endif
+}
+#endif
+
+#if MODE == MODE_NORMALS
+// The sum of T a n in the grid frame. Normals go through the warp as gradients do: by the transpose of its derivative.
+vec3 grid_normal(Ray ray, Marched marched) {
+#ifdef NDC
+    vec3 p = mean_point(ray, marched);
+    vec3 fall = transpose(voxel_R_ndc) * marched.normal;
+    vec2 across = -fall.xy * ndc_scale / p.z;
+    vec3 unwarped = vec3(across, -dot(across, p.xy) / p.z - 2.0 * NDC_NEAR * fall.z / (p.z * p.z));
+    return length(marched.normal) * transpose(training_R_grid) * unwarped / max(length(unwarped), TINY);
+#else
+    return marched.normal;
+#endif
+}
+#endif
 
 vec3 displayed_colour(Ray ray, Marched marched) {
     float alpha = 1.0 - marched.transmittance;
@@ -41,6 +76,8 @@ vec3 displayed_colour(Ray ray, Marched marched) {
 #elif MODE == MODE_DEPTH
     float mean = marched.depth / max(alpha, 1e-6);
     return vec3(alpha * (depth_range.y - mean) / (depth_range.y - depth_range.x));
+#elif MODE == MODE_NORMALS
+    return 0.5 * (alpha + grid_normal(ray, marched));
 #elif MODE == MODE_SAMPLES
     return colour_map(marched.fetched / cost_scale);
 #elif MODE == MODE_JUMPS
@@ -49,3 +86,21 @@ vec3 displayed_colour(Ray ray, Marched marched) {
     return mix(background, block_colour(marched.block) * (0.35 + 0.65 * marched.rgb), alpha);
 #endif
 }
+
+#ifdef RAW
+// What mean values of rays are made of, with opacity as the fourth: depth: the opacity times mean_point; normals: times the
+// unit normal, in the grid frame; all else: the colour times opacity, nothing of the background in it.
+vec4 raw_values(Ray ray, Marched marched) {
+    float alpha = 1.0 - marched.transmittance;
+#if MODE == MODE_DEPTH
+    return vec4(alpha * mean_point(ray, marched), alpha);
+#elif MODE == MODE_NORMALS
+    return vec4(grid_normal(ray, marched), alpha);
+#elif OVER_BACKGROUND
+    vec3 shown = clamp(displayed_colour(ray, marched), 0.0, 1.0);
+    return vec4(clamp(shown - marched.transmittance * background, 0.0, alpha), alpha);
+#else
+    return vec4(displayed_colour(ray, marched), alpha);
+#endif
+}
+#endif

@@ -34,7 +34,7 @@ Marched march(Ray ray) {
         Content content = content_of_slot(order, local);
         if (on_edge(local)) content.rgba = mix(content.rgba, vec4(0.25, 0.45, 0.7, 1.0), EDGE_OPACITY);
         if (content.rgba.a > ALPHA_CONTRIBUTES) {
-            composite(marched, content, t, cell, ray.viewdir);
+            composite(marched, content, t, position, cell, ray.viewdir);
             if (marched.transmittance <= TRANSMITTANCE_STOP) break;
         }
     }

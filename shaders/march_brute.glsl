@@ -13,7 +13,7 @@ Marched march(Ray ray) {
         marched.fetched += 1.0;
 #endif
         if (content.rgba.a > ALPHA_CONTRIBUTES) {
-            composite(marched, content, ray.start + k, block, ray.viewdir);
+            composite(marched, content, ray.start + k, position, block, ray.viewdir);
             if (marched.transmittance <= TRANSMITTANCE_STOP) break;
         }
     }

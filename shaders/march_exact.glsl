@@ -59,7 +59,7 @@ Marched march(Ray ray) {
 #endif
             bool marching = i == 0 || (k < end && marched.transmittance > TRANSMITTANCE_STOP);
             if (content.rgba.a > ALPHA_CONTRIBUTES && content.occupied && marching)
-                composite(marched, content, ray.start + k, block, ray.viewdir);
+                composite(marched, content, ray.start + k, position, block, ray.viewdir);
             k += 1.0;
         }
         if (marched.transmittance <= TRANSMITTANCE_STOP) break;

@@ -26,7 +26,7 @@ Marched march(Ray ray) {
         vec3 coordinates = atlas_coordinates(entry, position - corner);
         if (textureLod(atlas_alpha_nearest, coordinates, 0.0).r > 0.0) {
             Content content = Content(fetch_rgba(coordinates), true, coordinates);
-            composite(marched, content, ray.start + t, block, ray.viewdir);
+            composite(marched, content, ray.start + t, position, block, ray.viewdir);
 #ifdef COUNT_COST
             marched.fetched += 1.0;
 #endif

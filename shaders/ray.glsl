@@ -5,6 +5,7 @@
 //   the ray): nothing nearer is seen;
 //   box_min, box_max: the grid, or the part of it that a crop box leaves;
 //   training_R_camera: for the view direction of the view MLP.
+//   ORTHOGRAPHIC: parallel rays; fx and fy are pixels per voxel. Never together with NDC or DISTORTION.
 //   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray. DISTORTION: distortion, lens_reach; see undistorted.
 #ifndef TINY
 #define TINY 1e-8
@@ -107,10 +108,17 @@ Ray camera_ray(vec2 fragment) {
 #ifdef DISTORTION
     image = undistorted(image, runs);
 #endif
+#ifdef ORTHOGRAPHIC
+    vec3 in_camera = vec3(0.0, 0.0, -1.0);
+#else
     vec3 in_camera = normalize(vec3(image.x, -image.y, -1.0));
+#endif
     float first = max(near_plane / -in_camera.z, ray_near);
     ray.viewdir = normalize(training_R_camera * in_camera);
     vec3 origin = camera_position;
+#ifdef ORTHOGRAPHIC
+    origin += grid_R_camera * vec3(image.x, -image.y, 0.0);
+#endif
     vec3 direction = normalize(grid_R_camera * in_camera);
 #ifdef NDC
     runs = ndc_ray(ray.viewdir, first, origin, direction, first) && runs;

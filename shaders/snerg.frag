@@ -6,16 +6,17 @@
 //   MODE             one of MODE_...; see display.glsl
 //   NDC              defined for forward-facing packs
 //   DISTORTION       defined for cameras whose lens distorts
+//   ORTHOGRAPHIC     defined for cameras whose rays are parallel
 //   FEATURES_STORED  defined where the pack has features; FEATURES_BESIDE where they lie beside rgba in one atlas
 //   VIEW_MLP         defined where the pack has a view MLP and the mode asks for it
 //   VIEW_MLP_PER_SAMPLE  ablation: the view MLP at every sample instead of once a pixel (paper, table 1, row 3)
+//   RAW              defined to write numbers with opacity instead of a colour; see display.glsl
+//   OVER_BACKGROUND  1 where the mode shows the background, else 0
+//   BACKDROP         defined where something is seen behind the scene instead of the plain background; see backdrop.glsl
 //   RAW_COUNTS       defined to write samples fetched, steps over empty space and opacity instead of a colour
 //   BLOCK_SIZE, PADDED_BLOCK_SIZE, SLOT_WIDTH  data voxels per macroblock side, B, and atlas voxels to the next in x
 // Every length below is in voxels and every position in the grid, [0, grid size], unless said otherwise.
 #version 330 core
-#ifdef BRICKS
-#extension GL_ARB_shading_language_420pack : require
-#endif
 
 #include "constants"
 #include "ray.glsl"
@@ -31,6 +32,9 @@
 #include "march_brute.glsl"
 #endif
 #include "display.glsl"
+#ifdef BACKDROP
+#include "backdrop.glsl"
+#endif
 
 out vec4 fragment_colour;
 
@@ -42,7 +46,13 @@ void main() {
 #endif
 #ifdef RAW_COUNTS
     fragment_colour = vec4(marched.fetched, marched.jumps, 1.0 - marched.transmittance, 1.0);
+#elif defined(RAW)
+    fragment_colour = raw_values(ray, marched);
 #else
-    fragment_colour = vec4(clamp(displayed_colour(ray, marched), 0.0, 1.0), 1.0);
+    vec3 shown = clamp(displayed_colour(ray, marched), 0.0, 1.0);
+#ifdef BACKDROP
+    shown = clamp(shown + marched.transmittance * (backdrop(gl_FragCoord.xy) - background), 0.0, 1.0);
+#endif
+    fragment_colour = vec4(shown, 1.0);
 #endif
 }

@@ -11,7 +11,7 @@ from console import progress
 from console.atomic import replacing
 from scenepack.pack import Pack
 from viewer.app.films import films_possible, write_film
-from viewer.rendering.camera import orbit_path
+from viewer.rendering.framing import filling_orbit
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
@@ -34,7 +34,7 @@ def fly_over(pack: Pack, name: str, folder: Path, fov: float, settings: RenderSe
 
         def flight(count: int, side: int) -> list[np.ndarray]:
             out = []
-            for camera in orbit_path(pack, count, fov, (side, side)):
+            for camera in filling_orbit(pack, count, fov, (side, side)):
                 out.append(renderer.render(camera, settings))
                 bar.advance()
             return out

@@ -14,6 +14,7 @@ from rich.table import Table
 from console.plots import Line, Plot, draw_plots
 from viewer.benchmark.frames import Measurement, Photographs
 
+ORBITS = {"paper": "the paper's", "content": "around the content", "given": "as given"}
 HEADINGS = ("", "ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU MiB")
 
 
@@ -75,8 +76,11 @@ def rows(measurement: Measurement) -> list[tuple[str, ...]]:
 
 
 def title(result: Mapping[str, Any]) -> str:
-    """What was measured: size, frames, protocol."""
-    return f"{result['width']}x{result['height']}, {result['frames']} frames, {result['protocol']}, {result['fov']:g}°"
+    """What was measured: size, frames, protocol, distance of the orbit."""
+    orbit = ""
+    if result["distance"] is not None:
+        orbit = f", orbit at {result['distance']:.4g} ({ORBITS[result['distance_from']]})"
+    return f"{result['width']}x{result['height']}, {result['frames']} frames, {result['protocol']}, {result['fov']:g}°{orbit}"
 
 
 def notes(result: Mapping[str, Any], measurement: Measurement) -> list[str]:

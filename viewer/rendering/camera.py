@@ -22,11 +22,13 @@ FORWARD_FACING_FOCUS = 4.0  # distance of the point looked at; the nearest conte
 
 @dataclass(frozen=True)
 class ViewCamera:
-    """A pinhole camera, or one with a lens, posed in the grid frame.
+    """A pinhole camera, one with a lens, or an orthographic one, posed in the grid frame.
 
     grid_T_camera: float64 [4, 4]. fx, fy, cx, cy: pixels of a picture of width × height. near: nothing closer than this
     along the optical axis is shown, in units of the grid frame. distortion: OpenCV's k1, k2, p1, p2 on normalised image
     coordinates, y down, as in training.scenes.scene.Camera. ray_near: rays begin so far from the camera (Pack.near).
+    orthographic: all rays are parallel to the optical axis and begin in the plane across it through the camera; fx and fy
+    are pixels per unit of the grid frame then. Not for forward-facing packs, whose warp begins at one point; no distortion.
     """
 
     grid_T_camera: np.ndarray
@@ -39,6 +41,7 @@ class ViewCamera:
     near: float = 0.0
     distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     ray_near: float = 0.0
+    orthographic: bool = False
 
     @classmethod
     def look_at(
@@ -91,13 +94,15 @@ class ViewCamera:
         distance: float | None = None,
         fov_degrees: float = 39.0,
         size: tuple[int, int] = (800, 800),
+        middle: np.ndarray | None = None,
     ) -> ViewCamera:
         """A camera that circles the pack's content about the grid's y axis; angles in degrees.
 
-        distance: from the middle of the content, in grid units; by default just far enough to see all of it.
+        distance: from the middle, in grid units; by default just far enough to see a ball around all content, as the
+        benchmarks fly (viewer.rendering.framing fills the picture). middle: float [3], by default of the content's box.
         """
         low, high = content_box(pack)
-        middle = 0.5 * (low + high)
+        middle = 0.5 * (low + high) if middle is None else middle
         if distance is None:
             width, height = size
             narrower = tan(0.5 * radians(fov_degrees)) * min(1.0, width / height)
@@ -105,6 +110,12 @@ class ViewCamera:
         a, e = radians(azimuth), radians(elevation)
         eye = middle + distance * np.array([cos(e) * sin(a), sin(e), cos(e) * cos(a)])
         return cls.look_at(eye, middle, fov_degrees=fov_degrees, size=size, mirrored=is_mirrored(pack))
+
+    def as_orthographic(self, height: float) -> ViewCamera:
+        """The orthographic camera at the same place whose picture shows `height` (grid units, above 0) from top to bottom."""
+        scale = self.height / height
+        middle = 0.5 * self.width, 0.5 * self.height
+        return replace(self, fx=scale, fy=scale, cx=middle[0], cy=middle[1], distortion=(0.0,) * 4, orthographic=True)
 
     def resized(self, width: int, height: int) -> ViewCamera:
         """The same view as a picture of another size."""
@@ -140,12 +151,13 @@ def orbit_path(
     size: tuple[int, int] = (800, 800),
     elevation: float = ORBIT_ELEVATION,
 ) -> list[ViewCamera]:
-    """One turn around the content; forward-facing packs are flown along a circle in the camera plane instead."""
+    """One turn around a ball around all content, as benchmarks fly; forward-facing packs are flown along a circle in the
+    camera plane instead.
+    """
     if pack.ndc:
         return forward_facing_path(pack, frames, fov_degrees, size)
-    return [
-        ViewCamera.orbit(pack, 360.0 * i / frames, elevation, fov_degrees=fov_degrees, size=size) for i in range(frames)
-    ]
+    azimuths = [360.0 * i / frames for i in range(frames)]
+    return [ViewCamera.orbit(pack, azimuth, elevation, None, fov_degrees, size) for azimuth in azimuths]
 
 
 def forward_facing_path(

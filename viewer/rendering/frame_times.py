@@ -7,7 +7,7 @@ software rasterisers, where they cannot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 
@@ -16,28 +16,12 @@ import numpy as np
 
 from console import progress
 from scenepack.pack import Pack
-from viewer.rendering.camera import ViewCamera, forward_facing_path, orbit_path
+from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_clock import GpuClock, is_software
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
 WARM_UP_FRAMES = 3
-
-
-@dataclass(frozen=True)
-class Protocol:
-    """fov: vertical, degrees. size: width, height in pixels. path: cameras from (pack, frames, fov, size)."""
-
-    fov: float
-    size: tuple[int, int]
-    path: Callable[..., list[ViewCamera]]
-
-
-PROTOCOLS = {
-    "synthetic": Protocol(39.0, (800, 800), orbit_path),
-    "forward-facing": Protocol(53.0, (1006, 756), forward_facing_path),
-    "real360": Protocol(53.0, (990, 773), orbit_path),
-}
 
 
 @dataclass

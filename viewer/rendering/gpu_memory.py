@@ -9,8 +9,6 @@ import moderngl
 import numpy as np
 
 from console import UserError
-from viewer.rendering.huge_pages import software_draws
-from viewer.rendering.texel_buffer import TexelBuffer, texel_buffers_work
 
 OR_HALF = "or measure it at half resolution: --allow-half"  # the remedy of commands that have this option
 
@@ -21,20 +19,15 @@ class NoRoomError(UserError):
 
 @dataclass(frozen=True)
 class Limits:
-    """What a card takes. max_side: voxels a side of a 3D texture. max_texture_bytes: of one texture.
-
-    max_texels: of a buffer that shaders read as a texture; 0 where content is better kept in 3D textures.
-    """
+    """What a card takes. max_side: voxels a side of a 3D texture. max_texture_bytes: of one texture."""
 
     max_side: int
     max_texture_bytes: float = inf
-    max_texels: int = 0
 
     @classmethod
     def of(cls, ctx: moderngl.Context) -> Limits:
         """What the driver says. It tells no number of bytes; those it refuses when they are asked for."""
-        texels = ctx.info["GL_MAX_TEXTURE_BUFFER_SIZE"] if software_draws(ctx) and texel_buffers_work(ctx) else 0
-        return cls(ctx.info["GL_MAX_3D_TEXTURE_SIZE"], max_texels=texels)
+        return cls(ctx.info["GL_MAX_3D_TEXTURE_SIZE"])
 
 
 class Uploader:
@@ -42,7 +35,7 @@ class Uploader:
 
     def __init__(self, ctx: moderngl.Context, limits: Limits | None = None) -> None:
         self.ctx, self.bytes, self.limits = ctx, 0, limits or Limits.of(ctx)
-        self.made: list[moderngl.Texture | moderngl.Texture3D | TexelBuffer] = []
+        self.made: list[moderngl.Texture | moderngl.Texture3D] = []
         while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
             pass
 
@@ -81,22 +74,6 @@ class Uploader:
         texture = self.volume(what, (x, y, z), channels, dtype)
         texture.write(np.ascontiguousarray(data), alignment=1)
         return texture
-
-    def texels(self, what: str, count: int, kind: str, unit: int) -> TexelBuffer:
-        """An uninitialised buffer of `count` texels for texture unit `unit`; see TexelBuffer for `kind`."""
-        if count > self.limits.max_texels:
-            raise NoRoomError(
-                f"the {what} buffer is too large for this graphics driver",
-                expected=f"at most {self.limits.max_texels} texels",
-                found=str(count),
-            )
-        bytes_ = TexelBuffer.size_of(count, kind)
-        self._refuse_more_than_fits(what, bytes_)
-        buffer = TexelBuffer(self.ctx, count, kind, unit)
-        self.made.append(buffer)
-        self.check(f"the {what} buffer", bytes_)
-        self.bytes += bytes_
-        return buffer
 
     def weights(self, matrix: np.ndarray) -> moderngl.Texture:
         """weights [inputs, outputs] as float RGBA texels, outputs padded to whole texels."""

@@ -5,8 +5,7 @@ The pack's own atlas layout is not kept: occupied macroblocks are copied, in the
 no empty slots. Two layouts of textures, for the marchers that need them:
   exact, brute: indirection (RGBA8UI), skip words (R16UI), and one atlas in which the features of each macroblock lie
                 beside its rgba in x, so that a sample's two fetches meet the same pages of memory; or, where a texture
-                so large is refused, an atlas of rgba and one of features. For software rasterisers the same content
-                as bricks in buffers (viewer/rendering/brick_scene.py), where those are large enough.
+                so large is refused, an atlas of rgba and one of features
   paper:        indirection, alpha (R8), rgb (RGB8), features, and the view MLP's weights (SNeRG paper, appendix A)
 Textures are allocated at once and may be filled bit by bit: macroblocks that have not arrived count as empty.
 """
@@ -15,30 +14,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain
 from math import ceil, inf
-from typing import Literal
 
 import moderngl
 import numpy as np
 
 from scenepack.pack import Pack
-from viewer.rendering.brick_scene import BrickWriter
 from viewer.rendering.gpu_memory import Limits, NoRoomError, Uploader
 from viewer.rendering.huge_pages import move_to_huge_pages, private_memory, software_draws
 from viewer.rendering.skip_grid import skip_grid_of
-from viewer.rendering.texel_buffer import TexelBuffer
 
 MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
 SHOWN_EVERY_S = 0.02  # while a pack arrives
 TOLERATED_WASTE = 1.01  # empty slots that are worth a layout with better locality
 
 Triple = tuple[int, int, int]
-Arrangement = Literal[
-    "bricks", "beside", "apart"
-]  # of features: a voxel at a time, a macroblock, or a texture of their own
-AnyTexture = moderngl.Texture | moderngl.Texture3D | TexelBuffer
 
 
 @dataclass
@@ -48,11 +40,10 @@ class GpuScene:
     atlas_size: voxels (x, y, z). slots: macroblocks of it, (x, y, z). occupied: macroblocks that it holds.
     features_beside: whether features lie beside rgba in one atlas, a macroblock's side further in x.
     content_min, content_max: float64 [3], voxels, the box around all content. hull: its triangles' corners, where the
-    layout has them and there are any. arriving: fills the textures step by step; None once all is there.
-    bricks: what lays out the content as bricks; None where it is an atlas. defines: what the shaders must know of it.
+    layout has them and there are any. writer: what fills the textures. arriving: its steps; None once all is there.
     """
 
-    textures: dict[str, AnyTexture]
+    textures: dict[str, moderngl.Texture | moderngl.Texture3D]
     samplers: dict[str, moderngl.Sampler]
     atlas_size: Triple
     slots: Triple
@@ -62,9 +53,8 @@ class GpuScene:
     content_max: np.ndarray
     hull: moderngl.Buffer | None
     gpu_bytes: int
-    arriving: Iterator[None] | None = None
-    bricks: BrickWriter | None = None
-    defines: dict[str, object] = field(default_factory=dict)
+    writer: AtlasWriter
+    arriving: Iterator[None] | None
 
     @property
     def cube_side(self) -> int:
@@ -85,17 +75,14 @@ class GpuScene:
         return self.arriving is None
 
     def see_first(self, position: np.ndarray) -> None:
-        """What lies close to `position` (voxels) shall arrive first, where the arrangement lets it."""
-        if self.bricks is not None:
-            self.bricks.near = position
+        """What lies close to `position` (voxels) shall arrive first."""
+        self.writer.near = position
 
     def bind(self, program: moderngl.Program) -> None:
         """Binds every texture that `program` samples, and its sampler, to a unit of its own."""
         unit = 0
         for name, texture in self.textures.items():
-            if isinstance(texture, TexelBuffer):
-                texture.use()
-            elif name in program:
+            if name in program:
                 program[name] = unit
                 texture.use(unit)
                 self.samplers[name].use(unit)
@@ -161,33 +148,37 @@ def nearest_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
 Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
 
 
-class _AtlasWriter:
-    """Repacks a pack's macroblocks into textures of one layout; `beside`: parts of an atlas side by side in each."""
+class AtlasWriter:
+    """Repacks a pack's macroblocks into textures of one layout; `beside`: parts of an atlas side by side in each.
+
+    near: a point of the grid, in voxels; layers of slots close to it arrive first. None: in the grid's order.
+    """
 
     def __init__(self, uploader: Uploader, pack: Pack, beside: int = 1) -> None:
         self.uploader, self.pack, self.block = uploader, pack, pack.padded_block_size
+        self.near: np.ndarray | None = None
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
         self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
         nx, ny, nz = self.slots
         self.size = (nx * beside * self.block, ny * self.block, nz * self.block)
         self.textures: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []
-        self.indirection = uploader.filled("indirection", self._indirection(0))
+        self._layer_of = np.arange(len(self.places)) // (nx * ny)  # of each macroblock, in the grid's order
+        self._arrived = np.zeros(nz, bool)  # layers of slots
+        self.indirection = uploader.filled("indirection", self._indirection())
 
-    def _indirection(self, arrived: int) -> np.ndarray:
+    def _indirection(self) -> np.ndarray:
         """uint8 [z + 2, y + 2, x + 2, 4]: slot (x, y, z) and 0, or 1 in the last for empty, as the border is.
 
-        arrived: how many macroblocks, in the grid's order, are in the atlas already; the others count as empty.
+        Macroblocks that have not arrived count as empty.
         """
         occupied = self.pack.occupied
         nx, ny, _ = self.slots
         order = np.arange(len(self.places))
-        grid = np.zeros((*occupied.shape, 4), np.uint8)
+        grid = np.zeros((*(n + 2 for n in occupied.shape), 4), np.uint8)
         grid[..., 3] = 1
-        grid[occupied] = np.stack([order % nx, order // nx % ny, order // (nx * ny), order >= arrived], axis=1)
-        bordered = np.zeros((*(n + 2 for n in occupied.shape), 4), np.uint8)
-        bordered[..., 3] = 1
-        bordered[1:-1, 1:-1, 1:-1] = grid
-        return bordered
+        slots = [order % nx, order // nx % ny, self._layer_of, ~self._arrived[self._layer_of]]
+        grid[1:-1, 1:-1, 1:-1][occupied] = np.stack(slots, axis=1)
+        return grid
 
     def texture(self, name: str, *parts: Part) -> moderngl.Texture3D:
         """An empty texture for `parts`, side by side in x; steps() fills it."""
@@ -198,25 +189,44 @@ class _AtlasWriter:
 
     def steps(self) -> Iterator[None]:
         """Fills all textures, one layer of slots at a time, and shows the macroblocks of each from then on."""
-        nx, ny, nz = self.slots
-        width, height, _ = self.size
-        size, shown = self.block, time.perf_counter()
-        for layer in range(nz):
-            arrived = min((layer + 1) * nx * ny, len(self.places))
+        shown = time.perf_counter()
+        while not self._arrived.all():
+            layer = self._next_layer()
             for name, texture, parts in self.textures:
-                volume = np.zeros((size, height, width, texture.components), np.uint8)
-                for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : arrived].tolist()):
-                    to_y = slot // nx * size
-                    for k, (atlas, channels) in enumerate(parts):
-                        to_x = (slot % nx * len(parts) + k) * size
-                        block = atlas[z : z + size, y : y + size, x : x + size, channels]
-                        volume[:, to_y : to_y + size, to_x : to_x + size] = block
-                texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
-                self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
-            if time.perf_counter() - shown > SHOWN_EVERY_S or layer == nz - 1:
-                self.indirection.write(self._indirection(arrived), alignment=1)
+                self._write(layer, name, texture, parts)
+            self._arrived[layer] = True
+            if time.perf_counter() - shown > SHOWN_EVERY_S or self._arrived.all():
+                self.show_arrived()
                 shown = time.perf_counter()
             yield
+
+    def show_arrived(self) -> None:
+        """Lets rays see the macroblocks that have arrived."""
+        self.indirection.write(self._indirection(), alignment=1)
+
+    def _next_layer(self) -> int:
+        """The layer whose nearest macroblock is closest to `near`, of those that have not arrived."""
+        coming = np.flatnonzero(~self._arrived)
+        if self.near is None or not len(self.places):
+            return int(coming[0])
+        middles = (np.argwhere(self.pack.occupied)[:, ::-1] + 0.5) * self.pack.block_size
+        away = np.full(len(self._arrived), inf)
+        np.minimum.at(away, self._layer_of, np.square(middles - self.near).sum(axis=1))
+        return int(coming[np.argmin(away[coming])])
+
+    def _write(self, layer: int, name: str, texture: moderngl.Texture3D, parts: tuple[Part, ...]) -> None:
+        nx, ny, _ = self.slots
+        width, height, _ = self.size
+        size = self.block
+        volume = np.zeros((size, height, width, texture.components), np.uint8)
+        for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : (layer + 1) * nx * ny].tolist()):
+            to_y = slot // nx * size
+            for k, (atlas, channels) in enumerate(parts):
+                to_x = (slot % nx * len(parts) + k) * size
+                block = atlas[z : z + size, y : y + size, x : x + size, channels]
+                volume[:, to_y : to_y + size, to_x : to_x + size] = block
+        texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
+        self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
 
 
 def upload(
@@ -227,25 +237,21 @@ def upload(
     at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile.
     """
     stored = pack.atlas_features is not None and pack.view_mlp is not None
-    arrangements: list[Arrangement] = ["apart"]
-    if layout == "exact":
-        limits = limits or Limits.of(ctx)
-        arrangements = [*(["bricks"] if limits.max_texels else []), *(["beside"] if stored else []), "apart"]
-    for arrangement in arrangements[:-1]:
+    if layout == "exact" and stored:
         try:
-            return _uploaded(ctx, pack, layout, limits, arrangement, at_once)
-        except NoRoomError:  # arranged in another way it may fit
+            return _uploaded(ctx, pack, layout, limits, True, at_once)
+        except NoRoomError:  # as two textures it may fit
             pass
-    return _uploaded(ctx, pack, layout, limits, arrangements[-1], at_once)
+    return _uploaded(ctx, pack, layout, limits, False, at_once)
 
 
 def _uploaded(
-    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None, arrangement: Arrangement, at_once: bool
+    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None, features_beside: bool, at_once: bool
 ) -> GpuScene:
     uploader = Uploader(ctx, limits)
     taken_before = private_memory() if software_draws(ctx) else None
     try:
-        scene = _allocate(uploader, pack, layout, arrangement)
+        scene = _allocate(uploader, pack, layout, features_beside)
         if taken_before is not None and scene.arriving is not None:
             scene.arriving = chain(scene.arriving, move_to_huge_pages(taken_before))
         if at_once:
@@ -256,16 +262,13 @@ def _uploaded(
         raise
 
 
-def _allocate(uploader: Uploader, pack: Pack, layout: str, arrangement: Arrangement) -> GpuScene:
-    if arrangement == "bricks":
-        return _allocate_bricks(uploader, pack)
+def _allocate(uploader: Uploader, pack: Pack, layout: str, features_beside: bool) -> GpuScene:
     ctx, every = uploader.ctx, slice(None)
-    features_beside = arrangement == "beside"
-    writer = _AtlasWriter(uploader, pack, 2 if features_beside else 1)
+    writer = AtlasWriter(uploader, pack, 2 if features_beside else 1)
     features = pack.atlas_features if pack.view_mlp is not None else None
     linear = plain_sampler(ctx) if layout == "paper" else float_sampler(ctx)
     nearest = nearest_sampler(ctx)
-    textures: dict[str, AnyTexture] = {"indirection": writer.indirection}
+    textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {"indirection": writer.indirection}
     content_min = content_max = np.zeros(3)
     hull = None
     if layout == "paper":
@@ -298,28 +301,6 @@ def _allocate(uploader: Uploader, pack: Pack, layout: str, arrangement: Arrangem
         content_max,
         hull,
         uploader.bytes,
-        writer.steps(),
-    )
-
-
-def _allocate_bricks(uploader: Uploader, pack: Pack) -> GpuScene:
-    skip_grid = skip_grid_of(pack)
-    features = pack.atlas_features if pack.view_mlp is not None else None
-    writer = BrickWriter(uploader, pack, features, skip_grid.cubes)
-    hull = uploader.ctx.buffer(skip_grid.hull.tobytes()) if len(skip_grid.hull) else None
-    one = (1, 1, 1)
-    return GpuScene(
-        dict(writer.textures),
-        {},
-        one,
-        one,
-        writer.count,
-        False,
-        skip_grid.content_min,
-        skip_grid.content_max,
-        hull,
-        uploader.bytes,
-        writer.steps(),
         writer,
-        writer.defines,
+        writer.steps(),
     )

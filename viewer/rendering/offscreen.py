@@ -120,15 +120,21 @@ class OffscreenRenderer:
         """The picture before it is rounded to 8 bits, float32 [height, width, 3]; for tests and metrics."""
         return self._draw_and_read(camera, settings, "f4", np.float32)
 
-    def _draw_and_read(self, camera: ViewCamera, settings: RenderSettings | None, dtype: str, kind: type) -> np.ndarray:
+    def render_raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """What `settings` with raw or counts give, float32 [height, width, 4]; see viewer.rendering.layers."""
+        return self._draw_and_read(camera, settings, "f4", np.float32, components=4)
+
+    def _draw_and_read(
+        self, camera: ViewCamera, settings: RenderSettings | None, dtype: str, kind: type, components: int = 3
+    ) -> np.ndarray:
         self.make_current()
         framebuffer = self.framebuffer(camera.width, camera.height, dtype)
         self.renderer.render(framebuffer, camera, settings)
-        data = framebuffer.read(components=3, dtype=dtype, alignment=1)
+        data = framebuffer.read(components=components, dtype=dtype, alignment=1)
         if lost(self.ctx):
             raise UserError("the OpenGL context was lost", remedy="the graphics driver restarted; run it again")
         pixels = np.frombuffer(data, kind)
-        return pixels.reshape(camera.height, camera.width, 3)[::-1].copy()  # GL reads from the bottom up
+        return pixels.reshape(camera.height, camera.width, components)[::-1].copy()  # GL reads from the bottom up
 
     def release(self) -> None:
         """Frees everything on the card, and the context if it is ours."""

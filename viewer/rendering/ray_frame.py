@@ -43,6 +43,12 @@ def lens_reach(distortion: tuple[float, float, float, float]) -> float:
     return min(turns, default=1e12) ** 0.5
 
 
+def _rotation(matrix: np.ndarray) -> np.ndarray:
+    """The orthogonal part [3, 3] of a frame [4, 4], reflections included."""
+    u, _, vt = np.linalg.svd(matrix[:3, :3])
+    return u @ vt
+
+
 class RayFrame:
     """What rays must know of a pack, worked out once."""
 
@@ -55,6 +61,7 @@ class RayFrame:
             grid_T_ndc = np.linalg.inv(self.training_T_grid)
             self.ndc = {
                 "ndc_scale": (2.0 * focal / width, 2.0 * focal / height),
+                "training_R_grid": _rotation(self.training_T_grid),
                 "voxel_R_ndc": grid_T_ndc[:3, :3] / pack.voxel_size,
                 "voxel_t_ndc": (grid_T_ndc[:3, 3] - pack.min_xyz) / pack.voxel_size,
             }
@@ -65,10 +72,14 @@ class RayFrame:
         box_min, box_max = self.box(settings)
         near, voxels = max(camera.near, settings.near), 1.0 if pack.ndc else 1.0 / pack.voxel_size
         position = (camera.position - pack.min_xyz) / pack.voxel_size
+        focal = camera.fx, camera.fy
+        if camera.orthographic:  # pixels per voxel
+            focal = camera.fx * pack.voxel_size, camera.fy * pack.voxel_size
         training_T_camera = self.training_T_grid @ camera.grid_T_camera
         return {
             "picture_size": (camera.width, camera.height),
-            "intrinsics": (camera.fx, camera.fy, camera.cx, camera.cy),
+            "intrinsics": (*focal, camera.cx, camera.cy),
+            "orthographic": float(camera.orthographic),
             "distortion": camera.distortion,
             "lens_reach": lens_reach(camera.distortion),
             "grid_R_camera": camera.grid_T_camera[:3, :3],
@@ -80,7 +91,7 @@ class RayFrame:
             "box_max": box_max,
             "training_R_camera": training_T_camera[:3, :3],
             "training_camera": training_T_camera[:3, 3],
-            "depth_range": self.depth_range(position),
+            "depth_range": self.depth_range(camera),
             **self.ndc,
         }
 
@@ -94,10 +105,14 @@ class RayFrame:
                 low = high = 0.5 * (low + high)
         return low, high
 
-    def depth_range(self, position: np.ndarray) -> tuple[float, float]:
-        """Distances, in voxels, between which the grid lies as seen from `position` (voxels)."""
+    def depth_range(self, camera: ViewCamera) -> tuple[float, float]:
+        """Distances along its rays, in voxels, between which the grid lies as seen by `camera`."""
         size = np.asarray(self.pack.grid_size, np.float64)
         if self.pack.ndc:
             return 0.0, float(np.linalg.norm(size))
-        middle, radius = float(np.linalg.norm(position - 0.5 * size)), float(0.5 * np.linalg.norm(size))
+        away = 0.5 * size - (camera.position - self.pack.min_xyz) / self.pack.voxel_size
+        middle, radius = float(np.linalg.norm(away)), float(0.5 * np.linalg.norm(size))
+        if camera.orthographic:
+            middle = float(away @ -camera.grid_T_camera[:3, 2])
+            return max(middle - radius, 0.0), max(middle + radius, 1.0)
         return max(middle - radius, 0.0), middle + radius

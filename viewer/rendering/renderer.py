@@ -28,6 +28,7 @@ from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
 GL_FRAMEBUFFER_SRGB = 0x8DB9
 GL_DEPTH_CLAMP = 0x864F
 SHADED_MODES = ("normal", "view-dependent")
+NORMAL_REACH = 1.5  # voxels; see shaders/composite.glsl
 LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
 MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks", "atlas")  # the others are black where there is nothing
 
@@ -125,6 +126,8 @@ class Renderer:
         """
         settings = settings or RenderSettings()
         viewport = viewport or (0, 0, camera.width, camera.height)
+        if camera.orthographic and self.pack.ndc:
+            raise ValueError("a forward-facing pack has no orthographic view: its warp begins at one point")
         if viewport[2:] != (camera.width, camera.height):
             camera = camera.resized(*viewport[2:])
         if settings.samples > 1:
@@ -146,9 +149,11 @@ class Renderer:
         scene.bind(program)
         if self._sees_hull(settings, camera):
             over_background = settings.mode in MODES_OVER_BACKGROUND and not settings.counts
-            empty = settings.background if over_background else (0.0, 0.0, 0.0)
+            empty = (*settings.background, 1.0) if over_background else (0.0, 0.0, 0.0, 1.0)
             framebuffer.depth_mask = True
-            framebuffer.clear(*empty, 1.0, depth=1.0, viewport=viewport)
+            framebuffer.clear(*((0.0,) * 4 if settings.raw else empty), depth=1.0, viewport=viewport)
+            if _style(settings):
+                self._draw_backdrop(framebuffer, settings, uniforms)
             if scene.hull is not None:
                 self._mark_hull(framebuffer, scene.hull, camera, uniforms)
             ctx.enable_only(moderngl.DEPTH_TEST)
@@ -157,6 +162,21 @@ class Renderer:
         ctx.enable_only(moderngl.NOTHING)
         ctx.depth_func = "<"
         scene.unbind(ctx)
+
+    def _draw_backdrop(
+        self, framebuffer: moderngl.Framebuffer, settings: RenderSettings, uniforms: dict[str, Any]
+    ) -> None:
+        """Fills the picture with its backdrop, to be seen in the pixels whose rays are not cast."""
+        style = _style(settings)
+        if style not in self._programs:
+            text = assemble("backdrop.frag", _backdrop_defines(settings))
+            program = compile_program(self.ctx, assemble("fullscreen.vert"), text)
+            self._programs[style] = program, self.ctx.vertex_array(program, [])
+        program, triangle = self._programs[style]
+        write_uniforms(program, uniforms)
+        framebuffer.depth_mask = False
+        triangle.render(moderngl.TRIANGLES, vertices=3)
+        framebuffer.depth_mask = True
 
     def _mark_hull(
         self, framebuffer: moderngl.Framebuffer, hull: moderngl.Buffer, camera: ViewCamera, uniforms: dict[str, Any]
@@ -190,7 +210,9 @@ class Renderer:
         self._scenes, self._programs = {}, {}
 
     def _program(self, settings: RenderSettings, camera: ViewCamera) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        key = (settings.marcher, settings.mode, settings.counts, settings.view_mlp_per_sample, any(camera.distortion))
+        ablated, lens = settings.view_mlp_per_sample, any(camera.distortion)
+        key = (settings.marcher, settings.mode, settings.counts, settings.raw, ablated, lens, camera.orthographic)
+        key += (_style(settings),)
         if key not in self._programs:
             program = compile_program(
                 self.ctx,
@@ -216,8 +238,7 @@ class Renderer:
         defines: dict[str, object] = {f"MARCHER_{name.upper()}": i for i, name in enumerate(MARCHERS)}
         defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
         stored = pack.view_mlp is not None and pack.atlas_features is not None
-        scene = self.scene(settings.marcher)
-        beside = scene.features_beside
+        beside = self.scene(settings.marcher).features_beside
         counting = settings.counts or mode in ("samples", "jumps")
         accumulates_features = stored and (shaded or mode == "features")
         return defines | {
@@ -232,16 +253,21 @@ class Renderer:
             "SAMPLES_A_TEST": 1 if accumulates_features or (stored and counting) else 2,
             "NDC": pack.ndc,
             "DISTORTION": any(camera.distortion),
+            "ORTHOGRAPHIC": camera.orthographic,
             "FEATURES_STORED": stored,
             "FEATURES_BESIDE": beside,
             "ACCUMULATE_FEATURES": accumulates_features,
             "VIEW_MLP": shaded,
             "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
-            "ACCUMULATE_DEPTH": mode == "depth",
+            "ACCUMULATE_DEPTH": mode in ("depth", "normals"),
+            "ACCUMULATE_NORMAL": mode == "normals",
+            "NORMAL_REACH": NORMAL_REACH,
             "FIRST_BLOCK": mode == "macroblocks",
             "COUNT_COST": counting,
             "RAW_COUNTS": settings.counts,
-            **scene.defines,
+            "RAW": settings.raw,
+            "OVER_BACKGROUND": int(mode in MODES_OVER_BACKGROUND),
+            **_backdrop_defines(settings),
         }
 
     def _generated(self) -> dict[str, str]:
@@ -264,7 +290,31 @@ class Renderer:
             "content_max": scene.content_max,
             "background": settings.background,
             "cost_scale": settings.cost_scale,
+            **_backdrop_uniforms(settings, camera),
         }
+
+
+BACKDROPS = {"gradient": 1, "checker": 2}
+
+
+def _style(settings: RenderSettings) -> str:
+    """Which backdrop is seen; "" for none."""
+    if settings.backdrop is None or settings.mode not in MODES_OVER_BACKGROUND or settings.counts or settings.raw:
+        return ""
+    return settings.backdrop.style
+
+
+def _backdrop_defines(settings: RenderSettings) -> dict[str, object]:
+    names: dict[str, object] = {f"BACKDROP_{name.upper()}": number for name, number in BACKDROPS.items()}
+    return {**names, "BACKDROP": BACKDROPS[_style(settings)]} if _style(settings) else {}
+
+
+def _backdrop_uniforms(settings: RenderSettings, camera: ViewCamera) -> dict[str, Any]:
+    seen = settings.backdrop
+    if seen is None or not _style(settings):
+        return {}
+    height = seen.span * camera.fy if seen.span else camera.height
+    return {"backdrop_height": height, "backdrop_first": seen.first, "backdrop_second": seen.second}
 
 
 def write_uniforms(program: moderngl.Program, values: dict[str, Any]) -> None:

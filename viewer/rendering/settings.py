@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 Mode = Literal[
@@ -12,6 +12,7 @@ Mode = Literal[
     "view-dependent",
     "alpha",
     "depth",
+    "normals",
     "samples",
     "jumps",
     "macroblocks",
@@ -24,6 +25,20 @@ MARCHERS: tuple[str, ...] = get_args(Marcher)
 
 
 @dataclass(frozen=True)
+class Backdrop:
+    """What is seen behind everything instead of the plain background, put there by opacity after all shading.
+
+    first, second: sRGB in [0, 1], above and below, or of the squares of a checkerboard. span: the height of the whole picture
+    over the camera's fy; 0 for that of the picture that is drawn. Who draws a picture in tiles says it: see `of_picture`.
+    """
+
+    style: Literal["gradient", "checker"]
+    first: tuple[float, float, float]
+    second: tuple[float, float, float]
+    span: float = 0.0
+
+
+@dataclass(frozen=True)
 class RenderSettings:
     """How to draw a pack; every field may change from frame to frame, some at the price of compiling a shader."""
 
@@ -33,6 +48,8 @@ class RenderSettings:
     """exact, the paper's baseline, or brute: every sample taken, for verification"""
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """colour behind everything, sRGB in [0, 1]"""
+    backdrop: Backdrop | None = None
+    """what is seen behind everything instead, while the view MLP is given `background` all the same"""
     near: float = 0.0
     """nothing closer than this along the optical axis is shown, grid units; the larger of this and the camera's counts"""
     crop: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
@@ -43,5 +60,15 @@ class RenderSettings:
     """the count shown brightest in the modes samples and jumps"""
     counts: bool = False
     """what each ray cost, as numbers instead of a colour: samples fetched, jumps, opacity; for float32 framebuffers"""
+    raw: bool = False
+    """numbers with opacity instead of a colour, for float32 framebuffers with four components (viewer.rendering.layers)"""
     view_mlp_per_sample: bool = False
     """ablation (paper, table 1): ask the view MLP at every sample instead of once a pixel"""
+
+
+def of_picture(settings: RenderSettings, height: int, fy: float) -> RenderSettings:
+    """The settings for tiles of a picture of `height` pixels, seen with a focal length `fy` in pixels."""
+    backdrop = settings.backdrop
+    if backdrop is None or backdrop.span:
+        return settings
+    return replace(settings, backdrop=replace(backdrop, span=height / fy))

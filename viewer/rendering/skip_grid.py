@@ -20,18 +20,16 @@ from viewer.rendering.content_hull import hull_triangles
 
 CELL = 4  # texel cubes a side; 1 and 2 were slower, 3 no faster (docs/performance.md)
 FARTHEST = 255
-CUBE = 4  # cells a side that lie together in the memory of a software rasteriser
 
 
 @dataclass(frozen=True)
 class SkipGrid:
     """words: uint16 [cells z, y, x], see skip_words. content_min, content_max: see content_bounds.
 
-    cubes: the words once more, see cubes_of. hull: float32 [T, 3, 3], see viewer.rendering.content_hull.
+    hull: float32 [T, 3, 3], see viewer.rendering.content_hull.
     """
 
     words: np.ndarray
-    cubes: np.ndarray
     content_min: np.ndarray
     content_max: np.ndarray
     hull: np.ndarray
@@ -46,7 +44,7 @@ def skip_grid_of(pack: Pack) -> SkipGrid:
     if key not in _known:
         words = skip_words(content_cells(pack, CELL // 2))
         content = words & FARTHEST == 0
-        _known[key] = SkipGrid(words, cubes_of(words), *content_bounds(content), hull_triangles(content, CELL))
+        _known[key] = SkipGrid(words, *content_bounds(content), hull_triangles(content, CELL))
         weakref.finalize(pack, _known.pop, key, None)
     return _known[key]
 
@@ -63,13 +61,6 @@ def skip_words(eighths: np.ndarray) -> np.ndarray:
         z, y, x = some.shape
         bits[:z, :y, :x] |= some.astype(np.uint16) << (8 + bit)
     return bits | chebyshev_distances(bits > 0)
-
-
-def cubes_of(words: np.ndarray) -> np.ndarray:
-    """[z / 4, y / 4, x / 4, 4, 4, 4] of the skip grid [z, y, x], zeros where that ends within a cube."""
-    padded = np.pad(words, [(0, -n % CUBE) for n in words.shape])
-    z, y, x = (n // CUBE for n in padded.shape)
-    return np.ascontiguousarray(padded.reshape(z, CUBE, y, CUBE, x, CUBE).transpose(0, 2, 4, 1, 3, 5))
 
 
 def content_cells(pack: Pack, side: int = CELL) -> np.ndarray:

@@ -15,7 +15,7 @@ import moderngl
 
 from console import UserError
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.settings import RenderSettings
+from viewer.rendering.settings import RenderSettings, of_picture
 from viewer.rendering.shader_source import assemble, compile_program
 
 Box = tuple[int, int, int, int]  # x, y, width, height in pixels, from the lower left corner
@@ -44,6 +44,7 @@ class Supersampling:
         draw: draws a view with one ray a pixel. UserError where the driver refuses the texture that it needs.
         """
         n, (left, bottom, width, height) = settings.samples, viewport
+        settings = of_picture(settings, camera.height, camera.fy)
         one, side = replace(settings, samples=1), max(1, TILE // n)
         larger = camera.resized(n * width, n * height)
         for y in range(0, height, side):

@@ -69,71 +69,36 @@ def test_every_macroblock_arrives_unchanged(ctx: moderngl.Context, layout: str) 
     scene.release()
 
 
-@pytest.mark.parametrize("block_size", [5, 14])
-@pytest.mark.parametrize("diffuse", [False, True])
-def test_every_voxel_arrives_in_its_brick(ctx: moderngl.Context, block_size: int, diffuse: bool) -> None:
-    pack = random_pack(
-        np.random.default_rng(7),
-        block_size=block_size,
-        grid_blocks=(3, 2, 3),
-        occupancy=0.05,
-        style="noise",
-        diffuse=diffuse,
-    )
-    scene = upload(ctx, pack, "exact")
-    if scene.bricks is None:
-        pytest.skip("content lies in bricks on software rasterisers only")
-    content = np.frombuffer(scene.bricks.content.buffer.read(), np.uint8).reshape(-1, 4 if diffuse else 8)
-    shape = tuple(n + 2 for n in pack.occupied.shape)
-    first = np.frombuffer(scene.bricks.indirection.buffer.read(), np.int32).reshape(shape)
-    assert np.array_equal(first[1:-1, 1:-1, 1:-1] >= 0, pack.occupied)
-    assert (first < 0).sum() == first.size - pack.occupied.sum()
-    side = pack.padded_block_size
-    half = (side + 1) // 2
-    z, y, x = np.indices((side, side, side))
-    brick = (z // 2 * half + y // 2) * half + x // 2
-    place = 8 * brick + 4 * (z % 2) + 2 * (y % 2) + x % 2
-    for at in np.argwhere(pack.occupied):
-        sx, sy, sz = pack.atlas_indices[tuple(at)].astype(int) * side
-        copy = slice(sz, sz + side), slice(sy, sy + side), slice(sx, sx + side)
-        there = content[first[tuple(at + 1)] + place]
-        assert np.array_equal(there[..., :4], pack.atlas_rgba[copy])
-        if pack.atlas_features is not None:
-            assert np.array_equal(there[..., 4:], pack.atlas_features[copy])
-    scene.release()
-
-
 def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
+    """A layer of the atlas at a time: the one that holds the closest macroblock."""
     pack = random_pack(np.random.default_rng(2), block_size=30, grid_blocks=(6, 6, 6), occupancy=0.02, style="noise")
     renderer = Renderer(ctx, pack, at_once=False)
     scene = renderer.scene("exact")
-    if scene.bricks is None:
-        pytest.skip("content lies in bricks on software rasterisers only")
+    assert scene.slots[2] > 4
     middles = (np.argwhere(pack.occupied)[:, ::-1] + 0.5) * pack.block_size
-    shape = tuple(n + 2 for n in pack.occupied.shape)
-    arrived = np.zeros(len(middles), bool)
+    layers = np.arange(len(middles)) // (scene.slots[0] * scene.slots[1])
+    shown = np.zeros(len(middles), bool)
     for near in ([0.0, 0.0, 0.0], [180.0, 180.0, 180.0], [0.0, 180.0, 90.0]):
         eye = pack.min_xyz + np.array(near) * pack.voxel_size
         renderer.see_first(ViewCamera.look_at(eye, pack.min_xyz + 90.5 * pack.voxel_size, size=(8, 8)))
         renderer.arrive(0.0)
-        scene.bricks.show_arrived()
-        first = np.frombuffer(scene.bricks.indirection.buffer.read(), np.int32).reshape(shape)[1:-1, 1:-1, 1:-1]
-        there = first[pack.occupied] >= 0
+        scene.writer.show_arrived()
+        there = arrived(scene, pack)
+        new = np.unique(layers[there & ~shown])
+        assert len(new) == 1 and np.array_equal(there & ~shown, layers == new[0])
         away = np.linalg.norm(middles - near, axis=1)
-        new = there & ~arrived
-        assert new.any() and not there.all()
-        assert away[new].max() <= away[~there].min() + 1e-6
-        arrived = there
+        assert away[layers == new[0]].min() <= away[~there].min()
+        shown = there
     renderer.release()
 
 
-def test_a_buffer_too_short_for_bricks_leaves_the_content_in_an_atlas(ctx: moderngl.Context) -> None:
-    pack = random_pack(np.random.default_rng(5), block_size=14, grid_blocks=(3, 3, 2), occupancy=0.02, style="noise")
-    voxels = int(pack.occupied.sum()) * pack.padded_block_size**3
-    for texels, bricks in ((voxels, True), (voxels - 1, False)):
-        scene = upload(ctx, pack, "exact", Limits(2048, max_texels=texels))
-        assert (scene.bricks is not None) == bricks
-        scene.release()
+def arrived(scene: GpuScene, pack: Pack) -> np.ndarray:
+    """bool [macroblocks, in the grid's order]: those that rays see."""
+    texture = scene.textures["indirection"]
+    assert isinstance(texture, moderngl.Texture3D)
+    indirection = np.frombuffer(texture.read(alignment=1), np.uint8)
+    indirection = indirection.reshape(*(n + 2 for n in pack.occupied.shape), 4)
+    return indirection[1:-1, 1:-1, 1:-1, 3][pack.occupied] == 0
 
 
 def test_gpu_bytes_are_within_a_sixth_of_the_occupied_macroblocks(

@@ -87,14 +87,12 @@ def test_what_a_driver_refuses_while_textures_are_made_counts_as_too_large(
     allocate = gpu_scene._allocate
     refused = []
 
-    def refuse_the_first_size(uploader, pack: Pack, layout: str, arrangement: str):
-        if arrangement == "bricks":
-            raise NoRoomError("no room", found="GL_OUT_OF_MEMORY")
+    def refuse_the_first_size(uploader, pack: Pack, layout: str, features_beside: bool):
         if len(refused) < 2:  # in one atlas, then in two
             uploader.volume("first", (8, 8, 8), 4)  # must be given back
             refused.append(uploader.made[0])
             raise NoRoomError("no room", found="GL_OUT_OF_MEMORY")
-        return allocate(uploader, pack, layout, arrangement)
+        return allocate(uploader, pack, layout, features_beside)
 
     monkeypatch.setattr(gpu_scene, "_allocate", refuse_the_first_size)
     with pytest.warns(Notice, match="GL_OUT_OF_MEMORY"):

@@ -21,8 +21,10 @@ from scenepack import Pack, load_pack
 from viewer.benchmark.card.parts import Facts
 from viewer.benchmark.frames import measure
 from viewer.benchmark.power import PowerMeter, card_facts
+from viewer.benchmark.protocols import flight, protocol_for
+from viewer.benchmark.sustained import sustained
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.frame_times import PROTOCOLS, WARM_UP_FRAMES, Contender
+from viewer.rendering.frame_times import Contender
 from viewer.rendering.gpu_clock import GpuClock, is_software
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.settings import RenderSettings
@@ -86,18 +88,17 @@ def _version(name: str) -> str:
 def pack_figures(path: Path, name: str, out: Path, look: Look) -> Facts:
     """Exactness, frame times, power and a picture of one pack, out/NAME.png."""
     pack = load_pack(path)
-    protocol = PROTOCOLS["forward-facing" if pack.ndc else "synthetic"]
+    protocol = protocol_for(pack)
 
-    def path_of(frames: int) -> list[ViewCamera]:
-        return protocol.path(pack, frames, protocol.fov, look.size)
+    def path_of(frames: int) -> Sequence[ViewCamera]:
+        return flight(pack, protocol, frames, size=look.size).cameras
 
     facts: dict[str, Any] = {
         "path": str(path),
         "voxels": list(pack.grid_size),
         "macroblocks": int(pack.occupied.sum()),
         "view_mlp": pack.view_mlp is not None,
-        "width": look.size[0],
-        "height": look.size[1],
+        **flight(pack, protocol, 1, size=look.size).facts,
     }
     with OffscreenRenderer(pack, allow_half=False) as renderer:
         facts["exactness"] = exactness(renderer, path_of(look.views))
@@ -107,9 +108,10 @@ def pack_figures(path: Path, name: str, out: Path, look: Look) -> Facts:
         facts["timer"] = timer(renderer, path_of(min(look.frames, 30)))
         cameras = path_of(look.frames)
         facts["power"] = {
-            marcher: sustained(renderer, cameras, marcher, look.power_s) for marcher in ("exact", "paper")
+            marcher: sustained(renderer, cameras, RenderSettings(marcher=marcher), look.power_s)
+            for marcher in ("exact", "paper")
         }
-    facts["times"] = times(pack, cameras)
+    facts["times"] = times(pack, list(cameras))
     held = facts["exactness"]["holds"]
     return facts | {"problems": [] if held else ["exact is not the picture of every sample: see exactness"]}
 
@@ -154,37 +156,10 @@ def timer(renderer: OffscreenRenderer, cameras: Sequence[ViewCamera]) -> Facts:
     }
 
 
-def sustained(renderer: OffscreenRenderer, cameras: Sequence[ViewCamera], marcher: str, seconds: float) -> Facts:
-    """Frames per second and watts while one marcher draws without a pause. watts: None where they cannot be told."""
-    settings = RenderSettings(marcher=marcher)  # type: ignore[arg-type]
-    framebuffer = renderer.framebuffer(cameras[0].width, cameras[0].height)
-
-    def draw(camera: ViewCamera) -> None:
-        renderer.renderer.render(framebuffer, camera, settings)
-        renderer.ctx.finish()
-
-    for _ in range(WARM_UP_FRAMES):
-        draw(cameras[0])
-    frames, began = 0, time.perf_counter()
-    with PowerMeter(str(renderer.ctx.info["GL_RENDERER"])) as meter:
-        for camera in itertools.cycle(cameras):
-            draw(camera)
-            frames += 1
-            if time.perf_counter() - began >= seconds:
-                break
-    fps = frames / (time.perf_counter() - began)
-    return {
-        "frames": frames,
-        "fps": fps,
-        "watts": meter.watts,
-        "fps_per_watt": fps / meter.watts if meter.watts else None,
-    }
-
-
-def times(pack: Pack, cameras: list[ViewCamera]) -> Facts:
+def times(pack: Pack, cameras: Sequence[ViewCamera]) -> Facts:
     """`exact` and `paper`, frames alternating, as snerg-bench measures them."""
     contenders = [Contender("exact", RenderSettings()), Contender("paper", RenderSettings(marcher="paper"))]
-    measured = measure(pack, cameras, contenders)
+    measured = measure(pack, list(cameras), contenders)
     exact, paper = measured.contenders
     psnr = measured.psnr["paper"]
     return {

@@ -1,0 +1,140 @@
+"""Depth, normals and opacity as numbers, measured on scenes whose geometry is known by formula."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from scenepack import Pack
+from scenepack.blocks import atlas_from_dense
+from scenepack.pack import pack_of_cube
+from tests.viewer.rendering.shapes import BLENDER_FRAME, NDC_FRAME, shapes_pack
+from viewer.rendering.camera import ViewCamera, orbit_path
+from viewer.rendering.layers import depth_along_axis, linear_rgb, straight_rgba, unit_normals
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.settings import RenderSettings
+
+Make = Callable[..., OffscreenRenderer]
+SIDE = 56
+RADIUS = 0.6
+
+
+def filled(inside: np.ndarray, frame: np.ndarray, **camera: object) -> Pack:
+    """A pack over [-1, 1]^3, opaque where `inside` ([z, y, x], -1 ... 1 at the surface, voxels) is positive."""
+    alpha = np.rint(255 * np.clip(inside + 0.5, 0, 1)).astype(np.uint8)[..., None]
+    rgba = np.concatenate([np.repeat(alpha // 2, 3, axis=-1), alpha], axis=-1)
+    return pack_of_cube(SIDE, 14, atlas_from_dense(rgba, None, 14), None, frame, **camera)
+
+
+def centres() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    z, y, x = (np.mgrid[:SIDE, :SIDE, :SIDE] + 0.5) * (2 / SIDE) - 1
+    return x, y, z
+
+
+def ball() -> Pack:
+    x, y, z = centres()
+    return filled((RADIUS - np.sqrt(x**2 + y**2 + z**2)) * SIDE / 2, BLENDER_FRAME)
+
+
+def seen(
+    renderer: OffscreenRenderer, camera: ViewCamera, samples: int = 1
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Depth [h, w], normals [h, w, 3] and opacity [h, w]."""
+    depth = renderer.render_raw(camera, RenderSettings(mode="depth", raw=True, samples=samples))
+    normals = renderer.render_raw(camera, RenderSettings(mode="normals", raw=True, samples=samples))
+    return depth_along_axis(depth, camera, renderer.pack), unit_normals(normals), depth[..., 3]
+
+
+def unprojected(depth: np.ndarray, camera: ViewCamera) -> np.ndarray:
+    """Points [h, w, 3] in the camera's grid frame, by a pinhole camera and depth along the axis."""
+    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+    in_camera = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -np.ones_like(x)], -1)
+    return (in_camera * depth[..., None]) @ camera.grid_T_camera[:3, :3].T + camera.position
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_it(
+    offscreen: Make, samples: int
+) -> None:
+    renderer = offscreen(ball())
+    camera = ViewCamera.look_at((0.9, 1.1, 1.6), (0.1, 0, 0), (0, 1, 0), 60, (64, 48))
+    depth, normals, alpha = seen(renderer, camera, samples)
+    points = unprojected(depth, camera)
+    # Rays that graze the ball see its haze rather than its surface.
+    rays = camera.position - points
+    facing = np.sum(points * rays, -1) / np.maximum(np.linalg.norm(rays, axis=-1), 1e-9)
+    solid = (alpha > 0.98) & (facing > 0.5 * RADIUS)
+    assert solid.sum() > 200
+    distance = np.linalg.norm(points[solid], axis=-1)
+    assert np.abs(distance - RADIUS).max() < 2 / SIDE  # a voxel
+    cosine = np.sum(normals[solid] * points[solid], -1) / distance
+    assert cosine.min() > 0.95
+    empty = alpha == 0
+    assert empty.any() and not depth[empty].any() and not normals[empty].any()
+
+
+def test_forward_facing_packs_have_the_depth_and_the_normals_of_the_world_that_was_warped(offscreen: Make) -> None:
+    width, height, focal = 160.0, 120.0, 140.0
+    x, y, z = centres()
+    # The world's plane n . p = d, by NeRF's warp (appendix C): x = -w x' / (2 f) z etc., z = 2 / (z' - 1).
+    n, d = np.array([0.25, -0.15, 1.0]), -2.4
+    z_ndc = -z  # the grid's z is minus NDC's
+    world_z = 2.0 / (z_ndc - 1.0)
+    world = np.stack([-x * world_z * width / (2 * focal), -y * world_z * height / (2 * focal), world_z], -1)
+    behind = (d - world @ n) * world_z**-2 * SIDE  # about voxels
+    pack = filled(behind, NDC_FRAME, ndc=True, input_width=width, input_height=height, input_focal=focal)
+    camera = orbit_path(pack, 1, 40, (60, 44))[0]
+    depth, normals, alpha = seen(offscreen(pack), camera)
+    solid = alpha > 0.98
+    assert solid.mean() > 0.5
+    points = unprojected(depth, camera)[solid] @ pack.worldspace_T_opengl[:3, :3].T
+    off = np.abs(points @ n - d) / np.linalg.norm(n)
+    assert np.median(off) < 0.05 and np.percentile(off, 95) < 0.12  # a voxel there is 0.1 deep
+    facing = normals[solid] @ (pack.worldspace_T_opengl[:3, :3].T @ n) / np.linalg.norm(n)
+    assert np.median(facing) > 0.99
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_a_transparent_picture_over_its_background_is_the_picture(offscreen: Make, samples: int) -> None:
+    background = (0.9, 0.8, 0.3)
+    renderer = offscreen(shapes_pack(diffuse=True))
+    camera = ViewCamera.orbit(renderer.pack, 30, size=(80, 60))
+    settings = RenderSettings(background=background, samples=samples)
+    straight = straight_rgba(
+        renderer.render_raw(camera, RenderSettings(background=background, raw=True, samples=samples))
+    )
+    alpha = straight[..., 3:] / 255.0
+    over = alpha * straight[..., :3] + (1 - alpha) * 255.0 * np.array(background)
+    assert np.abs(over - renderer.render(camera, settings)).max() <= 2.01  # three roundings
+    assert (straight[..., 3] == 255).any() and (straight[..., 3] == 0).any()
+    assert not straight[straight[..., 3] == 0].any()
+
+
+def test_the_view_mlp_sees_the_background_that_is_left_out(offscreen: Make) -> None:
+    """What it adds was learnt over a background, so that over the same one nothing changes but what no opacity can hold."""
+    renderer = offscreen(shapes_pack())
+    camera = ViewCamera.orbit(renderer.pack, 30, size=(80, 60))
+    raw = renderer.render_raw(camera, RenderSettings(raw=True))
+    over = raw[..., :3] + (1 - raw[..., 3:])
+    away = np.abs(over - renderer.render_float(camera))[raw[..., 3] > 0.99]
+    assert away.max() < 0.01
+    assert np.all(raw[..., :3] <= raw[..., 3:] + 1e-6) and raw.min() >= 0
+
+
+def test_light_is_decoded_before_opacity_is_multiplied_in() -> None:
+    raw = np.array([[[0.25, 0.5, 0.0, 0.5]]], np.float32)
+    assert np.allclose(linear_rgb(raw), [[[0.5 * 0.21404114, 0.5, 0.0]]], atol=1e-6)
+    assert straight_rgba(raw).tolist() == [[[128, 255, 0, 128]]]
+
+
+def test_every_marcher_gives_the_same_numbers(offscreen: Make) -> None:
+    camera = ViewCamera.orbit(shapes_pack(), 200, size=(48, 36))
+    pictures = []
+    for marcher in ("exact", "brute"):
+        renderer = offscreen(shapes_pack(), marcher)
+        settings = RenderSettings(mode="normals", raw=True, marcher=marcher)  # type: ignore[arg-type]
+        pictures.append(renderer.render_raw(camera, settings))
+    away = np.abs(pictures[0] - pictures[1])
+    assert np.mean(away > 0.01) < 1e-3

@@ -1,0 +1,147 @@
+"""The camera paths of the paper's measurement (SNeRG paper, appendix B): 150 frames around the scene, or in the camera plane.
+
+The paper takes the intrinsics of its photographs, and names fields of view and sizes. It does not name the distance: here it is
+that of the photographs, too. Cameras of NeRF-synthetic stand 4.0311 from the origin and look at it; those of spherified 360°
+scenes on a unit sphere. Packs that do not lie so (other scenes, parts of scenes) are orbited as close as shows all of their
+content. Nor does the paper name the height: orbits are ORBIT_ELEVATION above the horizon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, isfinite, radians, sin
+from typing import Literal
+
+import numpy as np
+
+from console import UserError
+from scenepack.pack import Pack
+from viewer.rendering.camera import (
+    ORBIT_ELEVATION,
+    ViewCamera,
+    content_box,
+    forward_facing_path,
+    is_mirrored,
+    orbit_path,
+)
+
+ProtocolName = Literal["synthetic", "forward-facing", "real360"]
+FITTED = "content"  # the word of --distance for the orbit that shows all of the content
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """fov: vertical, degrees. size: width, height in pixels. distance: of the paper's cameras from the origin, in units of the
+    training frame; None where they do not orbit."""
+
+    fov: float
+    size: tuple[int, int]
+    distance: float | None
+
+
+PROTOCOLS: dict[str, Protocol] = {
+    "synthetic": Protocol(39.0, (800, 800), 4.0311),
+    "forward-facing": Protocol(53.0, (1006, 756), None),
+    "real360": Protocol(53.0, (990, 773), 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The cameras of a measurement. distance: from what is looked at, in grid units, None where they do not orbit; distance_from:
+    "paper", "content" or "given"."""
+
+    protocol: str
+    fov: float
+    size: tuple[int, int]
+    cameras: Sequence[ViewCamera]
+    distance: float | None
+    distance_from: str | None
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """For JSON: what the measurement says of its path."""
+        return {
+            "protocol": self.protocol, "fov": self.fov, "width": self.size[0], "height": self.size[1],
+            "distance": self.distance, "distance_from": self.distance_from,
+        }  # fmt: skip
+
+
+def protocol_for(pack: Pack, asked: str = "auto") -> str:
+    """The protocol that suits the pack. UserError where another is asked for."""
+    if asked == "auto":
+        made = pack.metadata.get("provenance")
+        spherified = isinstance(made, dict) and made.get("spherify") is True
+        return "forward-facing" if pack.ndc else "real360" if spherified else "synthetic"
+    if (asked == "forward-facing") != pack.ndc:
+        kind = "forward-facing (NDC)" if pack.ndc else "not forward-facing"
+        raise UserError(f"does not suit this pack, which is {kind}", where=f"--protocol {asked}")
+    return asked
+
+
+def flight(
+    pack: Pack, protocol: str, frames: int, *, fov: float | None = None, size: tuple[int, int] | None = None,
+    distance: str = "auto",
+) -> Flight:  # fmt: skip
+    """The cameras of a protocol for a pack.
+
+    distance: "paper"; "content"; a number, in grid units, from the origin of the training frame; or "auto": the paper's where the
+    pack lies within its cameras' orbit, as its scenes do. UserError for anything else.
+    """
+    chosen = PROTOCOLS[protocol]
+    fov, size = fov or chosen.fov, size or chosen.size
+    if pack.ndc:
+        return Flight(protocol, fov, size, forward_facing_path(pack, frames, fov, size), None, None)
+    assert chosen.distance is not None, "only forward-facing cameras do not orbit"
+    number = given_distance(distance)
+    if number is not None:
+        return Flight(protocol, fov, size, _around_origin(pack, frames, fov, size, number), number, "given")
+    if distance == "paper" or (distance == "auto" and _within(pack, chosen.distance)):
+        cameras = _around_origin(pack, frames, fov, size, chosen.distance)
+        return Flight(protocol, fov, size, cameras, chosen.distance, "paper")
+    low, high = content_box(pack)
+    cameras = orbit_path(pack, frames, fov, size)
+    far = float(np.linalg.norm(cameras[0].position - 0.5 * (low + high)))
+    return Flight(protocol, fov, size, cameras, far, FITTED)
+
+
+def given_distance(text: str) -> float | None:
+    """The number of --distance; None where it is one of its words. UserError for anything else."""
+    if text in ("auto", "paper", FITTED):
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not (isfinite(number) and 0 < number < 1e6):
+        raise UserError(
+            "is not a distance",
+            where="--distance",
+            expected="auto, paper, content or a positive number",
+            found=repr(text),
+        )
+    return number
+
+
+def _origin(pack: Pack) -> np.ndarray:
+    """The origin of the training frame in the grid frame [3]."""
+    return np.linalg.inv(pack.worldspace_T_opengl)[:3, 3]
+
+
+def _within(pack: Pack, distance: float) -> bool:
+    """Whether all content lies nearer to the origin than so, so that no camera of the orbit stands in it."""
+    low, high = content_box(pack) - _origin(pack)
+    return bool(np.linalg.norm(np.maximum(np.abs(low), np.abs(high))) < distance)
+
+
+def _around_origin(pack: Pack, frames: int, fov: float, size: tuple[int, int], distance: float) -> list[ViewCamera]:
+    """One turn about the grid's y axis, so far from the training frame's origin, which is looked at."""
+    origin, elevation, cameras = _origin(pack), radians(ORBIT_ELEVATION), []
+    for i in range(frames):
+        turn = radians(360.0 * i / frames)
+        away = np.array([cos(elevation) * sin(turn), sin(elevation), cos(elevation) * cos(turn)])
+        cameras.append(
+            ViewCamera.look_at(origin + distance * away, origin, fov_degrees=fov, size=size, mirrored=is_mirrored(pack))
+        )
+    return cameras

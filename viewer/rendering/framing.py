@@ -1,0 +1,124 @@
+"""How far away a camera stands so that what a pack shows fills its picture.
+
+Measured is the convex hull around what can be seen: in the outer macroblocks, the box around voxels of some opacity. Small
+pieces apart from the rest, as training leaves in empty space, would push the camera far away; they are not counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, radians, sin, tan
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import ConvexHull
+
+from scenepack.pack import Pack
+from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, is_mirrored, orbit_path
+
+MARGIN = 1.05  # of half the picture over what is seen
+STRAY = 0.01  # of the macroblocks: a piece with fewer is not counted
+OUTER = 1.8  # macroblocks: those closer to the hull than their diagonal may touch it
+SEEN = 26  # of 255: opacity of a voxel that can be seen
+TOUCHING = np.ones((3, 3, 3), bool)  # corners, too
+
+
+def counted_blocks(pack: Pack) -> np.ndarray:
+    """The occupied macroblocks without stray pieces, bool [z, y, x]."""
+    pieces, count = ndimage.label(pack.occupied, TOUCHING)  # pyright: ignore[reportGeneralTypeIssues]
+    if count < 2:
+        return pack.occupied
+    sizes = np.bincount(pieces.ravel())
+    sizes[0] = 0
+    kept = sizes >= STRAY * sizes.sum()
+    return kept[pieces] if kept.any() else pack.occupied
+
+
+def outline(pack: Pack) -> np.ndarray:
+    """Corners of the hull around what is counted, float64 [n, 3], grid frame; of the grid where a pack is empty."""
+    blocks = np.argwhere(counted_blocks(pack))  # z, y, x
+    if not len(blocks):
+        return _corners(*content_box(pack))
+    size = pack.block_size
+    corners = _corners(blocks[:, ::-1] * float(size), (blocks[:, ::-1] + 1.0) * size)
+    hull = ConvexHull(corners)
+    middles = (blocks[:, ::-1] + 0.5) * size
+    inside = -(middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(
+        axis=1
+    )  # distance to the hull's nearest face
+    boxes = [box for block in blocks[inside < OUTER * size] if (box := _seen_box(pack, block)) is not None]
+    if boxes:
+        corners = _corners(*np.stack(boxes, axis=1))
+    if np.linalg.matrix_rank(corners - corners[0]) == 3:
+        corners = corners[ConvexHull(corners).vertices]
+    return pack.min_xyz + pack.voxel_size * np.clip(corners, 0.0, pack.grid_size)
+
+
+def _seen_box(pack: Pack, block: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Corners (x, y, z; voxels of the grid) of the box around what is seen of a macroblock (z, y, x); None where nothing is."""
+    x, y, z = pack.atlas_indices[tuple(block)].astype(int) * pack.padded_block_size + 1
+    size = pack.block_size
+    seen = pack.atlas_rgba[z : z + size, y : y + size, x : x + size, 3] >= SEEN
+    if not seen.any():
+        return None
+    spans = [np.flatnonzero(seen.any(axis=axes)) for axes in ((0, 1), (0, 2), (1, 2))]  # along x, y, z
+    low, high = (np.array([span[end] for span in spans], np.float64) for end in (0, -1))
+    start = block[::-1] * float(size)
+    return start + low, start + high + 1.0
+
+
+def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The corners of boxes (float [..., 3] each), float64 [8 n, 3]."""
+    ends = np.stack([np.asarray(low, np.float64), np.asarray(high, np.float64)])
+    return np.concatenate([np.stack([ends[i][..., 0], ends[j][..., 1], ends[k][..., 2]], -1).reshape(-1, 3)
+                           for i, j, k in np.ndindex(2, 2, 2)])  # fmt: skip
+
+
+def middle_of(points: np.ndarray) -> np.ndarray:
+    """The middle of the box around points [n, 3]."""
+    return 0.5 * (points.min(axis=0) + points.max(axis=0))
+
+
+def filling_distance(local: np.ndarray, fov: float, aspect: float, *, orthographic: bool = False) -> float:
+    """The least distance from which all points are in the picture; above 0.
+
+    local: float [n, 3], about the point looked at, in camera axes (x right, y up, z back). fov: vertical, degrees. aspect:
+    width over height. orthographic: the distance at which a perspective picture is as high as that of parallel rays.
+    """
+    half = tan(0.5 * radians(fov)) * np.array([aspect, 1.0])
+    across = (MARGIN * np.abs(local[:, :2]) / half).max(axis=1)
+    return max(float((across if orthographic else across + local[:, 2]).max()), 1e-6)
+
+
+def orbit_distance(
+    pack: Pack, azimuths: Sequence[float], elevation: float, fov_degrees: float, size: tuple[int, int]
+) -> tuple[np.ndarray, float]:
+    """The point to circle (float64 [3], grid frame) and the distance from which no view of an orbit cuts anything off.
+
+    azimuths, elevation: degrees, as ViewCamera.orbit takes them. fov_degrees: vertical. size: width, height in pixels.
+    """
+    points = outline(pack)
+    middle = middle_of(points)
+    distances = []
+    for azimuth in azimuths:
+        a, e = radians(azimuth), radians(elevation)
+        back = np.array([cos(e) * sin(a), sin(e), cos(e) * cos(a)])
+        axes = ViewCamera.look_at(middle + back, middle, mirrored=is_mirrored(pack)).grid_T_camera[:3, :3]
+        distances.append(filling_distance((points - middle) @ axes, fov_degrees, size[0] / size[1]))
+    return middle, max(distances)
+
+
+def filling_orbit(
+    pack: Pack, frames: int, fov_degrees: float, size: tuple[int, int], first: float = 0.0
+) -> list[ViewCamera]:
+    """One turn around what is counted, which fills the pictures; forward-facing packs as in orbit_path.
+
+    first: azimuth of the first view, degrees.
+    """
+    if pack.ndc:
+        return orbit_path(pack, frames, fov_degrees, size)
+    azimuths = [first + 360.0 * i / frames for i in range(frames)]
+    middle, distance = orbit_distance(pack, azimuths, ORBIT_ELEVATION, fov_degrees, size)
+    return [
+        ViewCamera.orbit(pack, azimuth, ORBIT_ELEVATION, distance, fov_degrees, size, middle) for azimuth in azimuths
+    ]
