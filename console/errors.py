@@ -37,8 +37,15 @@ _EXTRAS = {
     "safetensors": "train",
     "av": "video",
     "pycolmap": "poses",
+    "OpenEXR": "export",
+    "skimage": "export",
 }
-_PURPOSES = {"train": "trains, bakes and measures", "video": "reads and writes films", "poses": "finds camera poses"}
+_PURPOSES = {
+    "train": "trains, bakes and measures",
+    "video": "reads and writes films",
+    "poses": "finds camera poses",
+    "export": "writes OpenEXR files and meshes",
+}
 
 
 class UserError(Exception):

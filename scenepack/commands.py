@@ -1,6 +1,6 @@
 """`snerg-pack info|check|convert`: look into packs, validate and transcode them (docs/commands.md).
 
-`compare`, which needs the renderer, is added in baker.commands.pack, where all of `snerg-pack` is put together.
+`export` and `compare` are added in baker.commands.pack, where all of `snerg-pack` is put together.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def info(pack: Path, /, json: Path | None = None) -> None:
     """
     check_results(json)
     with open_pack(pack) as reader:
-        facts = pack_facts(reader.files, _read(reader))
+        facts = pack_facts(reader.files, read_with_progress(reader))
     if not write_json(json, facts):
         print_facts(facts, Console())
 
@@ -50,7 +50,7 @@ def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None
     """
     check_results(json)
     with open_pack(pack) as reader:
-        findings = check_pack(_read(reader))
+        findings = check_pack(read_with_progress(reader))
     if not write_json(json, {"path": str(pack), "findings": [finding.as_json() for finding in findings]}):
         print_findings(findings, Console())
     broken = [f for f in findings if f.severity == "error" or (strict and f.severity == "warning")]
@@ -88,7 +88,7 @@ def convert(
         )
     check_target(out)
     with open_pack(pack) as reader:
-        before, stored = _read(reader), reader.files.stored_bytes
+        before, stored = read_with_progress(reader), reader.files.stored_bytes
     with progress("encoding", 1) as bar:
 
         def on_progress(done: int, total: int) -> None:
@@ -100,7 +100,7 @@ def convert(
     print(f"{out}: {codec}, {after / 1e6:.2f} MB, {100 * after / max(stored, 1):.0f} % of {stored / 1e6:.2f} MB before")
 
 
-def _read(reader: PackReader) -> Pack:
+def read_with_progress(reader: PackReader) -> Pack:
     with progress("reading", reader.total) as bar:
         return reader.read(lambda done, _total: bar.update(done))
 

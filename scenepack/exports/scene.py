@@ -1,0 +1,222 @@
+"""A pack as a file for other programs: what to write, and writing it in one step (docs/commands.md, "snerg-pack")."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from console import UserError, not_written
+from console.atomic import write_file
+from scenepack.exports.field import Corners, Field
+from scenepack.exports.gaussians import COLUMNS, gaussian_values, voxels_of
+from scenepack.exports.glb import glb_parts
+from scenepack.exports.mending import decimated, face_areas, smoothed, vertex_normals, without_floaters
+from scenepack.exports.placing import Frame, Placing
+from scenepack.exports.ply import POINT, ply_parts
+from scenepack.exports.surface import Surface, extract
+from scenepack.pack import Pack
+
+Kind = Literal["points", "mesh", "gaussians"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+LEVEL = 0.15  # opacity of the surface; packs hold thin mist that is opaque only together
+SMOOTHING = 5  # Taubin's steps
+LEAST_OPACITY = 0.02  # of a voxel that becomes a Gaussian
+MOST_FACES, MOST_GAUSSIANS = 16_000_000, 6_000_000  # made before anything is thinned: 3 GB and 2 GB at their peak
+MOST_POINTS = 50_000_000
+FACES_A_CROSSING = 6.0  # of a surface, triangles for each time that a row along x passes through it
+Told = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Export:
+    """What to write of a pack."""
+
+    kind: Kind
+    """points, mesh or gaussians"""
+    level: float = LEVEL
+    """opacity, 0 ... 1, at which the surface of points and meshes lies"""
+    coarser: int | None = None
+    """voxels along each side that become one; None: as many as keep within MOST_FACES or MOST_GAUSSIANS"""
+    keep: str | float = 0.001
+    """components of the surface: all, largest, or those with at least this share of its area"""
+    smooth: int = SMOOTHING
+    """steps of smoothing"""
+    faces: int | None = 500_000
+    """about so many triangles at most; None: all"""
+    spacing: float = 1.0
+    """of points, in voxels"""
+    frame: Frame = "grid"
+    """grid (y up) or world (that of the photographs' poses)"""
+    scale: float = 1.0
+    """by what lengths are multiplied"""
+    crop: Corners | None = None
+    """corners (min, max) of a box in the grid frame; nothing outside of it is written"""
+
+
+@dataclass(frozen=True)
+class Written:
+    """How much a file holds: points or Gaussians, triangles (0 but in meshes), voxels a side that became one."""
+
+    points: int
+    faces: int
+    coarser: int
+
+
+def kind_for(file: Path, kind: Kind | None) -> Kind:
+    """What to write into `file`: as chosen, or as its name says. UserError where that is no kind of this file."""
+    suffix, stem = file.suffix.lower(), file.stem.lower()
+    if suffix not in (".ply", ".glb"):
+        raise UserError("is not a supported file type", where=file, expected="FILE.ply or FILE.glb")
+    if suffix == ".glb":
+        if kind not in (None, "mesh"):
+            raise UserError(f"cannot hold {kind}", where=file, expected="a mesh", remedy="name a .ply")
+        return "mesh"
+    named: list[Kind] = [each for each in KINDS if each.rstrip("s") in stem]
+    if kind is None and len(named) != 1:
+        raise UserError("may be points, a mesh or gaussians", where=file, remedy="add --kind points, mesh or gaussians")
+    return kind or named[0]
+
+
+def require_surfaces() -> None:
+    """UserError, with the remedy, where scikit-image is not installed."""
+    if importlib.util.find_spec("skimage") is None:
+        raise UserError("a mesh or points need scikit-image", remedy="pip install 'snerg[export]'")
+
+
+def check_export(export: Export, pack: Pack | None = None) -> None:
+    """UserError where a number makes no sense, or does not suit the pack."""
+    if export.kind != "gaussians":
+        require_surfaces()
+    for name, value, low, high in (
+        ("--level", export.level, 0.004, 0.99),
+        ("--smooth", export.smooth, 0, 1000),
+        ("--spacing", export.spacing, 0.05, 1000),
+        ("--scale", export.scale, 1e-9, 1e9),
+        ("--faces", export.faces, 100, 1 << 30),
+        ("--keep", export.keep if isinstance(export.keep, float) else 0.5, 0, 1),
+    ):
+        if value is not None and not low <= value <= high:
+            raise UserError("is out of range", where=name, expected=f"{low:g} to {high:g}", found=value)
+    if pack is not None and export.coarser is not None and export.coarser not in divisors(pack.block_size):
+        expected = ", ".join(map(str, divisors(pack.block_size)))
+        raise UserError("does not divide a macroblock", where="--coarser", expected=expected, found=export.coarser)
+
+
+def divisors(number: int) -> list[int]:
+    """1 ... number, those that divide it."""
+    return [i for i in range(1, number + 1) if number % i == 0]
+
+
+def export_scene(pack: Pack, file: Path, export: Export, tell: Told = lambda share, note: None) -> Written:
+    """Writes `file` in one step. tell: called with the share that is done and what is being done.
+
+    UserError where nothing would be in it, or it cannot be written.
+    """
+    check_export(export, pack)
+    placing = Placing(pack, export.frame, export.scale)
+    field = Field(pack, 1, export.crop)
+    tell(0.0, "counting")
+    field = Field(pack, export.coarser or _coarseness(field, export), export.crop)
+    if export.kind == "gaussians":
+        parts, written = _gaussians(field, export, placing, tell)
+    else:
+        parts, written = _surface(field, export, placing, file, tell)
+    tell(0.95, "writing")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_file(file, parts)
+    except OSError as error:
+        words, remedy = not_written(error)
+        raise UserError(f"cannot be written: {words}", where=file, remedy=remedy) from error
+    tell(1.0, "")
+    return written
+
+
+def _coarseness(field: Field, export: Export) -> int:
+    """The fewest voxels a side that must become one for the work to stay within bounds."""
+    if export.kind == "gaussians":
+        blocks = (field.block(place) for place in field.occupied)
+        amount = sum(int(np.count_nonzero(cells[..., 3] >= LEAST_OPACITY)) for cells in blocks if cells is not None)
+        most, power = MOST_GAUSSIANS, 3
+    else:
+        amount = int(FACES_A_CROSSING * field.crossings(export.level))
+        most, power = MOST_FACES, 2
+    return next((f for f in divisors(field.pack.block_size) if amount <= most * f**power), field.pack.block_size)
+
+
+def _gaussians(field: Field, export: Export, placing: Placing, tell: Told) -> tuple[list[bytes], Written]:
+    positions, rgba = voxels_of(field, LEAST_OPACITY)
+    near = placing.near_enough(positions)
+    positions, rgba = positions[near], rgba[near]
+    _require_some(len(positions), export)
+    tell(0.5, f"{len(positions):,} Gaussians")
+    values = gaussian_values(positions, rgba, field, placing)
+    return ply_parts(COLUMNS, values), Written(len(positions), 0, field.coarser)
+
+
+def _surface(field: Field, export: Export, placing: Placing, file: Path, tell: Told) -> tuple[list[bytes], Written]:
+    surface = extract(field, export.level, lambda share: tell(0.6 * share, "finding the surface"))
+    tell(0.6, "removing floaters")
+    surface = without_floaters(surface, export.keep)
+    near = placing.near_enough(surface.vertices)
+    if not near.all():
+        surface = surface.only(np.all(near[surface.faces], axis=1))
+    _require_some(len(surface.faces), export)
+    tell(0.7, "smoothing")
+    surface = smoothed(surface, export.smooth)
+    said = [f"frame {export.frame}, lengths times {export.scale:g}", "colours are diffuse, sRGB"]
+    if export.kind == "points":
+        placed, normals, colours = _scattered(surface, export, placing)
+        return ply_parts(POINT, [placed, normals, colours], comments=said), Written(len(placed), 0, field.coarser)
+    if export.faces is not None:
+        tell(0.8, "removing triangles")
+        surface = decimated(surface, export.faces)
+    tell(0.9, f"{len(surface.faces):,} triangles")
+    surface = _placed(surface, placing)
+    normals = vertex_normals(surface)
+    written = Written(len(surface.vertices), len(surface.faces), field.coarser)
+    if file.suffix.lower() == ".glb":
+        return glb_parts(surface.vertices, normals, surface.colours, surface.faces, {"snerg": said}), written
+    return ply_parts(POINT, [surface.vertices, normals, surface.colours], surface.faces, said), written
+
+
+def _placed(surface: Surface, placing: Placing) -> Surface:
+    faces = surface.faces[:, ::-1] if placing.mirrors else surface.faces
+    return Surface(placing.points(surface.vertices).astype(np.float32), faces, surface.colours)
+
+
+def _scattered(surface: Surface, export: Export, placing: Placing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points float32, normals float32 and colours uint8, [n, 3] each: evenly by area, one to a square of `spacing` voxels."""
+    sums = np.cumsum(face_areas(surface)) / export.spacing**2
+    count = max(int(sums[-1]), 1)
+    if count > MOST_POINTS:
+        raise UserError(
+            f"{count:,} points are too many",
+            where="--spacing",
+            expected=f"at most {MOST_POINTS:,}",
+            remedy="choose a larger one",
+        )
+    rng = np.random.default_rng(0)
+    chosen = np.minimum(np.searchsorted(sums, np.arange(count) + rng.random(count)), len(sums) - 1)
+    u, v = rng.random((2, count))
+    over = u + v > 1
+    weights = np.stack([np.where(over, 1 - u, u), np.where(over, 1 - v, v)], axis=1)
+    weights = np.concatenate([1 - weights.sum(axis=1, keepdims=True), weights], axis=1)[..., None]
+    corners = surface.faces[chosen]
+    placed = _placed(surface, placing)
+    points = (placed.vertices[corners] * weights).sum(axis=1)
+    normals = (vertex_normals(placed)[corners] * weights).sum(axis=1)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    colours = np.rint((surface.colours[corners] * weights).sum(axis=1)).astype(np.uint8)
+    return points, normals, colours
+
+
+def _require_some(count: int, export: Export) -> None:
+    if not count:
+        where = "--crop" if export.crop is not None else None
+        raise UserError("there is nothing to export", where=where, remedy="choose a larger box or a lower --level")

@@ -1,0 +1,249 @@
+"""`snerg-pack export`: files that a second library opens, and that are the scene which was known by formula."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baker.commands.pack import main
+from scenepack import Pack, save_pack
+from scenepack.blocks import atlas_from_dense
+from scenepack.exports import scene
+from scenepack.exports.field import Field
+from scenepack.exports.gaussians import COLUMNS, opacity_table
+from scenepack.exports.mending import components, decimated, smoothed
+from scenepack.exports.scene import Export, export_scene
+from scenepack.exports.surface import extract
+from scenepack.pack import pack_of_cube
+from tests.viewer.rendering.shapes import BLENDER_FRAME, NDC_FRAME
+
+trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: the extra dev")
+SIDE, BLOCK, RADIUS, CENTRE = 42, 14, 0.55, np.array([0.1, -0.05, 0.2])
+VOXEL = 2 / SIDE
+COLOUR = (200, 120, 40)
+
+
+def pack_of(inside: np.ndarray, frame: np.ndarray = BLENDER_FRAME, **camera: object) -> Pack:
+    """Opaque where `inside` ([z, y, x] in voxels, 0 at the surface) is positive, of one colour, over [-1, 1]^3."""
+    alpha = np.rint(255 * np.clip(inside + 0.5, 0, 1))[..., None]
+    rgba = np.concatenate([np.rint(alpha * np.array(COLOUR) / 255), alpha], axis=-1).astype(np.uint8)
+    return pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, frame, **camera)
+
+
+def centres() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    z, y, x = (np.mgrid[:SIDE, :SIDE, :SIDE] + 0.5) * VOXEL - 1
+    return x, y, z
+
+
+def ball_inside() -> np.ndarray:
+    x, y, z = centres()
+    return (RADIUS - np.sqrt((x - CENTRE[0]) ** 2 + (y - CENTRE[1]) ** 2 + (z - CENTRE[2]) ** 2)) / VOXEL
+
+
+@pytest.fixture(scope="module")
+def ball() -> Pack:
+    """A ball across eight macroblocks, and a floater of a few voxels."""
+    x, y, z = centres()
+    floater = 1.5 - np.sqrt((x + 0.8) ** 2 + (y - 0.8) ** 2 + (z + 0.8) ** 2) / VOXEL
+    return pack_of(np.maximum(ball_inside(), floater))
+
+
+@pytest.fixture(scope="module")
+def folder(ball: Pack, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("packs") / "ball"
+    save_pack(ball, path)
+    return str(path)
+
+
+def run(folder: str, out: Path, *words: str) -> int:
+    return main(["export", folder, "--to", str(out), *words])
+
+
+def test_seams_between_macroblocks_are_closed_whatever_the_opacities(ball: Pack) -> None:
+    """Noise meets every case of marching cubes on the seams, the ambiguous ones as well."""
+    rng = np.random.default_rng(3)
+    noise = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
+    noise[..., 3] = rng.integers(0, 256, noise.shape[:3]) * (rng.random(noise.shape[:3]) < 0.7)
+    pack = pack_of_cube(SIDE, BLOCK, atlas_from_dense(noise, None, BLOCK), None, BLENDER_FRAME)
+    for each, coarser in ((ball, 1), (ball, 2), (pack, 1), (pack, 7)):
+        surface = extract(Field(each, coarser), 0.15)
+        edges = np.sort(np.concatenate([surface.faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+        _, times = np.unique(edges, axis=0, return_counts=True)
+        assert len(surface.faces) > 50 and np.all(times % 2 == 0)  # every edge has a face on either side
+        directed = np.concatenate([surface.faces[:, [i, (i + 1) % 3]] for i in range(3)]).astype(np.int64)
+        there = np.bincount(directed[:, 0], minlength=len(surface.vertices))
+        assert np.array_equal(there, np.bincount(directed[:, 1], minlength=len(surface.vertices)))
+
+
+@pytest.mark.parametrize("name", ["mesh.glb", "mesh.ply"])
+def test_a_mesh_is_the_closed_ball_that_the_pack_holds_in_another_library(
+    folder: str, tmp_path: Path, name: str
+) -> None:
+    assert run(folder, tmp_path / name, "--level", "0.5", "--keep", "largest") == 0
+    mesh = trimesh.load(tmp_path / name, force="mesh", process=False)
+    assert mesh.is_watertight and mesh.is_winding_consistent and mesh.body_count == 1
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=0.03)  # positive: normals point out
+    off = np.linalg.norm(mesh.vertices - CENTRE, axis=1) - RADIUS
+    assert np.abs(off).max() < 0.6 * VOXEL
+    outwards = np.sum(mesh.vertex_normals * (mesh.vertices - CENTRE), axis=1) / np.linalg.norm(
+        mesh.vertices - CENTRE, axis=1
+    )
+    assert outwards.min() > 0.9
+
+
+def test_a_glb_says_what_it_is_and_its_colours_are_linear(folder: str, tmp_path: Path) -> None:
+    """Read by hand, as the format has it."""
+    assert run(folder, tmp_path / "a.glb") == 0
+    data = (tmp_path / "a.glb").read_bytes()
+    magic, version, length, text, _ = struct.unpack("<IIIII", data[:20])
+    assert (magic, version, length) == (0x46546C67, 2, len(data))
+    document = json.loads(data[20 : 20 + text])
+    binary = data[28 + text :]
+    primitive = document["meshes"][0]["primitives"][0]
+    colour = document["accessors"][primitive["attributes"]["COLOR_0"]]
+    view = document["bufferViews"][colour["bufferView"]]
+    values = np.frombuffer(binary, "<u2", 4 * colour["count"], view["byteOffset"]).reshape(-1, 4)
+    expected = [((c / 255 + 0.055) / 1.055) ** 2.4 * 65535 for c in COLOUR]
+    assert colour["normalized"] and np.abs(np.median(values[:, :3], axis=0) - expected).max() < 600  # a step of 8 bits
+    assert "KHR_materials_unlit" in document["materials"][0]["extensions"]
+    assert all(view["byteOffset"] % 4 == 0 for view in document["bufferViews"])
+
+
+def test_components_are_kept_as_asked(folder: str, tmp_path: Path) -> None:
+    counts = {}
+    for keep in ("all", "largest", "0.2", "0.0001"):
+        assert run(folder, tmp_path / "mesh.ply", "--keep", keep, "--smooth", "0") == 0
+        counts[keep] = trimesh.load(tmp_path / "mesh.ply", process=False).body_count
+    assert counts == {"all": 2, "largest": 1, "0.2": 1, "0.0001": 2}
+
+
+def test_fewer_triangles_stay_on_the_ball(ball: Pack) -> None:
+    surface = extract(Field(ball), 0.5)
+    few = decimated(surface, len(surface.faces) // 8)
+    assert len(surface.faces) // 40 < len(few.faces) <= len(surface.faces) // 8
+    of_ball = few.vertices[few.faces[components(few) == np.bincount(components(few)).argmax()]].reshape(-1, 3)
+    off = np.linalg.norm(of_ball * VOXEL - 1 - CENTRE, axis=1) - RADIUS
+    assert np.abs(off).max() < VOXEL  # quadrics keep clusters of several voxels on the surface
+
+
+def test_smoothing_takes_steps_away_and_leaves_the_size() -> None:
+    hard = np.where(ball_inside() > 0, 1.0, -1.0)
+    surface = extract(Field(pack_of(hard)), 0.5)
+
+    def radii(vertices: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(vertices * VOXEL - 1 - CENTRE, axis=1)
+
+    before, after = radii(surface.vertices), radii(smoothed(surface, 10).vertices)
+    assert after.std() < 0.7 * before.std() and abs(after.mean() - before.mean()) < 0.1 * VOXEL
+
+
+def test_points_lie_on_the_surface_as_densely_as_asked_with_normals_and_colours(folder: str, tmp_path: Path) -> None:
+    counts = []
+    for spacing in ("1", "2"):
+        assert run(folder, tmp_path / "points.ply", "--spacing", spacing, "--keep", "largest", "--level", "0.5") == 0
+        cloud = trimesh.load(tmp_path / "points.ply")
+        counts.append(len(cloud.vertices))
+        raw = cloud.metadata["_ply_raw"]["vertex"]["data"]
+        normals = np.stack([raw[name] for name in ("nx", "ny", "nz")], axis=1)
+        out = cloud.vertices - CENTRE
+        assert np.abs(np.linalg.norm(out, axis=1) - RADIUS).max() < 0.6 * VOXEL
+        assert np.sum(normals * out, axis=1).min() > 0.9 * RADIUS
+        assert np.abs(np.asarray(cloud.colors)[:, :3].astype(int) - COLOUR).max() <= 2
+    assert counts[0] == pytest.approx(4 * np.pi * (RADIUS / VOXEL) ** 2, rel=0.1)
+    assert counts[0] == pytest.approx(4 * counts[1], rel=0.02)
+
+
+def test_gaussians_have_the_layout_of_splat_viewers_and_let_as_much_light_pass(
+    folder: str, ball: Pack, tmp_path: Path
+) -> None:
+    assert run(folder, tmp_path / "gaussians.ply") == 0
+    header, _, body = (tmp_path / "gaussians.ply").read_bytes().partition(b"end_header\n")
+    assert header.decode().split("property float ")[1:] == [f"{name}\n" for name, _ in COLUMNS]
+    values = np.frombuffer(body, "<f4").reshape(-1, len(COLUMNS))
+    at = {name: i for i, (name, _) in enumerate(COLUMNS)}
+    assert len(values) == np.count_nonzero(ball_inside() > -0.48) + 7 + 12 or len(values) > 3000
+    assert np.allclose(values[:, at["rot_0"] :], [1, 0, 0, 0])
+    assert np.allclose(np.exp(values[:, at["scale_0"]]), 0.5 * VOXEL)
+    colour = 255 * (0.5 + 0.28209479 * values[:, at["f_dc_0"] : at["f_dc_0"] + 3])
+    assert np.abs(np.median(colour, axis=0) - COLOUR).max() < 1.5
+    passed, own = opacity_table()
+    assert np.all(np.diff(passed) > 0) and passed[-1] > 0.9 and own[0] == passed[0] == 0
+
+
+def test_frames_scale_and_crop(folder: str, tmp_path: Path) -> None:
+    words = ["--level", "0.5", "--keep", "largest"]
+    assert run(folder, tmp_path / "mesh.ply", *words, "--frame", "world", "--scale", "2") == 0
+    mesh = trimesh.load(tmp_path / "mesh.ply", process=False)
+    centre = 2 * BLENDER_FRAME[:3, :3] @ CENTRE
+    assert np.abs(mesh.bounds.mean(axis=0) - centre).max() < VOXEL and mesh.volume > 0
+    assert run(folder, tmp_path / "mesh.ply", *words, "--crop", "0.1,-1,-1,1,1,1") == 0
+    half = trimesh.load(tmp_path / "mesh.ply", process=False)
+    assert half.bounds[0, 0] > 0.1 - VOXEL and half.is_watertight
+    assert half.volume == pytest.approx(mesh.volume / 8 / 2, rel=0.1)
+
+
+def test_a_mirrored_frame_turns_no_face_inside_out(tmp_path: Path) -> None:
+    mirrored = np.diag([-1.0, 1, 1, 1])
+    export_scene(pack_of(ball_inside(), mirrored), tmp_path / "mesh.ply", Export("mesh", frame="world"))
+    assert trimesh.load(tmp_path / "mesh.ply", process=False).volume > 0
+
+
+@pytest.mark.parametrize("frame", ["grid", "world"])
+def test_forward_facing_packs_are_unwarped(tmp_path: Path, frame: str) -> None:
+    width, height, focal = 160.0, 120.0, 140.0
+    n, d = np.array([0.25, -0.15, 1.0]), -2.4
+    x, y, z = centres()
+    world_z = 2.0 / (-z - 1.0)
+    world = np.stack([-x * world_z * width / (2 * focal), -y * world_z * height / (2 * focal), world_z], -1)
+    behind = (d - world @ n) * world_z**-2 * SIDE
+    pack = pack_of(behind, NDC_FRAME, ndc=True, input_width=width, input_height=height, input_focal=focal)
+    export_scene(pack, tmp_path / "mesh.ply", Export("mesh", level=0.5, keep="largest", frame=frame, smooth=0))  # type: ignore[arg-type]
+    mesh = trimesh.load(tmp_path / "mesh.ply", process=False)
+    points, normals = mesh.vertices, mesh.vertex_normals
+    if frame == "grid":
+        points, normals = points @ NDC_FRAME[:3, :3].T, normals @ NDC_FRAME[:3, :3].T
+    off = (points @ n - d) / np.linalg.norm(n)
+    front = np.abs(off) < 0.15
+    assert front.mean() > 0.2  # the other faces close the box behind
+    assert np.median(normals[front] @ n / np.linalg.norm(n)) > 0.97
+
+
+def test_memory_bounds_make_voxels_coarser_and_say_so(folder: str, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(scene, "MOST_FACES", 3000)
+    monkeypatch.setattr(scene, "MOST_GAUSSIANS", 2000)
+    for name in ("mesh.ply", "gaussians.ply"):
+        assert run(folder, tmp_path / name) == 0
+        assert "2³ voxels merged into one" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--to", "a.obj"], "FILE.ply or FILE.glb"),
+        (["--to", "a.ply"], "--kind"),
+        (["--to", "a.glb", "--kind", "points"], "cannot hold points"),
+        (["--to", "mesh.ply", "--level", "2"], "--level"),
+        (["--to", "mesh.ply", "--coarser", "5"], "1, 2, 7, 14"),
+        (["--to", "mesh.ply", "--keep", "most"], "all, largest or a share"),
+        (["--to", "mesh.ply", "--crop", "5,5,5,6,6,6"], "nothing to export"),
+        (["--to", "points.ply", "--spacing", "0"], "--spacing"),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_line(
+    folder: str, words: list[str], told: str, capsys, monkeypatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", folder, *words]) == 2
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert told in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_scikit_image_one_line_says_what_to_install(folder: str, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(scene.importlib.util, "find_spec", lambda name: None)
+    assert run(folder, tmp_path / "mesh.glb") == 2
+    assert "snerg[export]" in capsys.readouterr().err
