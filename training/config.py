@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from console import UserError
+from training.exposure import Choice as Exposure
 from training.plausible import require_plausible
 from training.scenes.presets import PresetName
 from training.voxels.config import VoxelConfig
@@ -84,6 +85,9 @@ class TrainConfig:
     """Scale c of the sparsity loss."""
     sparsity_over_samples: Literal["sum", "mean"] = "sum"
     """How the sparsity loss reduces the samples of a ray. The paper sums, the published code averages."""
+    exposure: Exposure = "auto"
+    """Fit exposure and white balance of each photograph, so that the scene has their average look (method voxels). auto: for what
+    cameras took, where exposures differ; never for rendered scenes (Blender)."""
     minutes: float = 0.0
     """Stop after this many minutes, with a checkpoint; 0 for no limit. The learning rates reach their last values by then."""
     log_every: int = 100
@@ -185,7 +189,7 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
         values = {**values, "early_termination": values["horizon"]}
         values.pop("horizon")
     if cls is TrainConfig:  # runs of before there was a choice, here and below
-        values = {"engine": "jax", **values}
+        values = {"engine": "jax", "exposure": "off", **values}
     if cls is VoxelConfig:
         values = {"random_background": False, "last_step_voxels": 1.0, "close_holes_from": 1.0, **values}
     unknown = sorted(set(values) - set(names))

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh
+from jax.sharding import Mesh, NamedSharding
 
 from console import Notice, UserError
 from scenepack.constants import NDC_NEAR
@@ -47,7 +47,8 @@ class SceneFacts(NamedTuple):
     near, far: bounds of t. aabb: ((x, y, z), (x, y, z)), training frame (NDC space where ndc). ndc_camera:
     (width, height, focal) or None. disparity: spread samples in 1/t. background: sRGB. distorted: some
     lens is not a pinhole. size: (width, rows) of every view, or None where they differ. cut_out: photographs of an
-    object were cut out of what surrounded it, by masks. row_step: one row in so many is rows of pixels.
+    object were cut out of what surrounded it, by masks. row_step: one row in so many is rows of pixels. rendered: by a program,
+    not by a camera that meters.
     """
 
     near: float
@@ -60,18 +61,20 @@ class SceneFacts(NamedTuple):
     size: tuple[int, int] | None
     cut_out: bool = False
     row_step: int = 1
+    rendered: bool = False
 
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=("pixels", "world_T_camera", "intrinsics", "distortion", "first", "width"),
+    data_fields=("pixels", "world_T_camera", "intrinsics", "distortion", "first", "width", "gains"),
     meta_fields=("facts", "count", "mesh"),
 )
 @dataclass(frozen=True)
 class RayDataset:
     """pixels uint8 [P (padded to a multiple of D), C], stored along the mesh. Of each view: world_T_camera [V, 3, 4];
     intrinsics [V, 4] = fx, fy, cx, cy; distortion [V, 4]; first int32 [V], the id of its first ray; width int32 [V].
-    count: P, all rays.
+    count: P, all rays. gains [V, 3]: what the colours of each photograph are divided by (training.exposure); None: they stay as
+    they are.
     """
 
     pixels: jax.Array
@@ -83,6 +86,7 @@ class RayDataset:
     facts: SceneFacts = field(repr=False)
     count: int
     mesh: Mesh = field(repr=False)
+    gains: jax.Array | None = None
 
     @property
     def near(self) -> float:
@@ -126,6 +130,10 @@ class RayDataset:
         without = replace(self, pixels=jnp.zeros((0, self.pixels.shape[1]), jnp.uint8))
         return replace(here(without), mesh=Mesh(np.array(jax.local_devices()[:1]), (AXIS,)))
 
+    def in_average_look(self, gains: np.ndarray | jax.Array | None) -> RayDataset:
+        """The same with colours divided by the gains [V, 3] of their photographs; None: as they are."""
+        return replace(self, gains=None if gains is None else put_whole(jnp.asarray(gains), self.mesh))
+
     def draw(self, key: jax.Array, size: int) -> jax.Array:
         """Ids int32 [size], drawn evenly from all pixels; jittable."""
         return jax.random.randint(key, (size,), 0, self.count)
@@ -140,14 +148,18 @@ class RayDataset:
 
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
         """Rays of int32 ids [N], through places `away` [N, 2] pixels from their centres; jittable."""
-        if self.facts.size is not None:
-            width, rows = self.facts.size
-            view, rest = ids // (width * rows), ids % (width * rows)
-        else:
-            view = jnp.searchsorted(self.first, ids, side="right") - 1
-            rest, width = ids - self.first[view], self.width[view]
+        view = self.view_of(ids)
+        rest = ids - self.first[view]
+        width = self.width[view] if self.facts.size is None else self.facts.size[0]
         x, y = rest % width, rest // width * self.facts.row_step
         return self.rays(view, x, y) if away is None else self.rays(view, x + away[:, 0], y + away[:, 1])
+
+    def view_of(self, ids: jax.Array) -> jax.Array:
+        """The photographs int32 [N] that rays int32 [N] belong to; jittable."""
+        if self.facts.size is None:
+            return jnp.searchsorted(self.first, ids, side="right") - 1
+        width, rows = self.facts.size
+        return ids // (width * rows)
 
     def colours_at(self, ids: jax.Array) -> jax.Array:
         """Colours float32 [N, 3] of rays over the background; jittable."""
@@ -155,13 +167,16 @@ class RayDataset:
 
     def colours_over(self, ids: jax.Array, background: jax.Array) -> jax.Array:
         """Colours float32 [N, 3] of rays over another background [3] or [N, 3]; jittable."""
-        pixel = self._fetch(ids).astype(jnp.float32) / 255.0
+        pixel = self.pixels_at(ids).astype(jnp.float32) / 255.0
+        colour = pixel[:, :3]
+        if self.gains is not None:  # what is clipped in the photograph stays white: how bright it was, nobody knows
+            colour = jnp.where(colour < 1.0, jnp.minimum(colour / self.gains[self.view_of(ids)], 1.0), 1.0)
         if pixel.shape[-1] == 3:
-            return pixel
+            return colour
         alpha = pixel[:, 3:]
-        return pixel[:, :3] * alpha + (1.0 - alpha) * background
+        return colour * alpha + (1.0 - alpha) * background
 
-    def _fetch(self, ids: jax.Array) -> jax.Array:
+    def pixels_at(self, ids: jax.Array) -> jax.Array:
         """Pixels uint8 [N, C] from the devices that have them; N is padded to a multiple of D within."""
         if self.mesh.size == 1:
             return self.pixels[ids]
@@ -176,6 +191,13 @@ class RayDataset:
 
         fetch = jax.shard_map(own_share, mesh=self.mesh, in_specs=(SPLIT, WHOLE), out_specs=SPLIT)
         return fetch(self.pixels, padded)[: ids.shape[0]]
+
+    def pixels_here(self, ids: np.ndarray) -> np.ndarray:
+        """Pixels uint8 [N, C] of int32 ids [N], the same in every process, from wherever they are."""
+        if self.mesh.size == 1:
+            return np.asarray(self.pixels_at(jnp.asarray(ids)))
+        fetch = jax.jit(RayDataset.pixels_at, out_shardings=NamedSharding(self.mesh, WHOLE))
+        return np.asarray(here(fetch(self, ids)))
 
     def rays(self, view: jax.Array, x: jax.Array, y: jax.Array) -> Rays:
         """Rays through the centres of pixels: column x [N], row y [N] of photograph `view` [N]; jittable."""
@@ -303,5 +325,6 @@ def make_dataset(
         size=(cameras[0].width, -(-cameras[0].height // row_step)) if same_size else None,
         cut_out=bool(scene.notes.get("masks")),
         row_step=row_step,
+        rendered=scene.kind == "blender",
     )
     return RayDataset(pixels=put_split(own, count, mesh), **whole, facts=facts, count=count, mesh=mesh)

@@ -12,6 +12,7 @@ import sys
 import warnings
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Protocol
 
 import jax
 import numpy as np
@@ -33,6 +34,17 @@ from training.scenes.scene import few_line
 AGREE_EVERY = 10  # steps between asking the other processes whether one was told to stop
 
 
+class Watcher(Protocol):
+    """Who looks at a run now and then while it trains. What it does does not count as training time."""
+
+    def due(self, run: Run) -> bool:
+        """Whether to look after the step that was just made; asked after each."""
+        ...
+
+    def look(self, run: Run) -> None:
+        """Looks; leaves the run as it is."""
+
+
 def train(
     scene_path: str | Path,
     out: str | Path,
@@ -40,24 +52,26 @@ def train(
     options: SceneOptions = AS_IT_IS,
     *,
     resume: bool | RunDescription = False,
+    watcher: Watcher | None = None,
 ) -> Run:
     """Trains into the folder `out` until config.steps, and returns the finished run.
 
     options: how the photographs are read. resume: go on from the newest checkpoint in `out`, whose photographs are read as
-    they were then; its description, where that was read before. Ctrl-C saves a checkpoint and raises KeyboardInterrupt that
-    says how to go on. UserError for bad scenes, divergence, a full disk, and for an `out` that exists already or that another
-    process trains into.
+    they were then; its description, where that was read before. watcher: asked after each step, in
+    a single process. Ctrl-C saves a checkpoint and raises KeyboardInterrupt that says how to go on. UserError for bad scenes,
+    divergence, a full disk, and for an `out` that exists already or that another process trains into.
     """
     with ExitStack() as held:
         with together():
             if is_writer():
                 held.enter_context(only_one_trains(Path(out)))
-        return _train(Path(scene_path), Path(out), config, options, resume)
+        return _train(Path(scene_path), Path(out), config, options, resume, watcher)
 
 
 def _train(
-    scene_path: Path, out: Path, config: TrainConfig, options: SceneOptions, resume: bool | RunDescription
-) -> Run:
+    scene_path: Path, out: Path, config: TrainConfig, options: SceneOptions, resume: bool | RunDescription,
+    watcher: Watcher | None,
+) -> Run:  # fmt: skip
     if resume:
         stored = read_description(out) if resume is True else resume
         run = resume_run(out, stored, scene_path, config)
@@ -95,6 +109,9 @@ def _train(
             if (last or _is_pictured(run)) and not stopping:
                 with together():
                     recorder.validate()
+            if watcher is not None and not (last or stopping) and jax.process_count() == 1 and watcher.due(run):
+                with recorder.clock.paused():
+                    watcher.look(run)
             if stopping and run.step < config.steps:
                 raise KeyboardInterrupt(f"saved at step {run.step}; continue with: {how_to_resume(run)}")
             if out_of_time:

@@ -89,6 +89,11 @@ class Method(Protocol):
         """The deferred head; None for a diffuse model."""
         ...
 
+    def gains(self, state: Any) -> np.ndarray | None:
+        """float32 [V, 3]: of each training photograph's colours over those of the field (training.exposure); None where
+        photographs are taken as they are."""
+        ...
+
     def save(self, state: Any) -> dict[str, np.ndarray]:
         """Everything `restore` needs to go on, as named arrays."""
         ...

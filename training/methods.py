@@ -13,6 +13,10 @@ from training.method import Method
 def make_method(config: TrainConfig, dataset: RayDataset) -> Method:
     """The method that config names, for the rays of a dataset; its modules are imported only when asked for."""
     if config.method == "nerf":
+        if config.exposure == "on":
+            raise UserError(
+                "is fitted by the method voxels only", where="--exposure on", remedy="use --preset cpu, full or fast"
+            )
         from training.nerf.method import NerfMethod
 
         return NerfMethod(config, dataset)

@@ -22,6 +22,19 @@ def psnr(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None) -> float:
     return float(-10.0 * np.log10(max(mse, 1e-12)))
 
 
+def colours_matched(picture: np.ndarray, truth: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """The picture [H, W, 3] with a gain and an offset for each channel, which bring it nearest to `truth` in the least squares
+    sense over the pixels `where` bool [H, W]; elsewhere as it is. It is what a camera's exposure and white balance may change.
+    """
+    matched = np.array(picture, np.float64)
+    for channel in range(3 if where.any() else 0):
+        shown = matched[where, channel]
+        basis = np.stack([shown, np.ones_like(shown)], axis=-1)
+        fit = np.linalg.lstsq(basis, np.asarray(truth, np.float64)[where, channel], rcond=None)[0]
+        matched[where, channel] = np.clip(basis @ fit, 0.0, 1.0)
+    return matched
+
+
 def ssim(a: np.ndarray, b: np.ndarray) -> float:
     """Structural similarity, at most 1. Pictures must be at least 11 pixels a side."""
     if min(a.shape[:2]) < WINDOW:

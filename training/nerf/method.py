@@ -97,6 +97,10 @@ class NerfMethod:
         view = here(state.params.fine.view)
         return view if self.config.nerf.view == "deferred" and isinstance(view, ViewMlpParams) else None
 
+    def gains(self, state: NerfState) -> np.ndarray | None:
+        """Photographs are taken as they are, as in the paper."""
+        return None
+
     def save(self, state: NerfState) -> dict[str, np.ndarray]:
         """Parameters and optimiser as named arrays."""
         return to_arrays(here(state))

@@ -12,6 +12,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.constants import VIEW_MLP_WIDTHS
+from training.exposure import GAINS
 from training.plausible import BETWEEN_SAMPLES
 from training.voxels.sparse_grid import CHANNELS
 
@@ -27,9 +28,12 @@ FARTHEST = 1e6  # from the origin, in voxels: float32 tells no halves of them be
 MOST_RAYS, LONGEST_LIST = 1 << 22, 1 << 26  # of a step
 
 
-def require_fitting(arrays: Mapping[str, np.ndarray], rays: int, *, with_head: bool) -> None:
+def require_fitting(
+    arrays: Mapping[str, np.ndarray], rays: int, *, with_head: bool, photographs: int | None = None
+) -> None:
     """UserError, naming the array, unless they make up a state of a scene with so many training rays. KeyError where one is
-    missing. with_head: a view MLP is trained, too."""
+    missing. with_head: a view MLP is trained, too. photographs: as many have gains; None where none are fitted.
+    A run of before there were gains has none of them."""
     for name, shape, kind in SHAPES:
         _require(arrays, name, shape, kind)
     rows = len(arrays["cells"])
@@ -40,6 +44,8 @@ def require_fitting(arrays: Mapping[str, np.ndarray], rays: int, *, with_head: b
             _require(arrays, f"{part}.bias{layer}", (outputs,), "f")
     _require_grid(arrays)
     _require_rays(arrays, rays)
+    if "gains" in arrays:
+        _require_gains(arrays, photographs)
 
 
 def _require_grid(arrays: Mapping[str, np.ndarray]) -> None:
@@ -79,6 +85,15 @@ def _require_rays(arrays: Mapping[str, np.ndarray], rays: int) -> None:
     if min(*lists, drawn) < (0 if unknown else 1) or max(lists) > LONGEST_LIST or drawn > MOST_RAYS:
         expected = f"lists of 1 to {LONGEST_LIST}, or none, and rays up to {MOST_RAYS}"
         raise unfit("sizes", expected, arrays["sizes"].tolist())
+
+
+def _require_gains(arrays: Mapping[str, np.ndarray], photographs: int | None) -> None:
+    if photographs is None:
+        raise unfit("gains", "none: exposures are not fitted", "some")
+    _require(arrays, "gains", (photographs, 3), "f")
+    low, high = GAINS
+    if arrays["gains"].min() < np.float32(low) or arrays["gains"].max() > np.float32(high):
+        raise unfit("gains", f"{low} to {high}", f"{arrays['gains'].min():g} to {arrays['gains'].max():g}")
 
 
 def _require(arrays: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...], kind: str) -> None:

@@ -43,6 +43,14 @@ class Engine(Protocol):
         """
         ...
 
+    def gains(self, state: Any) -> np.ndarray | None:
+        """The photographs' gains [V, 3] (training.exposure), on the host; None where they are taken as they are."""
+        ...
+
+    def with_gains(self, state: Any, gains: np.ndarray) -> Any:
+        """The state whose steps divide photographs by other gains."""
+        ...
+
     def remember(self, state: Any) -> Any:
         """The state whose layout knows the cells' optical depths as they are now, by which marches terminate early."""
         ...

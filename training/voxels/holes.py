@@ -210,7 +210,7 @@ def _walled(state: VoxelState, occupancy: Occupancy, walls: np.ndarray, settings
         moved = np.asarray(moments.rows)[kept]
         moved[made] = 0
         parts.append(Trainable(jnp.asarray(moved), moments.head))
-    walled = state_over(layout, (parts[0], parts[1], parts[2]), state.updates, 0, state.step_voxels)
+    walled = state_over(layout, (parts[0], parts[1], parts[2]), state.updates, 0, state.step_voxels, state.gains)
     return walled._replace(hits=state.hits, hit_count=state.hit_count)
 
 

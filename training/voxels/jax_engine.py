@@ -56,11 +56,18 @@ class JaxEngine:
         return save(self.end(state))
 
     def step(self, state: VoxelState, step: int, progress: float) -> tuple[VoxelState, dict[str, jax.Array]]:
+        dataset = self.dataset.in_average_look(state.gains)
         optimised, metrics = compiled_update(self.dataset.mesh)(
-            state.optimised, state.stage, self.dataset, self.key, np.int32(step), np.float32(progress),
+            state.optimised, state.stage, dataset, self.key, np.int32(step), np.float32(progress),
             sizes=state.sizes, rays=state.rays, settings=self._settings(state),
         )  # fmt: skip
         return state.after(optimised), metrics
+
+    def gains(self, state: VoxelState) -> np.ndarray | None:
+        return None if state.gains is None else np.asarray(here(state.gains))
+
+    def with_gains(self, state: VoxelState, gains: np.ndarray) -> VoxelState:
+        return state._replace(gains=put_whole(gains, self.dataset.mesh))
 
     def remember(self, state: VoxelState) -> VoxelState:
         remember = compiled_remembering(self.dataset.mesh)
@@ -93,7 +100,7 @@ class JaxEngine:
             values = Trainable(rows, before.trainable.head)
             first, second = (Trainable(jnp.zeros_like(rows), part.head) for part in old[1:])
         layout, parts = build_layout(*occupancy), (values, first, second)
-        return state_over(layout, parts, before.updates, self.dataset.count, before.step_voxels)
+        return state_over(layout, parts, before.updates, self.dataset.count, before.step_voxels, before.gains)
 
     def draw_from(self, state: VoxelState, hits: np.ndarray, hit_count: int) -> VoxelState:
         ended = self.end(state)

@@ -15,10 +15,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
+from training import exposure
 from training.config import TrainConfig
 from training.dataset import RayDataset
+from training.devices import agree, here
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.view_mlp import init_view_mlp
 from training.voxels.checked import require_fitting
@@ -28,6 +31,7 @@ from training.voxels.refine import dense_start, refine
 from training.voxels.saving import restore
 from training.voxels.settings import plan_of, settings_of
 from training.voxels.sparse_grid import boxes_with_voxels
+from training.voxels.state import VoxelState
 
 REMEMBER_EVERY = 50  # steps between looks at how deep, optically, cells are
 HEAD_BIAS = -3.0  # the view MLP starts near zero, so that diffuse colour settles first
@@ -48,7 +52,7 @@ class VoxelMethod:
             head = init_view_mlp(key)
             head = head._replace(biases=(*head.biases[:2], head.biases[2] + HEAD_BIAS))
         step_voxels = self.config.voxels.step_voxels
-        return self.engine.begin(dense_start(self.plan, self.dataset.local(), head, step_voxels))
+        return self.engine.begin(self._with_gains(dense_start(self.plan, self.dataset.local(), head, step_voxels)))
 
     def step(self, state: Any, step: int, progress: float | None = None) -> tuple[Any, dict[str, Any]]:
         if progress is None:
@@ -64,6 +68,8 @@ class VoxelMethod:
             state = close_holes(self.engine, state, self.dataset.local(), self.plan, self.settings)
         if finer or closing or step % REMEMBER_EVERY == 0 or resolution is not None:
             state = self.engine.remember(state)  # at a new stage, too: compiled then, not later
+        if self.plan.gains and exposure.due(step):
+            state = self.engine.with_gains(state, self._fitted_gains(state, step))
         return self.engine.step(state, step, progress)
 
     def render(self, state: Any, rays: Rays) -> RenderOutput:
@@ -83,9 +89,37 @@ class VoxelMethod:
     def view_mlp(self, state: Any) -> ViewMlpParams | None:
         return self.engine.view_mlp(state)
 
+    def gains(self, state: Any) -> np.ndarray | None:
+        return self.engine.gains(state)
+
     def save(self, state: Any) -> dict[str, np.ndarray]:
         return self.engine.arrays(state)
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> Any:
-        require_fitting(arrays, self.dataset.count, with_head=self.config.voxels.view_dependence)
-        return self.engine.begin(restore(arrays))
+        photographs = self.dataset.views if self.plan.gains else None
+        require_fitting(
+            arrays, self.dataset.count, with_head=self.config.voxels.view_dependence, photographs=photographs
+        )
+        return self.engine.begin(self._with_gains(restore(arrays)))
+
+    def _with_gains(self, state: VoxelState) -> VoxelState:
+        """The state with gains to fit, where they are fitted and there are none yet."""
+        if not self.plan.gains or state.gains is not None:
+            return state
+        return state._replace(gains=np.ones((self.dataset.views, 3), np.float32))
+
+    def _fitted_gains(self, state: Any, step: int) -> np.ndarray:
+        """The photographs' gains [V, 3] by what the field shows of some of their rays now; the same in every process."""
+        gains, dataset = self.engine.gains(state), self.dataset
+        assert gains is not None
+        drawn = exposure.drawn(np.asarray(here(dataset.first)), dataset.count, (self.config.seed, step))
+        ids = drawn.ravel().astype(np.int32)
+        shown = self.engine.render(state, dataset.local().geometry_at(jnp.asarray(ids)))
+        opacity = np.asarray(shown.alpha)[:, None]
+        look = np.asarray(shown.rgb) - (1.0 - opacity) * np.asarray(dataset.background, np.float32)
+        pixels = dataset.pixels_here(ids)
+        found = exposure.fitted(
+            gains, look.reshape(*drawn.shape, 3), opacity.reshape(drawn.shape), pixels.reshape(*drawn.shape, -1),
+            auto=self.config.exposure == "auto",
+        )  # fmt: skip
+        return np.asarray(agree(found))

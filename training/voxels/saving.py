@@ -28,6 +28,8 @@ def save(state: VoxelState) -> dict[str, np.ndarray]:
         "closed": np.int32(state.closed),
         "sizes": np.array([*(state.sizes or UNKNOWN), state.rays], np.int32),
     }  # fmt: skip
+    if state.gains is not None:
+        arrays["gains"] = state.gains
     for name in ("trainable", "first", "second"):
         part = getattr(state, name)
         arrays[f"{name}.rows"] = part.rows
@@ -62,5 +64,5 @@ def restore(arrays: Mapping[str, np.ndarray]) -> VoxelState:
         **parts, updates=jnp.asarray(arrays["updates"]), layout=layout, cells=jnp.asarray(arrays["cells"]),
         hits=jnp.asarray(arrays["hits"]), hit_count=jnp.int32(arrays.get("hit_count", len(arrays["hits"]))),
         sizes=None if sizes == UNKNOWN else sizes, rays=rays, step_voxels=float(arrays.get("step_voxels", 1.0)),
-        closed=bool(arrays.get("closed", 0)),
+        closed=bool(arrays.get("closed", 0)), gains=arrays.get("gains"),
     )  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 from console import UserError
 from training.config import TrainConfig
 from training.dataset import RayDataset
+from training.exposure import is_fitted
 from training.marching.layout import depth_where
 from training.voxels.config import KindSettings, settings_for
 
@@ -61,7 +62,7 @@ class Plan:
 
     box float64 [2, 3] that holds the content; shape [3] of a voxel, in widths. schedule: step -> resolution of the grid from
     then on; a step that keeps the resolution only prunes. samples: of a step. most_rays: of a step. always_hit: every ray
-    ends at something, as in photographs that nothing was cut out of.
+    ends at something, as in photographs that nothing was cut out of. gains: of the photographs are fitted (training.exposure).
     """
 
     box: np.ndarray
@@ -73,6 +74,7 @@ class Plan:
     samples: int
     most_rays: int
     always_hit: bool
+    gains: bool = False
 
     @property
     def extent(self) -> float:
@@ -94,6 +96,7 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
         samples=voxels.samples_per_step or _samples_for(resolutions[-1]),
         most_rays=MOST_RAYS * config.batch_size,
         always_hit=dataset.kind != "object",
+        gains=is_fitted(config.exposure, rendered=dataset.facts.rendered),
     )
 
 

@@ -53,7 +53,8 @@ class VoxelState(NamedTuple):
 
     sizes, rays: how long the JAX engine's lists of a step are, and how many rays fill a step; plain numbers. sizes is None, and
     rays 0, where no engine has looked yet. step_voxels: distance between samples, in voxels, a plain number as well.
-    closed: whether holes have been closed (training.voxels.holes).
+    closed: whether holes have been closed (training.voxels.holes). gains float32 [V, 3]: of the photographs (training.exposure);
+    None where they are taken as they are.
     """
 
     trainable: Trainable
@@ -68,6 +69,7 @@ class VoxelState(NamedTuple):
     rays: int
     step_voxels: float
     closed: bool = False
+    gains: Any = None
 
     @property
     def optimised(self) -> Optimised:
@@ -84,11 +86,12 @@ class VoxelState(NamedTuple):
 
 def state_over(
     layout: GridLayout, parts: tuple[Trainable, Trainable, Trainable], updates: jax.Array, rays: int,
-    step_voxels: float = 1.0,
+    step_voxels: float = 1.0, gains: Any = None,
 ) -> VoxelState:  # fmt: skip
     """A state that no engine has looked at yet, which draws from all of so many rays. parts: values and their two moments."""
     (cells,) = np.nonzero(np.asarray(layout.lookup))
     return VoxelState(
         *parts, updates=updates, layout=layout, cells=jnp.asarray(np.concatenate([[0], cells]).astype(np.int32)),
         hits=jnp.zeros(0, jnp.int32), hit_count=jnp.int32(rays), sizes=None, rays=0, step_voxels=step_voxels,
+        gains=gains,
     )  # fmt: skip

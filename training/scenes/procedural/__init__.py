@@ -1,26 +1,32 @@
-"""A scene of our own, rendered from analytic shapes and written in Blender layout: test fixture and bundled demo.
+"""Scenes of our own, rendered from shapes and written in Blender layout: test fixture and bundled demo.
 
-    python -m training.scenes.procedural OUT --size 200 --views 60 --seed 0
+    python -m training.scenes.procedural OUT --scene island --size 400 --views 96 --seed 0
 
-Deterministic by seed, views and size. See still_life (what there is), shapes, shading and tracing (how it
-is drawn).
+Deterministic by seed, views and size. The still life and the scenes of `stress` are quick to draw: see shapes, shading and
+tracing (how). The island is the bundled demo; see island.
 """
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from PIL import Image
 
 from console import progress
+from training.scenes.procedural.shading import Thing
 from training.scenes.procedural.still_life import still_life
+from training.scenes.procedural.stress import glass, wires
 from training.scenes.procedural.tracing import picture
 from training.scenes.scene import Camera
 
+Arrangement = Literal["still-life", "glass", "wires", "island"]
+ARRANGEMENTS: Mapping[str, Callable[[int], list[Thing]]] = {"still-life": still_life, "glass": glass, "wires": wires}
 DISTANCE = 4.0311  # of the cameras from the origin, as in NeRF-synthetic
 CAMERA_ANGLE_X = 0.6911112  # horizontal field of view in radians, likewise
 LOOK_AT = np.array([0.0, 0.0, -0.12])
@@ -47,22 +53,35 @@ def spread_cameras(count: int, size: int, phase: float) -> list[Camera]:
     return [Camera(look_at(eye, LOOK_AT), size, size, focal, focal, size / 2, size / 2) for eye in eyes]
 
 
+def drawn(arrangement: Arrangement, seed: int, subpixels: int) -> Callable[[Camera], np.ndarray]:
+    """What draws `arrangement` as a camera sees it: uint8 [H, W, 4], transparent background, RGB not premultiplied."""
+    if arrangement == "island":
+        from training.scenes.procedural.island import island_picture, make_island  # numba compiles it
+
+        island = make_island(seed)
+        return lambda camera: island_picture(island, camera, subpixels)
+    things = ARRANGEMENTS[arrangement](seed)
+    return lambda camera: picture(things, camera, subpixels)
+
+
 def write_procedural_scene(
     out: Path,
     *,
+    arrangement: Arrangement = "still-life",
     size: int = 200,
     views: int = 60,
     test_views: int | None = None,
     seed: int = 0,
     subpixels: int = 3,
 ) -> Path:
-    """Renders the scene into `out` in Blender layout and returns `out`.
+    """Renders a scene into `out` in Blender layout and returns `out`.
 
+    arrangement: what there is.
     size: pixels a side. views: training views; test_views (default a sixth, at least two) lie between them.
     subpixels: rays a side of a pixel. The folder is made; pictures of the same names are replaced.
     """
     out = Path(out)
-    things = still_life(seed)
+    draw = drawn(arrangement, seed, subpixels)
     test_views = max(2, views // 6) if test_views is None else test_views
     splits = {"train": spread_cameras(views, size, 0.0), "test": spread_cameras(test_views, size, 0.5)}
     jobs = []
@@ -77,7 +96,7 @@ def write_procedural_scene(
         jobs += [(camera, out / split / f"r_{i}.png") for i, camera in enumerate(cameras)]
 
     def render(job: tuple[Camera, Path]) -> None:
-        Image.fromarray(picture(things, job[0], subpixels), "RGBA").save(job[1], optimize=False)
+        Image.fromarray(draw(job[0]), "RGBA").save(job[1], optimize=False)
 
     with progress("procedural scene", len(jobs)) as bar, ThreadPoolExecutor(os.cpu_count()) as pool:
         for _ in pool.map(render, jobs):
@@ -85,4 +104,6 @@ def write_procedural_scene(
     return out
 
 
-__all__ = ["look_at", "picture", "spread_cameras", "still_life", "write_procedural_scene"]
+__all__ = [
+    "ARRANGEMENTS", "Arrangement", "look_at", "picture", "spread_cameras", "still_life", "write_procedural_scene",
+]  # fmt: skip

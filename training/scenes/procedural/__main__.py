@@ -1,4 +1,4 @@
-"""`python -m training.scenes.procedural OUT`: writes the procedural scene."""
+"""`python -m training.scenes.procedural OUT`: writes a procedural scene."""
 
 from __future__ import annotations
 
@@ -8,19 +8,29 @@ from pathlib import Path
 import tyro
 
 from console import run_command
-from training.scenes.procedural import write_procedural_scene
+from training.scenes.procedural import Arrangement, write_procedural_scene
 
 
-def procedural(out: tyro.conf.Positional[Path], size: int = 200, views: int = 60, seed: int = 0) -> None:
-    """Writes the procedural scene in Blender layout.
+def procedural(
+    out: tyro.conf.Positional[Path],
+    scene: Arrangement = "still-life",
+    size: int = 200,
+    views: int = 60,
+    seed: int = 0,
+    subpixels: int = 3,
+) -> None:
+    """Writes a procedural scene in Blender layout.
 
     Args:
         out: Folder to write.
+        scene: What there is: still-life, glass (mirrors, tinted glass behind tinted glass), wires (a cage, a net and strings as
+            thin as a pixel), or island (with a lighthouse: the bundled demo; ten times as slow).
         size: Width and height of the photographs, in pixels.
         views: Number of training views. A sixth as many test views are added.
-        seed: Random seed of colours and positions. 0 is the bundled demo.
+        seed: Random seed of colours and positions.
+        subpixels: Rays per pixel, along each side.
     """
-    write_procedural_scene(out, size=size, views=views, seed=seed)
+    write_procedural_scene(out, arrangement=scene, size=size, views=views, seed=seed, subpixels=subpixels)
 
 
 if __name__ == "__main__":

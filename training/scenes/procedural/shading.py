@@ -34,11 +34,13 @@ BOXES = (  # direction, sharpness and colour of the soft boxes seen in reflectio
 
 @dataclass(frozen=True)
 class Material:
-    """albedo: linear colour [3], or a pattern p [N, 3] -> [N, 3]. f0, and whether it is a metal (tinted mirror)."""
+    """albedo: linear colour [3], or a pattern p [N, 3] -> [N, 3]. f0, and whether it is a metal (tinted mirror). opacity: of
+    what does not mirror; below 1 it is tinted glass, which does not refract."""
 
     albedo: np.ndarray | Callable[[np.ndarray], np.ndarray]
     f0: float = 0.05
     metal: bool = False
+    opacity: float = 1.0
 
     def colour(self, p: np.ndarray) -> np.ndarray:
         """Linear albedo [N, 3] at p."""
@@ -70,7 +72,8 @@ def key_light(things: Sequence[Thing], p: np.ndarray, skip: int) -> np.ndarray:
     share = np.ones(len(p), np.float32)
     for index, thing in enumerate(things):
         if index != skip and not isinstance(thing.shape, Disc):
-            share = share * thing.shape.lit(p, KEY, KEY_RADIUS)
+            lit, opacity = thing.shape.lit(p, KEY, KEY_RADIUS), np.float32(thing.material.opacity)
+            share = share * (lit if opacity == 1 else 1 - opacity * (1 - lit))
     return share
 
 
@@ -79,7 +82,7 @@ def ambient(things: Sequence[Thing], p: np.ndarray, n: np.ndarray, skip: int) ->
     open_sky = np.ones(len(p), np.float32)
     for index, thing in enumerate(things):
         centre, radius = thing.shape.bound
-        if index == skip or isinstance(thing.shape, Disc) or radius < 0.06:
+        if index == skip or isinstance(thing.shape, Disc) or radius < 0.06 or thing.material.opacity < 1:
             continue
         solid = 0.8 * radius if hasattr(thing.shape, "centre") else 0.1 * radius  # a rod hides little
         to = centre - p
@@ -108,6 +111,13 @@ def shade(things: Sequence[Thing], index: int, p: np.ndarray, n: np.ndarray, v: 
         return albedo * (mirrored * 1.05 + 0.35 * sky + 0.35 * (sun * seen)[:, None] * KEY_COLOUR)
     diffuse = albedo * (sky + (sun * seen)[:, None] * KEY_COLOUR)
     return diffuse * (1 - fresnel) + fresnel * mirrored
+
+
+def coverage(material: Material, n: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """How much [N] of what is behind a thing it hides: glass hides more the flatter it is looked at."""
+    cosine = np.clip(dot(n, v), 0, 1)
+    fresnel = material.f0 + (1 - material.f0) * (1 - cosine) ** 5
+    return (material.opacity + (1 - material.opacity) * fresnel).astype(np.float32)
 
 
 def display(linear: np.ndarray) -> np.ndarray:

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from training.scenes.procedural.shading import Thing, display, shade
+from training.scenes.procedural.shading import Thing, coverage, display, shade
 from training.scenes.procedural.shapes import INFINITY, dot
 from training.scenes.scene import Camera
 
+LAYERS = 12  # of glass, and one of what is not, that a ray may go through
 CHUNK = 1 << 15  # rays at a time, so that temporaries stay in the cache
 
 
@@ -29,17 +30,20 @@ def primary_rays(camera: Camera, subpixels: int) -> tuple[np.ndarray, np.ndarray
     return np.broadcast_to(camera.world_T_camera[:3, 3].astype(np.float32), d.shape), d
 
 
-def nearest(things: Sequence[Thing], o: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """t [N] and the number of the thing hit [N] (-1: none). Each thing is asked only of rays through its
-    bounding ball.
+def nearest(
+    things: Sequence[Thing], o: np.ndarray, d: np.ndarray, leaving: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """t [N] and the number of the thing hit [N] (-1: none). leaving [N]: the thing that a ray comes out of, which it does not
+    hit again (-1: none). Each thing is asked only of rays through its bounding ball.
     """
     t = np.full(len(o), INFINITY, np.float32)
     which = np.full(len(o), -1, np.int32)
     for index, thing in enumerate(things):
         centre, radius = thing.shape.bound
-        to = centre - o[0]  # one eye per chunk
-        along = d @ to
-        through = np.flatnonzero((np.dot(to, to) - along * along) < np.float32(radius * radius) * 1.01)
+        to = centre - o
+        along = dot(d, to)
+        passes = (dot(to, to) - along * along) < np.float32(radius * radius) * 1.01
+        through = np.flatnonzero(passes & (leaving != index))
         if not len(through):
             continue
         hit = thing.shape.hit(o[through], d[through])
@@ -50,16 +54,29 @@ def nearest(things: Sequence[Thing], o: np.ndarray, d: np.ndarray) -> tuple[np.n
 
 
 def trace(things: Sequence[Thing], o: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Premultiplied display colour and coverage [N, 4] of rays from one eye."""
-    t, which = nearest(things, o, d)
+    """Premultiplied display colour and coverage [N, 4] of rays: what is hit first over what is behind it, where that is glass."""
     result = np.zeros((len(o), 4), np.float32)
-    for index in np.unique(which[which >= 0]):
-        rays = np.flatnonzero(which == index)
-        p = o[rays] + t[rays, None] * d[rays]
-        n = things[index].shape.normal(p)
-        n = np.where(dot(n, d[rays])[:, None] > 0, -n, n)
-        result[rays, :3] = np.clip(display(shade(things, int(index), p, n, -d[rays])), 0, 1)
-        result[rays, 3] = 1
+    passed = np.ones(len(o), np.float32)
+    rays, leaving = np.arange(len(o)), np.full(len(o), -1, np.int32)
+    for _ in range(LAYERS):
+        t, which = nearest(things, o, d, leaving)
+        hit = which >= 0
+        rays, o, d, t, which = rays[hit], o[hit], d[hit], t[hit], which[hit]
+        p, hides = o + t[:, None] * d, np.ones(len(rays), np.float32)
+        for index in np.unique(which):
+            at = np.flatnonzero(which == index)
+            n = things[index].shape.normal(p[at])
+            n = np.where(dot(n, d[at])[:, None] > 0, -n, n)
+            if things[index].material.opacity < 1:
+                hides[at] = coverage(things[index].material, n, -d[at])
+            shown = np.clip(display(shade(things, int(index), p[at], n, -d[at])), 0, 1)
+            result[rays[at], :3] += (passed[rays[at]] * hides[at])[:, None] * shown
+        passed[rays] *= 1 - hides
+        through = hides < 1
+        rays, o, d, leaving = rays[through], p[through], d[through], which[through]
+        if not len(rays):
+            break
+    result[:, 3] = 1 - passed
     return result
 
 

@@ -44,6 +44,7 @@ class FusedState:
         self.plain: VoxelState | None = plain
         self.updates, self.rays, self.step_voxels = int(plain.updates), plain.rays, plain.step_voxels
         self.closed = plain.closed
+        self.gains = None if plain.gains is None else np.array(plain.gains, np.float32)
         self.hits, self.hit_count = np.asarray(plain.hits)[: int(plain.hit_count)], int(plain.hit_count)
         self.stepper: Stepper | None = None
 
@@ -97,7 +98,7 @@ class FusedState:
             *(_trainable(part, grid) for part in (self.values, self.first, self.second)),
             updates=jnp.int32(self.updates), layout=layout, cells=cells, hits=jnp.asarray(self.hits),
             hit_count=jnp.int32(self.hit_count), sizes=None, rays=self.rays, step_voxels=self.step_voxels,
-            closed=self.closed,
+            closed=self.closed, gains=self.gains,
         )  # fmt: skip
 
 
@@ -138,6 +139,15 @@ class FusedEngine:
         state.updates += 1
         state.plain = None
         yield "adam", (state, gradient.metrics | {"psnr": -10.0 * float(np.log10(max(gradient.metrics["mse"], 1e-12)))})
+
+    def gains(self, state: FusedState) -> np.ndarray | None:
+        return state.gains
+
+    def with_gains(self, state: FusedState, gains: np.ndarray) -> FusedState:
+        state.gains = gains
+        if state.plain is not None:
+            state.plain = state.plain._replace(gains=gains)
+        return state
 
     def remember(self, state: FusedState) -> FusedState:
         """As the protocol says; and draws as many rays a step from then on as fill it."""
@@ -224,7 +234,8 @@ class FusedEngine:
         background = random.random((rays, 3), np.float32)
         if not self.settings.random_background:
             background[:] = self.settings.background
-        return stepper.batch(self.photographs, ids, phase, background)
+        photographs = self.photographs if state.gains is None else self.photographs._replace(gains=state.gains)
+        return stepper.batch(photographs, ids, phase, background)
 
     def _smoothed(self, rows: int) -> float:
         """The share of voxels whose variation is looked at in a step: as set, but never more work than the samples are."""

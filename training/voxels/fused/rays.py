@@ -21,7 +21,7 @@ class Photographs(NamedTuple):
 
     pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, 4] float64; first int64 [V]; width
     int64 [V]; row_step: one row in so many is taken; ndc float64 [3] = width, height, focal, zeros where rays are not warped.
-    near, far: bounds of t.
+    near, far: bounds of t. gains float32 [V, 3]: see RayDataset; of no photographs where colours stay as they are.
     """
 
     pixels: np.ndarray
@@ -34,6 +34,7 @@ class Photographs(NamedTuple):
     ndc: np.ndarray
     near: float
     far: float
+    gains: np.ndarray = np.zeros((0, 3), np.float32)
 
 
 class Batch(NamedTuple):
@@ -103,7 +104,7 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
             _warp_to_ndc(position, direction, photographs.ndc)
         _into_grid(batch, n, position, direction, photographs.near, photographs.far, origin, voxel, dims)
         if coloured:
-            _colour(photographs.pixels, ids[n], batch, n)
+            _colour(photographs.pixels, photographs.gains, view, ids[n], batch, n)
 
 
 @njit(nogil=True, cache=True)
@@ -170,10 +171,12 @@ def _into_grid(batch, n, position, direction, near, far, origin, voxel, dims):
 
 
 @njit(nogil=True, cache=True)
-def _colour(pixels, id_, batch, n):
-    """The pixel's colour, over the ray's background where it is not opaque."""
+def _colour(pixels, gains, view, id_, batch, n):
+    """The pixel's colour, in the average look, over the ray's background where it is not opaque."""
     opaque = pixels.shape[1] == 3
     alpha = np.float32(1.0) if opaque else np.float32(pixels[id_, pixels.shape[1] - 1]) / np.float32(255.0)
     for channel in range(3):
         colour = np.float32(pixels[id_, channel]) / np.float32(255.0)
+        if gains.shape[0] > 0 and pixels[id_, channel] < 255:  # what is clipped stays white, as in RayDataset
+            colour = min(colour / gains[view, channel], np.float32(1.0))
         batch.target[n, channel] = colour * alpha + (np.float32(1.0) - alpha) * batch.background[n, channel]
