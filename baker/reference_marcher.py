@@ -51,6 +51,7 @@ def render_reference(
 ) -> ReferencePicture:
     """The picture of `pack` from `camera`. crop: corners of a box in the grid frame that stands in for the grid's."""
     in_camera = pixel_directions(camera)
+    assert not (camera.orthographic and pack.ndc), "a forward-facing pack has no orthographic view"
     near = np.maximum(camera.near / -in_camera[:, 2], camera.ray_near)  # along the ray
     training_T_camera = pack.worldspace_T_opengl @ camera.grid_T_camera
     viewdirs = in_camera @ training_T_camera[:3, :3].T
@@ -60,7 +61,7 @@ def render_reference(
     else:
         directions = in_camera @ camera.grid_T_camera[:3, :3].T
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        origins = np.broadcast_to((camera.position - pack.min_xyz) / pack.voxel_size, directions.shape)
+        origins = (pixel_origins(camera) - pack.min_xyz) / pack.voxel_size
         first = near / pack.voxel_size
     rgb, features, transmittance, samples = march(pack, origins, directions, first, crop)
     if pack.ndc:
@@ -84,11 +85,22 @@ def render_reference(
 
 def pixel_directions(camera: ViewCamera) -> np.ndarray:
     """Unit directions [H W, 3] in camera axes (x right, y up, z back), through pixel centres, row by row from the top."""
+    if camera.orthographic:
+        return np.tile([0.0, 0.0, -1.0], (camera.height * camera.width, 1))
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     a, b = undistort((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
     directions = np.stack([a, -b, -np.ones_like(a)], axis=-1)
     directions = directions.reshape(-1, 3)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def pixel_origins(camera: ViewCamera) -> np.ndarray:
+    """Where the rays of the same pixels begin, [H W, 3], grid frame: the camera, or the plane across an orthographic one."""
+    if not camera.orthographic:
+        return np.broadcast_to(camera.position, (camera.height * camera.width, 3))
+    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+    across = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, np.zeros_like(x)], axis=-1)
+    return camera.position + across.reshape(-1, 3) @ camera.grid_T_camera[:3, :3].T
 
 
 def ndc_rays(

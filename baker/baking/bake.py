@@ -18,10 +18,11 @@ import numpy as np
 
 from baker.baking.culling import TAU_ALPHA, TAU_VIS, Culling, content_box, cull
 from baker.baking.field_query import FieldQuery, field_query, occupied_query, within
+from baker.baking.float_grid import FloatGrid, assemble
 from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
-from baker.baking.supersample import supersample
+from baker.baking.supersample import Sampler, Supersampling, supersample, supersample_floats
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
-from baker.tuning.fine_tune import EPOCHS, fine_tune
+from baker.tuning.fine_tune import EPOCHS, FINE_TUNE_PIXELS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Closing, Pruned, prune
 from baker.view_mlp import from_params
@@ -33,6 +34,7 @@ from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.allocator import keep_freed_memory
 from training.dataset import RayDataset
+from training.method import ViewMlpParams
 from training.run import Run, require_bakeable
 from training.scenes.box import OPTION, box_text, with_box
 from training.scenes.scene import Box, cameras_of
@@ -67,6 +69,10 @@ class BakeConfig:
     """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together."""
     fine_tune_epochs: int = EPOCHS
     """Passes over the training pixels that refine the view MLP; 0 for none."""
+    fine_tune_pixels: int = FINE_TUNE_PIXELS
+    """Training pixels that refine the view MLP, an even random share; 0 for all (the paper)."""
+    supersampling: Supersampling = "grain"
+    """How the content of a voxel is averaged; see baker.baking.supersample."""
     seed: int = 0
     """Seed of the Gaussian samples within voxels and of fine-tuning."""
     most_macroblocks: int = MOST_MACROBLOCKS
@@ -78,7 +84,8 @@ class BakeConfig:
         """UserError where a number makes no sense: for commands to ask before hours of work, not after."""
         most = MAX_BLOCK_INDEX * BLOCK_SIZE
         ranges = {"resolution": (BLOCK_SIZE, most), "tau_alpha": (0, 1), "tau_vis": (0, 1), "tau_weight": (0, 1),
-                  "fine_tune_epochs": (0, 1_000_000), "seed": (0, LARGEST_SEED), "most_macroblocks": (1, 2**31 - 1)}  # fmt: skip
+                  "fine_tune_epochs": (0, 1_000_000), "fine_tune_pixels": (0, 2**31 - 1),
+                  "seed": (0, LARGEST_SEED), "most_macroblocks": (1, 2**31 - 1)}  # fmt: skip
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
             if not low <= value <= high:
@@ -110,7 +117,7 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
         "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
         "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
         "resolution": config.resolution, "tau_alpha": config.tau_alpha, "tau_vis": config.tau_vis,
-        "most_macroblocks": config.most_macroblocks, "aabb": config.aabb,
+        "most_macroblocks": config.most_macroblocks, "aabb": config.aabb, "supersampling": config.supersampling,
     }  # fmt: skip
 
 
@@ -129,15 +136,10 @@ def bake(
     with stages("supersampling"):
         atlas = fill_atlas(_content(run, config, work, grid, culling), culling.kept, BLOCK_SIZE)
     head = run.method.view_mlp(run.state)
+    photographs = run.dataset.in_average_look(run.method.gains(run.state))  # as the field shows them
     if last:
         run.state = None
-    camera = run.scene.splits["train"][0].camera
-    pack = Pack(
-        voxel_size=grid.voxel_size, min_xyz=grid.min_xyz, grid_size=grid.size, block_size=BLOCK_SIZE,
-        atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=head and from_params(head),
-        worldspace_T_opengl=grid.worldspace_T_opengl, ndc=run.scene.ndc,
-        input_width=camera.width, input_height=camera.height, input_focal=float(camera.fx),
-    )  # fmt: skip
+    pack = assembled(run, grid, atlas, head)
     with stages("padding"):
         for part in atlas[1:]:
             restore_padding(part, atlas[0], BLOCK_SIZE)
@@ -146,14 +148,14 @@ def bake(
     by_opacity = config.aabb is not None  # photographs also show what lies outside of the box that is baked
     if config.tau_weight > 0:
         with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
-            pack, removed = _pruned(pack, run.dataset, config, config.tau_weight, UNSEEN, by_opacity, bar)
+            pack, removed = _pruned(pack, photographs, config, config.tau_weight, UNSEEN, by_opacity, bar)
         counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
     if config.fine_tune != "none":
         with stages("view MLP"), progress("fine-tuning the view MLP", 1.0, stage=STAGE) as bar:
             pack, before, after = fine_tune(
-                pack, run.dataset, epochs=config.fine_tune_epochs, seed=config.seed, on_share=bar.update,
-                by_opacity=by_opacity,
+                pack, photographs, epochs=config.fine_tune_epochs, most_pixels=config.fine_tune_pixels, seed=config.seed,
+                on_share=bar.update, by_opacity=by_opacity,
             )  # fmt: skip
         if np.isfinite(after):
             tuned = {
@@ -163,7 +165,7 @@ def bake(
     if config.fine_tune == "all":
         handed_over = [pack]
         del pack  # nobody else holds it, so that what pruning leaves takes its place
-        pack, figures, again = _with_tuned_voxels(handed_over.pop(), run.dataset, config, stages, by_opacity)
+        pack, figures, again = _with_tuned_voxels(handed_over.pop(), photographs, config, stages, by_opacity)
         tuned |= figures
         if removed and again:
             emptied = removed.macroblocks + again.macroblocks
@@ -172,7 +174,7 @@ def bake(
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
         **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": grid.resolution,
-        "tau_weight": config.tau_weight, "macroblocks": counts,
+        "tau_weight": config.tau_weight, "supersampling": config.supersampling, "macroblocks": counts,
     }  # fmt: skip
     if removed:
         provenance["voxels"] = {
@@ -181,6 +183,19 @@ def bake(
     if tuned:
         provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
+
+
+def assembled(
+    run: Run, grid: BakeGrid, atlas: tuple[np.ndarray, np.ndarray, np.ndarray], head: ViewMlpParams | None
+) -> Pack:
+    """A pack of what fill_atlas gives of a run's grid, without metadata."""
+    camera = run.scene.splits["train"][0].camera
+    return Pack(
+        voxel_size=grid.voxel_size, min_xyz=grid.min_xyz, grid_size=grid.size, block_size=BLOCK_SIZE,
+        atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=head and from_params(head),
+        worldspace_T_opengl=grid.worldspace_T_opengl, ndc=run.scene.ndc,
+        input_width=camera.width, input_height=camera.height, input_focal=float(camera.fx),
+    )  # fmt: skip
 
 
 def _with_tuned_voxels(
@@ -223,6 +238,17 @@ def _pruned(
 
     views = with_views_between(dataset)
     return prune(pack, views, tau_weight, config.seed, bar.update, closing, score, MOST_LOST)
+
+
+def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
+    """What `bake` quantises, as it is: neither pruned nor fine-tuned, and not kept on disk. UserError as there."""
+    check_bake(run, config)
+    grid, culling = _culled(run, config, None, Stages())
+    grain = run.method.grain(run.state)
+    sampler = Sampler.of(_query(run, config), grid, culling, grain, config.supersampling, config.seed)
+    count = int(culling.kept.sum())
+    with progress("supersampling, in floats", count, stage=STAGE) as bar:
+        return assemble(supersample_floats(sampler, _Rate(bar, count)), culling.kept, grid)
 
 
 def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
@@ -309,7 +335,8 @@ def _content(
     with progress("supersampling", count, stage=STAGE) as bar:
         yield from supersample(
             _query(run, config), grid, culling,
-            grain=run.method.grain(run.state), seed=config.seed, on_blocks=_Rate(bar, count), work=work,
+            grain=run.method.grain(run.state), how=config.supersampling, seed=config.seed,
+            on_blocks=_Rate(bar, count), work=work,
         )  # fmt: skip
 
 

@@ -136,6 +136,16 @@ def cull(
     return Culling(kept, dilate(cells) & inside, int(opaque.sum()), int((opaque & ~kept).sum()))
 
 
+def cull_by_opacity(
+    query: FieldQuery, grid: BakeGrid, occupied: Occupied | None, tau_alpha: float = TAU_ALPHA
+) -> Culling:
+    """The first test alone: what no camera sees stays."""
+    opaque, density = _opacity(query, occupied, grid, tau_alpha, None, None)
+    per_block = grid.block_size // grid.cell
+    inside = np.repeat(np.repeat(np.repeat(opaque, per_block, 0), per_block, 1), per_block, 2)
+    return Culling(opaque, dilate(density > 0) & inside, int(opaque.sum()), 0)
+
+
 def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
     z, y, x = (n // per_block for n in cells.shape)
     return np.any(cells.reshape(z, per_block, y, per_block, x, per_block), axis=(1, 3, 5))

@@ -3,6 +3,8 @@
 The paper takes 16 Gaussian samples a voxel, since an MLP may change within a voxel by as much as it likes. A field of voxels does
 not: it is a blurred signal already, and blurring it again is lost sharpness (0.8 dB on a lego at 512³). So the Gaussian makes
 up for no more than what the field's own grain leaves; where the field is no finer than the grid, one sample at the centre is all.
+This, with colours and features weighted by opacity before they are averaged, is Supersampling "grain". "paper" is what the paper
+writes, to the letter: 16 Gaussian samples always, and plain averages of colours, features and densities.
 
 Macroblocks are made some at a time, in z, y, x order, and kept on disk where a work folder is given; of each only the
 voxels that are not empty. The random numbers of a macroblock depend on the seed and its place alone.
@@ -12,8 +14,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -29,6 +33,7 @@ VOXELS_AT_ONCE = 16_384  # of a thread: its arrays stay near its core
 MOST_THREADS = 4
 BLOCKS_AT_ONCE = 32  # macroblocks to a piece of work: about a second of it on two cores
 
+Supersampling = Literal["grain", "paper"]
 OnBlocks = Callable[[int, int], None]  # macroblocks done, samples taken since the last call
 
 
@@ -38,6 +43,7 @@ def supersample(
     culling: Culling,
     *,
     grain: np.ndarray | None = None,
+    how: Supersampling = "grain",
     seed: int = 0,
     on_blocks: OnBlocks | None = None,
     work: WorkFolder | None = None,
@@ -46,15 +52,16 @@ def supersample(
 
     Voxels far from any opacity stay zero without being asked. grain: of the field, see training.method.Method.grain.
     """
-    blocks, spread = np.argwhere(culling.kept), spread_of(grid, grain)
-    samples = SAMPLES if spread.any() else 1
+    blocks, sampler = np.argwhere(culling.kept), Sampler.of(query, grid, culling, grain, how, seed)
     size, done, most = grid.block_size, 0, 0
 
     def make(part: np.ndarray) -> Arrays:
         nonlocal done
-        places, values = _content(query, grid, culling, part, spread, seed, pool)
+        places, values = sampler.content(part, pool)
         done += len(part)
-        on_some(done, samples * len(places))
+        on_some(done, sampler.samples * len(places))
+        values = np.round(255 * values).astype(np.uint8)
+        values[values[:, 3] == 0] = 0
         some = values.any(axis=1)
         return {"places": places[some], "values": values[some]}
 
@@ -82,6 +89,20 @@ def supersample(
             yield from zip(map(tuple, part.tolist()), voxels, strict=True)
 
 
+def supersample_floats(
+    sampler: Sampler, on_blocks: OnBlocks | None = None
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """The same content before it is quantised: macroblocks [n, 3] (z, y, x), places and content as Sampler.content gives them."""
+    blocks, done = np.argwhere(sampler.culling.kept), 0
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS)) as pool:
+        for part in np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE)):
+            places, content = sampler.content(part, pool)
+            done += len(part)
+            if on_blocks:
+                on_blocks(done, sampler.samples * len(places))
+            yield part, places, content
+
+
 def spread_of(grid: BakeGrid, grain: np.ndarray | None) -> np.ndarray:
     """float32 [3], x, y, z: the Gaussian's standard deviation in voxels, where the field is smooth within `grain`."""
     if grain is None:
@@ -90,47 +111,81 @@ def spread_of(grid: BakeGrid, grain: np.ndarray | None) -> np.ndarray:
     return (SIGMA * np.sqrt(np.maximum(1 - own**2, 0))).astype(np.float32)
 
 
-def _content(
-    query: FieldQuery, grid: BakeGrid, culling: Culling, blocks: np.ndarray, spread: np.ndarray, seed: int,
-    pool: ThreadPoolExecutor,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Flat places int32 [N] among the voxels of `blocks` [n, 3], one after another, and their content uint8 [N, 8]."""
-    size, cell = grid.block_size, grid.cell
-    per_block = size // cell
+@dataclass(frozen=True)
+class Sampler:
+    """Averages a field within the voxels of a grid. spread: of the Gaussian, see spread_of. how: see above."""
 
-    def look(number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        block = blocks[number]
-        cells = culling.cells[tuple(slice(b * per_block, (b + 1) * per_block) for b in block)]
+    query: FieldQuery
+    grid: BakeGrid
+    culling: Culling
+    spread: np.ndarray
+    how: Supersampling
+    seed: int
+
+    @classmethod
+    def of(
+        cls,
+        query: FieldQuery,
+        grid: BakeGrid,
+        culling: Culling,
+        grain: np.ndarray | None,
+        how: Supersampling,
+        seed: int,
+    ) -> Sampler:
+        """The sampler of a field of this grain (training.method.Method.grain)."""
+        return cls(query, grid, culling, spread_of(grid, grain if how == "grain" else None), how, seed)
+
+    @property
+    def samples(self) -> int:
+        """Samples a voxel."""
+        return SAMPLES if self.spread.any() else 1
+
+    def content(self, blocks: np.ndarray, pool: Executor) -> tuple[np.ndarray, np.ndarray]:
+        """Flat places int32 [N] among the voxels of `blocks` [n, 3], one after another, and their content float32 [N, 8]:
+        premultiplied rgb, alpha and features, not quantised."""
+
+        def fill(start: int) -> None:
+            part = slice(start, start + VOXELS_AT_ONCE)
+            values[part] = self._average(centres[part, None] + noise[part])
+
+        places, voxels, offsets = zip(*pool.map(lambda i: self._wanted(i, blocks[i]), range(len(blocks))), strict=True)
+        centres, noise = np.concatenate(voxels) + np.float32(0.5), np.concatenate(offsets)
+        values = np.empty((len(centres), 8), np.float32)
+        list(pool.map(fill, range(0, len(centres), VOXELS_AT_ONCE)))
+        return np.concatenate(places), values
+
+    def _wanted(self, number: int, block: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of a macroblock's voxels in wanted cells: flat places int32 [N], counted from `number` macroblocks on; positions
+        float32 [N, 3]; offsets of the samples from their centres [N, samples, 3]. In voxels."""
+        size, cell = self.grid.block_size, self.grid.cell
+        per_block = size // cell
+        cells = self.culling.cells[tuple(slice(b * per_block, (b + 1) * per_block) for b in block)]
         wanted = np.repeat(np.repeat(np.repeat(cells, cell, 0), cell, 1), cell, 2)
         z, y, x = np.nonzero(wanted)
         places = (number * size**3 + np.flatnonzero(wanted)).astype(np.int32)
         voxels = (np.stack([x, y, z], -1) + block[::-1] * size).astype(np.float32)
-        if not spread.any():
+        if not self.spread.any():
             return places, voxels, np.zeros((len(x), 1, 3), np.float32)
-        rng = np.random.default_rng((seed, *block))
-        return places, voxels, spread * rng.standard_normal((len(x), SAMPLES, 3), np.float32)
+        rng = np.random.default_rng((self.seed, *block))
+        return places, voxels, self.spread * rng.standard_normal((len(x), SAMPLES, 3), np.float32)
 
-    def fill(start: int) -> None:
-        part = slice(start, start + VOXELS_AT_ONCE)
-        values[part] = np.round(255 * _average(query, grid, centres[part, None] + noise[part]))
-        values[part][values[part, 3] == 0] = 0
+    def _average(self, positions: np.ndarray) -> np.ndarray:
+        """float32 [N, 8], premultiplied rgb, alpha and features, averaged over positions [N, samples, 3] in voxels.
 
-    places, voxels, offsets = zip(*pool.map(look, range(len(blocks))), strict=True)
-    centres, noise = np.concatenate(voxels) + np.float32(0.5), np.concatenate(offsets)
-    values = np.empty((len(centres), 8), np.uint8)
-    list(pool.map(fill, range(0, len(centres), VOXELS_AT_ONCE)))
-    return np.concatenate(places), values
-
-
-def _average(query: FieldQuery, grid: BakeGrid, positions: np.ndarray) -> np.ndarray:
-    """float32 [N, 8], premultiplied rgb, alpha and features, averaged over positions [N, samples, 3] in voxels.
-
-    Colours are weighted by opacity before they are averaged: what is transparent must not tint what is not.
-    """
-    field = query(grid.training_points(positions.reshape(-1, 3)))
-    alpha = -np.expm1(-np.asarray(field.density, np.float32) * np.float32(grid.voxel_size))
-    values = np.empty((len(alpha), 8), np.float32)
-    np.multiply(field.diffuse, alpha[:, None], out=values[:, :3], casting="same_kind")
-    values[:, 3] = alpha
-    np.multiply(field.features, alpha[:, None], out=values[:, 4:], casting="same_kind")
-    return values.reshape(*positions.shape[:2], 8).mean(1)
+        grain: colours are weighted by opacity before they are averaged, so that what is transparent does not tint what is not.
+        """
+        count, size = positions.shape[:2], np.float32(self.grid.voxel_size)
+        field = self.query(self.grid.training_points(positions.reshape(-1, 3)))
+        density = np.asarray(field.density, np.float32).reshape(count)
+        diffuse, features = (np.asarray(a, np.float32).reshape(*count, -1) for a in (field.diffuse, field.features))
+        if self.how == "paper":
+            alpha = -np.expm1(-density.mean(1) * size)
+            return np.concatenate(
+                [diffuse.mean(1) * alpha[:, None], alpha[:, None], features.mean(1) * alpha[:, None]], axis=-1
+            )
+        alpha = -np.expm1(-density * size)
+        values = np.empty((*count, 8), np.float32)
+        np.multiply(diffuse, alpha[..., None], out=values[..., :3])
+        values[..., 3] = alpha
+        np.multiply(features, alpha[..., None], out=values[..., 4:])
+        return values.mean(1)

@@ -2,7 +2,7 @@
 
     python -m baker.commands.demo --out viewer/demo/demo.zip
 
-Renders the procedural still life (training.scenes.procedural), trains on it with the cpu preset, bakes, writes the zip.
+Renders the procedural island (training.scenes.procedural), trains on it with the cpu preset, bakes, writes the zip.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from pathlib import Path
 
 from console import run_command
 
-SIZE, VIEWS, STEPS, RESOLUTION = 200, 60, 4000, 210
+SIZE, VIEWS, STEPS, RESOLUTION = 400, 96, 6000, 400
+COPIES = 200  # pixels a side of the photographs' copies in the pack
 
 
 def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: int = RESOLUTION) -> None:
@@ -39,14 +40,14 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
     check_target(out)
     folder = work or Path(tempfile.mkdtemp(prefix="snerg-demo-"))
     try:
-        scene = write_procedural_scene(folder / "scene", size=SIZE, views=VIEWS)
+        scene = write_procedural_scene(folder / "scene", arrangement="island", size=SIZE, views=VIEWS, subpixels=2)
         config = dataclasses.replace(PRESETS["cpu"], steps=steps)
         run = train(scene, folder / "run", config)
-        pack = with_pictures(bake(run, BakeConfig(resolution=resolution)), run.scene, SIZE)
+        pack = with_pictures(bake(run, BakeConfig(resolution=resolution)), run.scene, COPIES)
         # The files of the photographs do not travel with the demo, only their copies: say what they were, not where.
         provenance = {**pack.metadata["provenance"], "scene": "training.scenes.procedural", "run": "baker.demo"}
         out.parent.mkdir(parents=True, exist_ok=True)
-        save_pack(pack.with_metadata(provenance=provenance), out, png_level=9)
+        save_pack(pack.with_metadata(provenance=provenance), out, codec="webp")
         print(describe_pack(pack, out))
     finally:
         if work is None:

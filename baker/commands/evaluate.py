@@ -27,7 +27,8 @@ def snerg_eval(
     json: Path | None = None,
     images: Path | None = None,
 ) -> None:
-    """Measures PSNR (dB), SSIM and LPIPS against photographs.
+    """Measures PSNR (dB), SSIM and LPIPS against photographs. "Matched" is the PSNR after a gain and an offset for each colour
+    channel, fitted to each photograph: exposure and white balance of photographs that were not trained on cannot be known.
 
     Args:
         subject: Folder of a run, or a pack (folder or .zip).
@@ -65,11 +66,15 @@ def snerg_eval(
         return
     lpips = "-" if result["lpips"] is None else f"{result['lpips']:.4f}"
     for view in result["views"]:
-        print(one_line(f"{view['name']}: {view['psnr']:.2f} dB, SSIM {view['ssim']:.4f}"))
+        print(one_line(f"{view['name']}: {_psnr(view)}, SSIM {view['ssim']:.4f}"))
     print(
-        f"mean of {len(result['views'])} views at {result['width']} x {result['height']}: PSNR {result['psnr']:.2f} dB, "
+        f"mean of {len(result['views'])} views at {result['width']} x {result['height']}: PSNR {_psnr(result)}, "
         f"SSIM {result['ssim']:.4f}, LPIPS {lpips}" + (f"; {_grid(result)}" if result["grid_size"] else "")
     )
+
+
+def _psnr(scores: Mapping[str, Any]) -> str:
+    return f"{scores['psnr']:.2f} dB ({scores['psnr_matched']:.2f} dB matched)"
 
 
 def _grid(result: Mapping[str, Any]) -> str:

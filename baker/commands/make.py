@@ -40,9 +40,11 @@ def snerg_make(
     steps: int | None = None,
     resolution: int | None = None,
     fine_tune: Literal["none", "view-mlp", "all"] = "all",
+    exposure: Literal["auto", "on", "off"] = "auto",
     seed: int = 0,
     frames: int = FRAMES,
     poses_only: bool = False,
+    previews: float = 0.0,
     no_view: bool = False,
 ) -> None:
     """Finds camera poses, trains, bakes and opens the viewer. If it stops, the same command line continues.
@@ -64,12 +66,17 @@ def snerg_make(
         resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the presets cpu and
             full, 1.25 per pixel of the photographs, from 512 to 1000.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: also the voxels (sharper, takes minutes).
+        exposure: Fit exposure and white balance of each photograph, so that the scene has their average look. auto: for
+            photographs whose exposures differ, never for rendered scenes (Blender).
         seed: Random seed of the training, and of finding poses.
         frames: Number of frames of a film that are used, at most.
         poses_only: Find camera poses into DIR/scene, and stop there.
+        previews: While training, write what is there so far to DIR/preview.zip, a small pack, every so many seconds; 0 for never.
+            It is removed once DIR/pack is there.
         no_view: Do not open the viewer at the end.
     """
     from baker.baking.bake import BakeConfig
+    from baker.baking.preview import NAME, Previews
     from baker.baking.to_pack import bake_to
     from scenepack import check_target
     from training.config import PRESETS as CONFIGS
@@ -84,7 +91,7 @@ def snerg_make(
     box, upwards = None if aabb is None else parse_box(aabb), None if up is None else parse_up(up)
     run_path, pack_path = out / "run", out / "pack"
     check_target(pack_path)
-    config = dataclasses.replace(CONFIGS[preset], seed=seed)
+    config = dataclasses.replace(CONFIGS[preset], seed=seed, exposure=exposure)
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
     require_plausible(config)
@@ -115,12 +122,14 @@ def snerg_make(
     else:
         downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
     options = SceneOptions(downscale or 1, spherify or None, masks, box, upwards)
-    run = train(scene, run_path, config, options, resume=stored or False)
+    shown = Previews(out / NAME, previews)
+    run = train(scene, run_path, config, options, resume=stored or False, watcher=shown if previews > 0 else None)
     trained = time.monotonic()
     if resolution is None:
         pixels = max(max(photo.camera.width, photo.camera.height) for photo in run.scene.splits["train"])
         baking = dataclasses.replace(baking, resolution=PRESETS[preset].resolution_for(pixels))
     bake_to(run, baking, pack_path, last=True)
+    shown.remove()
     baked = time.monotonic()
     posed = f"poses found in {minutes(started - began)}, " if scene == out / SCENE else ""
     print(f"{posed}trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")

@@ -1,7 +1,7 @@
-"""`snerg-pack info|check|convert|compare`: all about packs (docs/commands.md).
+"""`snerg-pack info|check|convert|export|compare`: all about packs (docs/commands.md).
 
 The first three are scenepack's; `compare` draws, and scenepack may not import the renderer. Nothing here needs JAX, so
-all four work in the viewer-only install.
+all work in the viewer-only install.
 """
 
 from __future__ import annotations
@@ -10,12 +10,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from baker.commands.export import export
 from console import UserError, check_results, run_command, write_json
 from console.streams import one_line
 from scenepack.commands import COMMANDS
 
 DESCRIPTION = (
-    "Inspects, checks, converts and compares packs (baked scenes: a folder with scene_params.json, or one .zip)."
+    "Inspects, checks, converts, exports and compares packs "
+    "(baked scenes: a folder with scene_params.json, or one .zip)."
 )
 
 
@@ -53,7 +55,9 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command({**COMMANDS, "compare": compare}, prog="snerg-pack", description=DESCRIPTION, args=args)
+    return run_command(
+        {**COMMANDS, "export": export, "compare": compare}, prog="snerg-pack", description=DESCRIPTION, args=args
+    )
 
 
 if __name__ == "__main__":

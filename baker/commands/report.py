@@ -1,75 +1,112 @@
-"""`python -m baker.commands.report RUN --out DIR`: the SNeRG paper's tables of one run (section 6), measured.
+"""`snerg-report RUN --out DIR`: the SNeRG paper's tables of one run (section 6 and appendix), measured; and of several scenes.
 
-Writes DIR/report.md, report.json, plots and cross-sections. Packs are baked into DIR/packs, and scored pictures lie in
-DIR/pictures. Typed again, the line goes on: packs are kept, and so are tables that are not asked for this time.
+Writes DIR/report.md, report.json, plots, crops and cross-sections. Packs are baked into DIR/packs, scores and scored pictures
+lie in DIR/scores and DIR/pictures. Typed again, the line goes on: what is there is kept, and so are tables that are not asked
+for this time. Given the folders of several reports instead of a run, it puts their scenes side by side, with their mean.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from console import UserError, check_results, run_command
+from console import UserError, check_results, run_command, write_json, write_text
 from console.arguments import parse_size
+from viewer.benchmark.protocols import given_distance
 
-DESCRIPTION = "Measures the paper's tables on a trained run: quality ladder, resolution, codecs, sparsity loss."
-TABLES = ("ladder", "resolution", "codecs", "sparsity")
+DESCRIPTION = "Measures the SNeRG paper's tables on a trained run, or puts the reports of several scenes side by side."
+TABLES = ("quality", "storage", "performance", "resolution", "real", "sparsity")
 RUNGS = ("none", "view-mlp", "all")
 
 
-def report(
-    run: Path,
+def snerg_report(
+    subjects: tuple[Path, ...],
     /,
     out: Path,
     scene: Path | None = None,
     split: str = "test",
     views: int = 0,
-    tables: str = "ladder,resolution,codecs,sparsity",
-    resolution: int = 512,
-    resolutions: str = "500,750,1000",
-    fine_tune: str = "none,view-mlp,all",
-    fine_tune_epochs: int = 100,
+    tables: str | None = None,
+    resolution: int | None = None,
+    resolutions: str = "1000,750,500",
+    bake: Literal["paper", "snerg"] = "paper",
+    fine_tune: str = "all",
+    fine_tune_epochs: int | None = None,
+    most_macroblocks: int | None = None,
     against: Path | None = None,
+    baselines: str | None = None,
     frames: int = 150,
     size: str | None = None,
+    distance: str = "auto",
+    power_seconds: float = 4.0,
     quick: bool = False,
 ) -> None:
     """Measures the paper's tables on a trained run and writes them as Markdown, JSON and pictures.
 
     Args:
-        run: Folder of the run, from snerg-train.
-        out: Folder for the report. The packs that it bakes stay in OUT/packs and are reused.
+        subjects: Folder of a run, from snerg-train; or folders of several earlier reports, to put their scenes side by side.
+        out: Folder for the report. Packs, scores and pictures stay in it and are reused.
         scene: Folder of the photographs, if they moved. The default is where the run read them.
         split: Which photographs to use: test, train or val.
         views: Score at most this many of them, evenly spread; 0 for all.
-        tables: Tables to make, separated by commas: ladder, resolution, codecs, sparsity.
-        resolution: Voxels along the longest side, for the tables ladder, codecs and sparsity.
+        tables: Tables to make, separated by commas: quality, storage, performance, resolution, real, sparsity. The default is
+            all; real only for scenes that are not synthetic.
+        resolution: Voxels along the longest side, for all tables but resolution. The default is the paper's: 1000 for synthetic
+            scenes, 1300 for photographs.
         resolutions: Voxels along the longest side, separated by commas, for the table resolution.
-        fine_tune: Rows of the table ladder, separated by commas: none, view-mlp, all.
-        fine_tune_epochs: Passes over the training pixels while the view MLP is tuned, as for snerg-bake.
-        against: For the table sparsity: a second run of the same scene, trained without the sparsity loss.
-        frames: For the table resolution: number of frames to time.
-        size: For the table resolution: picture size, WIDTHxHEIGHT in pixels. The default is that of snerg-bench.
-        quick: For the table codecs: measure only the default quality of each codec.
+        bake: Which bake the tables storage and resolution are of: paper (as the paper writes), or snerg (our default settings).
+        fine_tune: Rows of our own bake in the table quality, separated by commas: none, view-mlp, all.
+        fine_tune_epochs: Passes over the training pixels while the view MLP is tuned, if not those of snerg-bake.
+        most_macroblocks: If more would be kept, grids are made coarser. The default is that of each bake: none in the paper's.
+        against: A second run of the same scene, trained without the sparsity loss.
+        baselines: Folders of further runs of the same scene, separated by commas: of the presets jaxnerf-plus, jaxnerf, tinyview,
+            deferred and diffuse. Each fills its row.
+        frames: Number of frames to time.
+        size: Picture size of timed frames, WIDTHxHEIGHT in pixels. The default is that of snerg-bench.
+        distance: Distance of the camera of timed frames, as for snerg-bench.
+        power_seconds: Seconds of drawing without a pause to measure the power of an NVIDIA card, for each row.
+        quick: For the table storage: measure only the default quality of each codec.
     """
-    chosen = _chosen(tables, TABLES, "--tables")
-    rungs = _chosen(fine_tune, RUNGS, "--fine-tune")
-    sides = _resolutions(resolutions)
+    chosen = None if tables is None else _chosen(tables, TABLES, "--tables")
+    rungs, sides = _chosen(fine_tune, RUNGS, "--fine-tune"), _resolutions(resolutions)
     pixels = parse_size(size) if size else None
-    if resolution < 1 or frames < 1 or views < 0:
+    if frames < 1 or views < 0 or (resolution is not None and resolution < 1):
         raise UserError("is too small", where="--resolution, --frames or --views")
     if out.exists() and not out.is_dir():
         raise UserError("is a file", where=out, expected="a folder, or nothing yet")
+    given_distance(distance)
     check_results(folder=out)
-    from baker.baking.bake import BakeConfig  # JAX starts here, not for --help
-    from baker.reports.report import Wanted, open_study, write_tables
+    run = next(iter(subjects), None)
+    if run is None:
+        raise UserError("needs a run, or the reports of several scenes", where="snerg-report")
+    if len(subjects) > 1 or (run / "report.json").is_file():
+        _side_by_side(subjects, out)
+        return
+    from baker.reports.performance import Drawing  # JAX starts here, not for --help
+    from baker.reports.report import Sources, Wanted, open_study, write_tables
 
-    # Every table but the ladder is of packs that are fine-tuned as the paper's.
-    options = BakeConfig(resolution=resolution, fine_tune="view-mlp", fine_tune_epochs=fine_tune_epochs)
-    study = open_study(run, out, scene, split, views, options, against)
-    write_tables(study, chosen, Wanted(rungs, sides, frames, pixels, quick))
+    overrides = {"fine_tune_epochs": fine_tune_epochs, "most_macroblocks": most_macroblocks}
+    given: Mapping[str, Any] = {name: value for name, value in overrides.items() if value is not None}
+    folders = [Path(word.strip()) for word in (baselines or "").split(",") if word.strip()]
+    study = open_study(Sources(run, out, scene, split, views, resolution, given, against, folders))
+    drawing = Drawing(frames, pixels, distance, power_seconds)
+    suit = [name for name in TABLES if name != "real" or study.kind != "synthetic"]
+    write_tables(study, suit if chosen is None else chosen, Wanted(rungs, sides, bake, drawing, quick))
+
+
+def _side_by_side(folders: Sequence[Path], out: Path) -> None:
+    """The reports of several scenes as one."""
+    from baker.reports.pages import scenes_text
+    from baker.reports.scenes import read_report, scenes_document
+
+    if any(folder.resolve() == out.resolve() for folder in folders):
+        raise UserError("is one of the reports", where=f"--out {out}", expected="a folder of its own")
+    document = scenes_document([read_report(folder) for folder in folders])
+    write_json(out / "report.json", document)
+    write_text(out / "report.md", scenes_text(document))
+    print(f"{len(folders)} scenes: in {out / 'report.md'}")
 
 
 def _chosen(text: str, known: Sequence[str], where: str) -> list[Any]:
@@ -86,14 +123,14 @@ def _resolutions(text: str) -> list[int]:
     words = [word.strip() for word in text.split(",") if word.strip()]
     if not words or not all(word.isdecimal() for word in words):
         raise UserError(
-            "is not a list of whole numbers", where="--resolutions", expected="such as 500,750", found=repr(text)
+            "is not a list of whole numbers", where="--resolutions", expected="such as 1000,500", found=repr(text)
         )
     return sorted({int(word) for word in words})
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(report, prog="python -m baker.commands.report", description=DESCRIPTION, args=args)
+    return run_command(snerg_report, prog="snerg-report", description=DESCRIPTION, args=args)
 
 
 if __name__ == "__main__":

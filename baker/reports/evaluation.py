@@ -3,6 +3,10 @@
 Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
 pictures (section 6, real 360° scenes), since otherwise what lies outside of the box would decide: `by_alpha`. Several
 methods are compared on the same pixels where all take the mask of one of them: `mask_of`.
+
+A photograph that is held out has an exposure of its own, which nothing that was trained can know. So there is a second figure,
+psnr_matched, of pictures whose colours were matched to the photograph first (training.metrics.colours_matched). All others
+compare what is shown as it is.
 """
 
 from __future__ import annotations
@@ -29,6 +33,9 @@ from training.scenes.upright import checked_up
 Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
 
 
+SEEN = 0.5  # opacity: a pixel that shows more of the subject than of the background
+
+
 @dataclass(frozen=True)
 class Drawn:
     """A subject that is drawn by `show`. Of a pack: grid_size, its voxels (x, y, z) as drawn; halved: fewer than it has."""
@@ -40,16 +47,17 @@ class Drawn:
 
 @dataclass(frozen=True)
 class ViewScore:
-    """Scores of one view; lpips is None where its weights are not installed."""
+    """Scores of one view; lpips is None where its weights are not installed. psnr_matched: with its colours matched."""
 
     name: str
     psnr: float
+    psnr_matched: float
     ssim: float
     lpips: float | None
 
 
 def evaluate(
-    subject: Path | Run,
+    subject: Path | Run | Drawn,
     scene: Scene,
     split: str,
     images: Path | None = None,
@@ -58,7 +66,9 @@ def evaluate(
     mask_of: Path | None = None,
     allow_half: bool = False,
 ) -> dict[str, Any]:
-    """The JSON of snerg-eval for a run (its folder, or loaded) or a pack. images: folder for pictures beside their photographs.
+    """The JSON of snerg-eval for a run (its folder, or loaded), a pack, or what is drawn some other way.
+
+    images: folder for pictures beside their photographs.
 
     by_alpha: both are shown over the background wherever the subject is transparent; mask_of: wherever this other run or
     pack is. allow_half: a pack that does not fit on the graphics card is drawn at half its resolution.
@@ -74,20 +84,22 @@ def evaluate(
         mask = drawn if mask_of is None else stack.enter_context(shown_by(mask_of, allow_half))
         bar = stack.enter_context(progress("evaluating", len(photographs)))
         for photograph, name in zip(photographs, picture_stems(photographs), strict=True):
-            truth = over_background(photograph.load(), scene.background)
+            photographed = photograph.load()
+            truth, seen = over_background(photographed, scene.background), photographed[..., 3] > SEEN
             picture = drawn.show(photograph.camera, "normal")
             if by_alpha or mask_of is not None:
                 opacity = mask.show(photograph.camera, "alpha")[..., None]
+                seen &= opacity[..., 0] > SEEN
                 picture, truth = (
                     over_background(np.concatenate([shown, opacity], -1), scene.background)
                     for shown in (picture, truth)
                 )
-            scores.append(score(photograph, picture, truth))
+            scores.append(score(photograph, picture, truth, seen))
             if images is not None:
                 save_comparison(images / f"{name}.png", picture, truth)
             bar.advance(metrics={"psnr": float(np.mean([s.psnr for s in scores]))})
     return {
-        **{key: _mean([getattr(s, key) for s in scores]) for key in ("psnr", "ssim", "lpips")},
+        **{key: _mean([getattr(s, key) for s in scores]) for key in ("psnr", "psnr_matched", "ssim", "lpips")},
         "views": [vars(s) for s in scores],
         "width": photographs[0].camera.width,
         "height": photographs[0].camera.height,
@@ -111,16 +123,21 @@ def reading_of(subject: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray) -> ViewScore:
-    """Scores of a picture [H, W, 3] against its photograph, both in [0, 1]."""
+def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray, seen: np.ndarray) -> ViewScore:
+    """Scores of a picture [H, W, 3] against its photograph, both in [0, 1]. seen bool [H, W]: what is no background."""
+    matched = metrics.colours_matched(picture, truth, seen)
     return ViewScore(
-        photograph.name, metrics.psnr(picture, truth), metrics.ssim(picture, truth), metrics.lpips(picture, truth)
-    )
+        photograph.name, metrics.psnr(picture, truth), metrics.psnr(matched, truth), metrics.ssim(picture, truth),
+        metrics.lpips(picture, truth),
+    )  # fmt: skip
 
 
 @contextmanager
-def shown_by(subject: Path | Run, allow_half: bool = False) -> Iterator[Drawn]:
+def shown_by(subject: Path | Run | Drawn, allow_half: bool = False) -> Iterator[Drawn]:
     """What draws the subject: the field itself for a run, the OpenGL renderer for a pack."""
+    if isinstance(subject, Drawn):
+        yield subject
+        return
     if isinstance(subject, Run) or is_run(subject):
         yield Drawn(_field_pictures(subject if isinstance(subject, Run) else load_run(subject)))
         return

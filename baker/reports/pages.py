@@ -1,81 +1,62 @@
-"""A report as Markdown, and its plots: what baker.reports.tables measured, for people to read."""
+"""A report as Markdown: what the other modules here measured, for people to read, beside what the paper and the release print."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from baker.reports.codec_report import as_markdown
-from console.plots import Line, Plot, draw_plots
+from baker.reports import published
+from baker.reports.scenes import COLUMNS
 from console.progress import duration
 
 Table = Mapping[str, Any]
-ALPHA_BINS = 16
-RUNGS = {
-    "field": "the trained field itself",
-    "none": "baked, not fine-tuned",
-    "view-mlp": "view MLP fine-tuned (the paper's)",
-    "all": "voxels and view MLP fine-tuned",
-}
+Row = Mapping[str, Any]
+NONE = "–"
+THEIRS = ("*paper:* PSNR", "*SSIM*", "*LPIPS*")
+NO_SUCH_FIELD = "It shares the head and the loss of the paper's deferred NeRF, but is not that field."
 
 
 def report_text(document: Mapping[str, Any]) -> str:
-    """report.md: a section for each table that was made, in the order of SECTIONS."""
+    """report.md of one scene: a section for each table that was made, in the order of SECTIONS."""
     about = document["about"]
     lines = [
-        f"# {Path(about['run']).name}",
+        f"# {about['name']}",
         "",
-        f"{about['run']}, {about['step']} steps on {about['scene']}. Scores are means of {about['views']} {about['split']} "
-        f"photographs of {about['width']} x {about['height']} pixels; packs are drawn by the OpenGL renderer. MB are 10⁶ bytes.",
+        f"The run {about['run']}, {about['step']} steps on {about['scene']}. Scores are means of {about['views']} "
+        f"{about['split']} photographs of {about['width']} x {about['height']} pixels; packs are drawn by the OpenGL renderer. "
+        "MB are 10⁶ bytes.",
+        "",
+        f"Columns in *italics* are not ours: the paper's and its release's own figures, of {about['theirs']}, measured on their "
+        "machines.",
     ]
     for name, (title, section) in SECTIONS.items():
         if name in document["tables"]:
-            lines += ["", f"## {title}", "", *section(document["tables"][name])]
+            lines += ["", f"## {title}", "", *section(document["tables"][name], about)]
     return "\n".join(lines) + "\n"
 
 
-def draw_report_plots(out: Path, tables: Mapping[str, Table]) -> None:
-    """resolution.png, codecs.png and sparsity.png, of the tables that are there."""
-    if "resolution" in tables:
-        rows = tables["resolution"]["rows"]
-        x_label = "voxels along the longest side"
-        psnr, megabytes, ms = (
-            [_over(rows, "resolution", "", value)]
-            for value in (lambda r: r["psnr"], lambda r: r["bytes"] / 1e6, lambda r: r["ms_p50"])
-        )
-        plots = [
-            Plot(psnr, "Quality and resolution", x_label, "PSNR (dB)", "data"),
-            Plot(megabytes, "Size and resolution", x_label, "MB on disk"),
-            Plot(ms, "Frame time and resolution (exact, p50)", x_label, "milliseconds"),
-        ]
-        draw_plots(out / "resolution.png", plots, (720, 270))
-    if "codecs" in tables:
-        rows = [row | {"mb": row["bytes"] / 1e6} for row in tables["codecs"]["rows"]]
-        names = dict.fromkeys(row["codec"] for row in rows)
-        lines = [_over([r for r in rows if r["codec"] == n], "mb", n, lambda r: r["psnr"]) for n in names]
-        draw_plots(out / "codecs.png", [Plot(lines, "Quality and size, by codec", "MB on disk", "PSNR (dB)", "data")])
-    if "sparsity" in tables:
-        lines = []
-        for row in tables["sparsity"]["rows"]:
-            share = alpha_shares(row["alpha_histogram"], row["voxels"]["stored"])
-            lines.append(Line(row["label"], [(i + 0.5) / ALPHA_BINS for i in range(ALPHA_BINS)], share, marked=True))
-        draw_plots(out / "sparsity.png", [
-            Plot(lines, "Opacity of stored voxels (alpha 0 left out)", "alpha", "% of stored voxels", "zero")
-        ])  # fmt: skip
-
-
-def alpha_shares(histogram: Sequence[int], stored: int) -> list[float]:
-    """Percent of the stored voxels whose alpha (1 … 255 of 255) is in each of ALPHA_BINS equal ranges."""
-    counts = np.concatenate([[0], np.asarray(histogram)]).reshape(ALPHA_BINS, -1).sum(1)
-    return (100 * counts / max(stored, 1)).tolist()
-
-
-def _over(rows: Iterable[Mapping[str, Any]], key: str, label: str, value: Callable[[Any], float]) -> Line:
-    points = sorted((float(row[key]), float(value(row))) for row in rows)
-    return Line(label, [x for x, _ in points], [y for _, y in points], marked=True)
+def scenes_text(document: Mapping[str, Any]) -> str:
+    """report.md of several scenes: each column of COLUMNS as a table of rows by scenes."""
+    names = [about["name"] for about in document["about"]["scenes"]]
+    lines = [
+        f"# {', '.join(names)}", "",
+        "Rows in *italics* are the paper's own figures, of the same scenes. A mean is given where every scene has the figure.",
+    ]  # fmt: skip
+    for table, key, heading, digits, unit in COLUMNS:
+        made = document["tables"].get(f"{table} {key}")
+        if made is None:
+            continue
+        scenes, cells = made["scenes"], []
+        for row in made["rows"]:
+            values = [row["mean"], *(row["values"][scene] for scene in scenes)]
+            cells.append([row["label"], *(_number(value, digits, unit) for value in values)])
+            if any(value is not None for value in row["paper"].values()):
+                values = [row["paper_mean"], *(row["paper"][scene] for scene in scenes)]
+                cells.append(
+                    [f"*{row['label']}, the paper*", *(_italic(_number(value, digits, unit)) for value in values)]
+                )
+        lines += ["", f"## {heading}", "", *_table(["", "mean", *scenes], cells)]
+    return "\n".join(lines) + "\n"
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
@@ -83,35 +64,170 @@ def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     return [*lines, *(f"| {' | '.join(row)} |" for row in rows)]
 
 
-def _scores(row: Mapping[str, Any]) -> list[str]:
-    lpips = "–" if row["lpips"] is None else f"{row['lpips']:.4f}"
-    return [f"{row['psnr']:.2f}", f"{row['ssim']:.4f}", lpips]
+def _number(value: float | None, digits: int, unit: float = 1.0) -> str:
+    return NONE if value is None else f"{value / unit:,.{digits}f}"
 
 
-def _mb(count: int | None) -> str:
-    return "" if count is None else f"{count / 1e6:.2f}"
+def _italic(text: str) -> str:
+    return text if text == NONE else f"*{text}*"
 
 
-def _ladder(table: Table) -> list[str]:
-    headings = ["", "PSNR (dB)", "SSIM", "LPIPS", "against the field (dB)", "MB", "time"]
-    rows, field = table["rows"], table["rows"][0]["psnr"]
+def _scores(row: Row) -> list[str]:
+    return [_number(row.get(key), digits) for key, digits in (("psnr", 2), ("ssim", 4), ("lpips", 4))]
+
+
+def _theirs(row: Row, *columns: tuple[str, int]) -> list[str]:
+    paper = row.get("paper") or {}
+    return [_italic(_number(paper.get(key), digits)) for key, digits in columns]
+
+
+PRINTED = (("psnr", 2), ("ssim", 3), ("lpips", 3))
+
+
+def _release(row: Row) -> str:
+    return _italic(_number((row.get("release") or {}).get("psnr"), 2))
+
+
+def _to_fill(rows: Iterable[Row]) -> list[str]:
+    """Below a table: the command for each row without a run."""
+    lacking = [row for row in rows if row.get("command")]
+    if not lacking:
+        return []
+    return ["", "Rows without a run, and what would make them:", ""] + [
+        f"- {row['label']}: `{row['command']}`" for row in lacking
+    ]
+
+
+def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
+    rows = table["rows"]
+    field = next((row["psnr"] for row in rows if row["row"] == "field"), None)
+    if field is None:
+        field = next((row["psnr"] for row in rows if row["row"] == "deferred" and "psnr" in row), None)
     cells = []
     for row in rows:
-        gap = "" if row["of"] == "field" else f"{row['psnr'] - field:+.2f}"
-        took = "" if row["seconds"] is None else duration(row["seconds"])
-        cells.append([RUNGS[row["of"]], *_scores(row), gap, _mb(row["bytes"]), took])
-    lines = [f"Baked at {table['resolution']} voxels along the longest side.", "", *_table(headings, cells), ""]
-    lines += ["Time is of training for the field, of baking for the packs.", ""]
+        gap = NONE if field is None or "psnr" not in row else f"{row['psnr'] - field:+.2f}"
+        took = NONE if row.get("seconds") is None else duration(row["seconds"])
+        cells.append(
+            [
+                row["label"],
+                *_scores(row),
+                gap,
+                _number(row.get("bytes"), 2, 1e6),
+                took,
+                *_theirs(row, *PRINTED),
+                _release(row),
+            ]
+        )
+    headings = ["", "PSNR (dB)", "SSIM", "LPIPS", "against the field (dB)", "MB", "time", *THEIRS, "*release:* PSNR"]
+    own = NO_SUCH_FIELD if table["field"].startswith("voxel field") else ""
+    means = [_plain_label(row) for row in rows if row.get("paper") and published.only_means(row["row"])]
+    lines = [
+        f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. {own}".strip(), "",
+        *_table(headings, cells), "",
+        "SNeRG rows are baked as the paper writes (`snerg-bake --preset paper`), ours by default settings. Time is of training "
+        "for fields, of baking for packs."
+        + (f" The paper prints {', '.join(means)} as means over its synthetic scenes only." if means else ""),
+        *_to_fill(rows),
+    ]  # fmt: skip
+    for name, told in table.get("figures", {}).items():
+        lines += ["", f"![{name}: {told['view']}]({told['picture']})", ""]
+        lines.append(
+            f"View {told['view']}, and a crop of it where the first and the last picture differ most. PSNR of the whole view in "
+            "brackets."
+        )
+    return lines
+
+
+def _plain_label(row: Row) -> str:
+    """A row's name without what is said of it."""
+    return str(row["label"]).split(":")[0]
+
+
+def _storage(table: Table, about: Mapping[str, Any]) -> list[str]:
+    headings = [
+        "",
+        "quality",
+        "MB",
+        "of PNG",
+        "PSNR (dB)",
+        "SSIM",
+        "LPIPS",
+        "PSNR against the pack (dB)",
+        "encode (s)",
+        "decode (s)",
+    ]
+    headings += ["*paper:* MB", "*PSNR*", "*SSIM*", "*LPIPS*"]
+    rows, png = table["rows"], next(row["bytes"] for row in table["rows"] if row["row"] == "png")
+    cells = []
     for row in rows:
-        caption = f"{RUNGS[row['of']]}: picture, photograph, five times their difference"
-        lines += [f"![{caption}]({row['picture']})", "", f"{caption[0].upper()}{caption[1:]}.", ""]
-    return lines[:-1]
+        quality = "" if "codec" not in row else "lossless" if row["quality"] is None else f"{row['quality']}"
+        quality += " (default)" if row.get("default") and row.get("quality") is not None else ""
+        against = row.get("psnr_against_pack")
+        same = NONE if against is None else "identical" if against >= 119 else f"{against:.2f}"
+        share = NONE if row.get("bytes") is None else f"{100 * row['bytes'] / png:.0f} %"
+        cells.append([
+            row["label"], quality or NONE, _number(row.get("bytes"), 2, 1e6), share, *_scores(row), same,
+            _number(row.get("encode_s"), 1), _number(row.get("decode_s"), 1), *_theirs(row, ("mb", 1), *PRINTED),
+        ])  # fmt: skip
+    kind = "as the paper writes, view MLP fine-tuned" if table["preset"] == "paper" else "by our default settings"
+    return [
+        f"Packs of {table['resolution']} voxels along the longest side, baked {kind}; the row of floats is the paper's bake "
+        "before it is quantised. Bytes of networks and floats are 4 a number. The paper prints this table as means over "
+        f"{published.KINDS[about['kind']]}.",
+        "", *_table(headings, cells), *_to_fill(rows), "", "![PSNR over megabytes, by codec](storage.png)",
+    ]  # fmt: skip
 
 
-def _resolution(table: Table) -> list[str]:
+def _device(table: Table) -> list[str]:
+    orbit = "" if table["distance"] is None else f", orbit at {table['distance']:.4g} ({table['distance_from']})"
+    return [
+        f"Frame times: {table['renderer']}; {table['clock']}; {table['width']} x {table['height']} pixels, path "
+        f"{table['protocol']}{orbit}, {table['frames']} frames, each drawn by every row in turn.",
+        *(f"Note: {notice}." for notice in table["notices"]),
+    ]
+
+
+def _performance(table: Table, about: Mapping[str, Any]) -> list[str]:
+    headings = ["", "ms a frame", "p50 (ms)", "FPS", "FPS/W", "GPU MB", "*paper:* ms a frame", "*FPS*", "*GPU MB*"]
+    cells = []
+    for row in table["rows"]:
+        took = NONE if row.get("ms_mean") is None else f"{row['ms_mean']:.2f} ± {row['ms_std']:.2f}"
+        paper = dict(row.get("paper") or {})
+        milliseconds, gigabytes = paper.get("ms"), paper.get("gpu_gb")
+        theirs = [
+            _italic(_number(milliseconds, 1)),
+            _italic(_number(paper.get("fps") or (None if milliseconds is None else 1000 / milliseconds), 1)),
+            _italic(_number(None if gigabytes is None else 1000 * gigabytes, 0)),
+        ]
+        cells.append([
+            row["label"], took, _number(row.get("ms_p50"), 2), _number(row.get("fps"), 1), _number(row.get("fps_per_watt"), 3),
+            _number(row.get("gpu_bytes"), 1, 1e6), *theirs,
+        ])  # fmt: skip
+    lines = [
+        f"Packs of {table['resolution']} voxels along the longest side. ± is over frames. The paper measured its whole system "
+        "(its bake and its marcher) on a laptop with an 85 W AMD Radeon Pro 5500M.",
+        "", *_table(headings, cells), "", *_device(table), *_to_fill(table["rows"]),
+    ]  # fmt: skip
+    speed = published.SPEED[about["kind"]]
+    if speed:
+        lines += [
+            "",
+            f"What the paper prints of itself and of others, of {published.KINDS[about['kind']]} (not measured here):",
+            "",
+        ]
+        quality = published.QUALITY[about["kind"]]
+        rows = [
+            [f"*{published.NAMES.get(name, name)}*", *(_italic(_number(quality[m][name][0], d)) for m, d in PRINTED),
+             f"*{watts:g}*", f"*{fps:g}*", f"*{each:.5f}*"]
+            for name, (watts, fps, each) in speed.items()
+        ]  # fmt: skip
+        lines += _table(["*method*", "*PSNR*", "*SSIM*", "*LPIPS*", "*W*", "*FPS*", "*FPS/W*"], rows)
+    return lines
+
+
+def _resolution(table: Table, about: Mapping[str, Any]) -> list[str]:
     headings = [
         "voxels",
-        "grid",
         "PSNR (dB)",
         "SSIM",
         "LPIPS",
@@ -119,68 +235,74 @@ def _resolution(table: Table) -> list[str]:
         "macroblocks",
         "GPU MB",
         "p50 of exact (ms)",
+        "FPS",
         "bake",
     ]
+    headings += [*THEIRS, "*FPS*", "*MB*"]
     cells = [
-        [str(row["resolution"]), " x ".join(map(str, row["grid"])), *_scores(row), _mb(row["bytes"]),
-         str(row["macroblocks"]), _mb(row["gpu_bytes"]), f"{row['ms_p50']:.1f}", duration(row["seconds"])]
+        [row["label"], *_scores(row), _number(row.get("bytes"), 2, 1e6), _number(row.get("macroblocks"), 0),
+         _number(row.get("gpu_bytes"), 1, 1e6), _number(row.get("ms_p50"), 1), _number(row.get("fps"), 1),
+         NONE if row.get("seconds") is None else duration(row["seconds"]), *_theirs(row, *PRINTED, ("fps", 2), ("mb", 1))]
         for row in table["rows"]
     ]  # fmt: skip
+    kind = "as the paper writes" if table["preset"] == "paper" else "by our default settings"
     return [
-        *_table(headings, cells),
-        "",
-        f"Frame times: {table['renderer']}; {table['clock']}; {table['width']} x {table['height']} pixels, path "
-        f"{table['protocol']}, {table['frames']} frames, each drawn from every pack in turn.",
-        *(f"Note: {notice}." for notice in table["notices"]),
-        "",
+        f"Baked {kind}. The paper prints this table as means over its synthetic scenes, with the sparsity loss.",
+        "", *_table(headings, cells), "", *_device(table), *_to_fill(table["rows"]), "",
         "![Quality, size and frame time over the resolution](resolution.png)",
+    ]  # fmt: skip
+
+
+def _real(table: Table, about: Mapping[str, Any]) -> list[str]:
+    headings = ["", "PSNR (dB)", "SSIM", "LPIPS", "masked: PSNR", "SSIM", "LPIPS", *THEIRS, "*release:* PSNR"]
+    cells = [
+        [row["label"], *_scores(row), *_scores(row.get("masked") or {}), *_theirs(row, *PRINTED), _release(row)]
+        for row in table["rows"]
     ]
+    masked = "masked" if table["paper_is_masked"] else "of whole pictures"
+    return [
+        f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. Masked: photographs and "
+        "pictures of all rows are compared where the paper's bake is opaque, as the paper does for 360° scenes. Its own "
+        f"figures here are {masked}.",
+        "", *_table(headings, cells), *_to_fill(table["rows"]),
+    ]  # fmt: skip
 
 
-def _codecs(table: Table) -> list[str]:
-    about = f"The pack at {table['resolution']} voxels, view MLP fine-tuned."
-    return [about, "", as_markdown(table["rows"]), "", "![PSNR over megabytes, by codec](codecs.png)"]
-
-
-def _sparsity(table: Table) -> list[str]:
-    headings = ["run", "lambda", "steps", "PSNR (dB)", "SSIM", "LPIPS", "MB", "macroblocks", "voxels with alpha"]
+def _sparsity(table: Table, about: Mapping[str, Any]) -> list[str]:
+    headings = ["run", "lambda", "PSNR (dB)", "SSIM", "LPIPS", "MB", "macroblocks", "voxels with alpha"]
     cells = []
     for row in table["rows"]:
+        if "psnr" not in row:
+            cells.append([row["label"], *[NONE] * 7])
+            continue
         blocks, voxels = row["macroblocks"], row["voxels"]
         cells.append([
-            Path(row["run"]).name, f"{row['sparsity_weight']:g}", str(row["step"]), *_scores(row), _mb(row["bytes"]),
+            f"{row['run']}: {row['field']}", f"{row['sparsity_weight']:g}", *_scores(row), _number(row["bytes"], 2, 1e6),
             f"{blocks['occupied']} of {blocks['grid']}", f"{voxels['with_alpha']} of {voxels['grid']}",
         ])  # fmt: skip
     lines = [
-        f"Baked at {table['resolution']} voxels with --tau-weight 0, as the paper bakes: otherwise voxels that no "
-        "photograph shows are emptied, and with them the fog that a field trained without the loss leaves.",
-        "",
-        *_table(headings, cells),
-        "",
-        "![Opacity of stored voxels](sparsity.png)",
-        "",
-    ]
-    if len(table["rows"]) == 1:
-        lines += [
-            "To compare: train with `--preset no-sparsity`, or `--sparsity-weight 0`, and give that run by `--against`."
-        ]
-        lines.append("")
-    lines += ["Cross-sections through the middle: above, opacity (ink is the square root of alpha, so that fog is seen; "
-              "stored macroblocks are blue); below, diffuse colours over white.", ""]  # fmt: skip
+        f"Baked at {table['resolution']} voxels as the paper writes: our own bake empties voxels that no photograph shows, and "
+        "with them the fog that a field trained without the loss leaves.",
+        "", *_table(headings, cells), *_to_fill(table["rows"]), "", "![Opacity of stored voxels](sparsity.png)", "",
+        "Cross-sections through the middle: above, opacity (ink is the square root of alpha, so that fog is seen; "
+        "stored macroblocks are blue); below, diffuse colours over white.",
+    ]  # fmt: skip
     for cut in table["sections"]:
         told = "; ".join(
             f"{label}: {100 * s['opaque']:.2f} % opaque, {100 * s['with_alpha']:.2f} % with alpha, "
             f"{100 * s['stored']:.1f} % in stored macroblocks"
             for label, s in cut["shares"].items()
         )
-        lines += [f"Across {cut['axis']} at {cut['at']:.3g}. {told}.", ""]
-        lines += [f"![Cross-section across {cut['axis']}]({cut['picture']})", ""]
-    return lines[:-1]
+        lines += ["", f"Across {cut['axis']} at {cut['at']:.3g}. {told}."]
+        lines += ["", f"![Cross-section across {cut['axis']}]({cut['picture']})"]
+    return lines
 
 
-SECTIONS: Mapping[str, tuple[str, Callable[[Table], list[str]]]] = {
-    "ladder": ("Quality: field, baked, fine-tuned", _ladder),
-    "resolution": ("Resolution", _resolution),
-    "codecs": ("Storage: codecs", _codecs),
-    "sparsity": ("Sparsity loss", _sparsity),
+SECTIONS: Mapping[str, tuple[str, Callable[[Table, Mapping[str, Any]], list[str]]]] = {
+    "performance": ("Performance (table 1)", _performance),
+    "quality": ("Quality: from the field to what is shown (table 2)", _quality),
+    "storage": ("Storage (table 3)", _storage),
+    "resolution": ("Resolution (appendix)", _resolution),
+    "real": ("Real scenes (appendix)", _real),
+    "sparsity": ("Sparsity loss (figure 3)", _sparsity),
 }

@@ -1,115 +1,180 @@
-"""The paper's tables as figures (SNeRG section 6): quality ladder, resolution, storage, sparsity loss.
+"""The paper's tables of quality, storage, resolution and sparsity, as figures (SNeRG section 6 and its appendix).
 
-Each table is {"resolution" (or the rows have it), "rows": [...]}; bytes are of the disk unless they say GPU, times are
-seconds or, of frames, milliseconds. What is not known is None.
+Each table is {"rows": [...], ...}. A row has `row`, its key, and `label`; psnr, ssim, lpips where it was measured, and bytes (on
+disk, unless they say GPU); or `command`, which would make what it needs. `paper` and `release` are theirs, from
+baker.reports.published. What is not known is None. Times are seconds or, of frames, milliseconds.
 """
 
 from __future__ import annotations
 
 import tempfile
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import jax
+
+from baker.baking.presets import BakePreset
+from baker.reports import published
 from baker.reports.codec_report import LADDER, measured
 from baker.reports.cross_sections import draw_sections, section, shares
+from baker.reports.fields import OWN, label_of, row_of
+from baker.reports.missing import train_command
 from baker.reports.pack_compare import stored_bytes
-from baker.reports.packs import Study
-from console import Notice
-from scenepack import Pack, load_pack, open_pack
+from baker.reports.study import Baked, Study
+from scenepack import Pack, open_pack
 from scenepack.report import pack_facts
 from training.journal import read_journal
-from viewer.rendering.frame_times import PROTOCOLS, Contender, taking_turns
-from viewer.rendering.settings import RenderSettings
+from training.run import Run, load_run
 
 Tuned = Literal["none", "view-mlp", "all"]
+Row = dict[str, Any]
 AXES = "xyz"
+BEFORE = ("jaxnerf-plus", "jaxnerf", "tinyview", "deferred")  # rows above the baked ones, as in the paper
+SNERG = {
+    "float": "SNeRG (float): baked, not yet quantised",
+    "8-bit": "SNeRG (PNG, no FT): 8 bits",
+    "snerg": "SNeRG (PNG): view MLP fine-tuned",
+    "no-sparsity": "SNeRG (PNG, no L_s)",
+}
+CODECS = {"png": "PNG", "webp": "WebP", "jpeg": "JPEG", "h264": "H264", "avif": "AVIF"}
+OURS = {
+    "none": "ours: pruned, not fine-tuned",
+    "view-mlp": "ours: pruned, view MLP fine-tuned",
+    "all": "ours: pruned, voxels and view MLP fine-tuned",
+}
 
 
-def ladder_table(study: Study, rungs: Sequence[Tuned]) -> dict[str, Any]:
-    """From the trained field to what is shown: the field, then the bake with each kind of fine-tuning.
-
-    seconds: of training for the field, of baking for the packs.
-    """
-    trained = [r["training_seconds"] for r in read_journal(study.run.path / "metrics.jsonl") if "training_seconds" in r]
-    rows: list[dict[str, Any]] = [
-        {"of": "field", **study.score(study.run), "bytes": None, "seconds": trained[-1] if trained else None,
-         "picture": study.picture("field")}
-    ]  # fmt: skip
-    for rung in rungs:
-        baked = study.baked(fine_tune=rung)
-        rows.append({
-            "of": rung, **study.score(baked), "bytes": stored_bytes(baked.path),
-            "seconds": sum(baked.seconds.values()), "stages": baked.seconds, "picture": study.picture(baked.name),
-        })  # fmt: skip
-    return {"resolution": study.options.resolution, "rows": rows}
+def quality_table(study: Study, rungs: Sequence[Tuned]) -> dict[str, Any]:
+    """Table 2: from trained fields to what is shown. rungs: of our own bake, below the paper's."""
+    own = row_of(study.run.config)
+    rows = [field_row(study, name) for name in BEFORE]
+    if own == OWN:
+        rows.append(_own_field_row(study))
+    rows.append(_beside(study, {"row": "float", "label": SNERG["float"], **study.score_floats()}))
+    rows.append(_baked_row(study, "8-bit", SNERG["8-bit"], study.baked("paper", fine_tune="none")))
+    rows.append(_baked_row(study, "snerg", SNERG["snerg"], study.baked("paper")))
+    rows.append(no_sparsity_row(study))
+    rows += [_baked_row(study, f"ours-{rung}", OURS[rung], study.baked("snerg", fine_tune=rung)) for rung in rungs]
+    rows.append(field_row(study, "diffuse"))
+    return {"resolution": study.resolution, "field": label_of(study.run.config, study.run.step), "rows": rows}
 
 
-def resolution_table(
-    study: Study, resolutions: Sequence[int], frames: int, size: tuple[int, int] | None
-) -> dict[str, Any]:
-    """Quality, size and frame time at each resolution. Frames of all of them are drawn in turn (viewer.rendering.frame_times)."""
-    shelf = {n: study.baked(resolution=n) for n in resolutions}
-    rows, packs = [], {}
-    for n, baked in shelf.items():
-        pack = packs[str(n)] = load_pack(baked.path)
-        rows.append({
-            "resolution": n, "grid": list(pack.grid_size), **study.score(baked), "bytes": stored_bytes(baked.path),
-            "macroblocks": int(pack.occupied.sum()), "seconds": sum(baked.seconds.values()),
-        })  # fmt: skip
-    first = str(resolutions[0])
-    protocol = "forward-facing" if packs[first].ndc else "synthetic"
-    chosen = PROTOCOLS[protocol]
-    width, height = size or chosen.size
-    cameras = chosen.path(packs[first], frames, chosen.fov, (width, height))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", Notice)
-        contenders = [Contender(name, RenderSettings(), pack) for name, pack in packs.items()]
-        with taking_turns(packs[first], contenders) as turns:
-            turns.warm_up(cameras[0])
-            turns.time(cameras)
-            gpu_bytes = turns.gpu_bytes
-    for warning in caught:
-        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
-    for row, contender in zip(rows, turns.contenders, strict=True):
-        row |= {"gpu_bytes": gpu_bytes[contender.name], "ms_p50": contender.statistics()["ms_p50"]}
-    return {
-        "rows": rows, "renderer": turns.device, "clock": turns.clock, "frames": frames, "width": width,
-        "height": height, "protocol": protocol, "notices": [str(w.message) for w in caught if w.category is Notice],
-    }  # fmt: skip
-
-
-def codecs_table(study: Study, quick: bool) -> dict[str, Any]:
-    """One pack written with every codec; the rows are baker.reports.codec_report's."""
-    baked = study.baked()
+def storage_table(study: Study, preset: BakePreset, quick: bool) -> dict[str, Any]:
+    """Table 3: one pack written with every codec, the grid of floats above, and networks below."""
+    floats, baked = study.score_floats(), study.baked(preset)
+    rows = [
+        _stored(study, {"row": "float", "label": SNERG["float"], **floats}),
+        _stored(study, no_sparsity_row(study)),
+    ]
     ladder = [step for step in LADDER if not (quick and step[1] is not None)]
     with tempfile.TemporaryDirectory(prefix="snerg-codecs-") as folder:
-        rows = list(measured(baked.path, study.scene, study.split, ladder, Path(folder)))
-    return {"resolution": study.options.resolution, "rows": rows}
+        for row in measured(baked.path, study.scene, study.split, ladder, Path(folder)):
+            lossless = row["quality"] is None
+            name = f"{row['codec']}{'' if lossless else ' ' + str(row['quality'])}"
+            key = row["codec"] if row["default"] else name
+            label = (
+                f"{'SNeRG' if preset == 'paper' else 'ours'} ({CODECS[row['codec']]}{', lossless' if lossless else ''})"
+            )
+            rows.append(_stored(study, {"row": key, "label": label, **row}))
+    for name in ("jaxnerf-plus", "jaxnerf"):
+        row = field_row(study, name)
+        if "psnr" in row:
+            row["bytes"] = network_bytes(load_run(study.baselines[name], scene_path=study.scene.path))
+        rows.append(_stored(study, row))
+    return {"resolution": study.resolution, "preset": preset, "rows": rows}
 
 
 def sparsity_table(study: Study) -> dict[str, Any]:
-    """What the sparsity loss saves, and cross-sections of both grids as pictures.
-
-    Baked with tau_weight 0, as the paper bakes: emptying voxels that no photograph shows would hide the fog that a field
-    trained without the loss leaves.
+    """Figure 3: what the sparsity loss saves, and cross-sections of both grids as pictures. Of the paper's bakes: emptying voxels
+    that no photograph shows would hide the fog that a field trained without the loss leaves.
     """
     rows, packs = [], {}
-    for run in filter(None, (study.run, study.against)):
-        baked = study.baked(run, tau_weight=0.0)
+    for run in filter(None, (study.run, study.without_sparsity)):
+        baked = study.baked("paper", run)
         with open_pack(baked.path) as reader:
             pack = reader.read()
             facts = pack_facts(reader.files, pack)
         label = f"{run.path.resolve().name}, lambda {run.config.sparsity_weight:g}"
         packs[label] = pack
         rows.append({
-            "run": str(run.path), "label": label, "step": run.step, "sparsity_weight": run.config.sparsity_weight,
+            "row": "with" if run is study.run else "without", "run": run.path.resolve().name, "label": label,
+            "field": label_of(run.config, run.step), "sparsity_weight": run.config.sparsity_weight,
             **study.score(baked), "bytes": facts["bytes"]["disk"], "macroblocks": facts["macroblocks"],
             "voxels": facts["voxels"], "alpha_histogram": facts["alpha_histogram"],
         })  # fmt: skip
+    if study.against is None:
+        rows.append({"row": "without", "label": "no sparsity loss", "command": _against_command(study)})
     sections = [_sections(study.out, axis, packs) for axis in range(3)]
-    return {"resolution": study.options.resolution, "rows": rows, "sections": sections}
+    return {"resolution": study.resolution, "rows": rows, "sections": sections}
+
+
+def field_row(study: Study, name: str, mask_of: Baked | None = None) -> Row:
+    """A row of a field that the paper has: scored, or with the command that would train it."""
+    row: Row = {"row": name, "label": published.NAMES[name]}
+    path = study.baselines.get(name)
+    if row_of(study.run.config) == name:
+        run: Run | None = study.run
+    elif path is not None:
+        run = load_run(path, scene_path=study.scene.path)
+    else:
+        run = None
+    if run is None:
+        row["command"] = train_command(study.run, study.out, name, "--baselines")
+    else:
+        row |= {"label": label_of(run.config, run.step), "seconds": trained_seconds(run)}
+        row |= study.score_field(_shelf_name(study, run, name), run, mask_of)
+    return _beside(study, row)
+
+
+def _own_field_row(study: Study) -> Row:
+    run = study.run
+    row = {"row": OWN, "label": label_of(run.config, run.step), "seconds": trained_seconds(run)}
+    return _beside(study, row | study.score_field("field", run))
+
+
+def _shelf_name(study: Study, run: Run, name: str) -> str:
+    return "field" if run is study.run else name
+
+
+def _baked_row(study: Study, row: str, label: str, baked: Baked) -> Row:
+    told = {"bytes": stored_bytes(baked.path), "seconds": sum(baked.seconds.values()), "stages": baked.seconds}
+    return _beside(study, {"row": row, "label": label, **study.score(baked), **told, "pack": baked.name})
+
+
+def no_sparsity_row(study: Study) -> Row:
+    """The paper's bake of the run without the sparsity loss."""
+    run = study.without_sparsity
+    if run is None:
+        row = {"row": "no-sparsity", "label": SNERG["no-sparsity"], "command": _against_command(study)}
+        return _beside(study, row)
+    return _baked_row(study, "no-sparsity", SNERG["no-sparsity"], study.baked("paper", run))
+
+
+def _against_command(study: Study) -> str:
+    return train_command(study.run, study.out, "no-sparsity", "--against")
+
+
+def _beside(study: Study, row: Row) -> Row:
+    """The row with what the paper and the release print of it."""
+    paper = published.quality(study.kind, study.name, row["row"])
+    theirs = published.release(study.kind, study.name, row["row"])
+    return row | {"paper": paper, "release": None if theirs is None else {"psnr": theirs}}
+
+
+def _stored(study: Study, row: Row) -> Row:
+    return row | {"paper": published.storage(study.kind, row["row"]), "release": None}
+
+
+def trained_seconds(run: Run) -> float | None:
+    """Seconds of training, where the run's journal tells."""
+    told = [row["training_seconds"] for row in read_journal(run.path / "metrics.jsonl") if "training_seconds" in row]
+    return told[-1] if told else None
+
+
+def network_bytes(run: Run) -> int:
+    """What the networks of a NeRF take as 32 bit floats: how the paper measures what is not baked."""
+    return 4 * sum(int(leaf.size) for leaf in jax.tree.leaves(run.state.params))
 
 
 def _sections(out: Path, axis: int, packs: dict[str, Pack]) -> dict[str, Any]:

@@ -82,13 +82,14 @@ def tables_of(pack: Pack) -> Tables:
     features = np.zeros((0, 4), np.uint8) if features is None else np.ascontiguousarray(features).reshape(-1, 4)
     support = np.zeros((len(first), side**3), np.uint8)
     near = np.zeros((len(first), (-(-side // 4)) ** 3), np.uint8)
-    _mark_support(rgba, first, width, width * height, side, support, near)
+    mark_support(rgba, first, width, width * height, side, support, near)
     blocks = np.array(occupied.shape[::-1], np.int64)
     return Tables(slots.ravel(), blocks, pack.block_size, first, width, width * height, support, near, rgba, features)
 
 
 @njit(nogil=True, cache=True)
-def _mark_support(rgba, first, row, layer, side, support, near):
+def mark_support(rgba, first, row, layer, side, support, near):
+    """Fills support and near of Tables from the alphas of the atlas."""
     across = -(-side // 4)
     for slot in range(len(first)):
         for z in range(side - 1):

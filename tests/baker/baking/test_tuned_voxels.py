@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,50 @@ from baker.baking import bake as baking
 from baker.baking.bake import BakeConfig, Stages
 from baker.tuning.pruning import FIRM, Pruned
 from tests.scenepack.random_packs import random_pack
+from training.dataset import RayDataset
+from training.scenes import Scene
 
 Call = tuple[str, Any]
+
+
+class HandedOver(Exception):
+    """What a bake has come to."""
+
+
+def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(
+    scene: Scene, dataset: RayDataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gains = np.ones((dataset.views, 3), np.float32)
+    gains[:, 0] = np.linspace(0.5, 1.5, dataset.views)
+    pack, seen = random_pack(np.random.default_rng(0)), []
+
+    def voxels(pack: Any, photographs: RayDataset, *_: Any) -> Any:
+        seen.append(photographs)
+        raise HandedOver
+
+    def view_mlp(pack: Any, photographs: RayDataset, **_: Any) -> Any:
+        seen.append(photographs)
+        return pack, 0.0, 0.0
+
+    culling = SimpleNamespace(kept=None, counts=dict)
+    method = SimpleNamespace(view_mlp=lambda state: None, gains=lambda state: gains)
+    run: Any = SimpleNamespace(method=method, dataset=dataset, scene=scene, state=0)
+    grid = SimpleNamespace(voxel_size=1, min_xyz=0, size=(1, 1, 1), worldspace_T_opengl=np.eye(4))
+    monkeypatch.setattr(baking, "check_bake", lambda *_: None)
+    monkeypatch.setattr(baking, "_culled", lambda *_: (grid, culling))
+    monkeypatch.setattr(baking, "_content", lambda *_: ())
+    monkeypatch.setattr(baking, "fill_atlas", lambda *_: (0, 0, 0))
+    monkeypatch.setattr(baking, "restore_padding", lambda *_: None)
+    monkeypatch.setattr(baking, "Pack", lambda **_: pack)
+    monkeypatch.setattr(baking, "fine_tune", view_mlp)
+    monkeypatch.setattr(baking, "_with_tuned_voxels", voxels)
+    with pytest.raises(HandedOver):
+        baking.bake(run, BakeConfig(tau_weight=0.0))
+    assert len(seen) == 2
+    ids = np.arange(0, dataset.count, 7, dtype=np.int32)
+    shown = np.asarray(dataset.in_average_look(gains).colours_at(ids))
+    assert np.abs(shown - np.asarray(dataset.colours_at(ids))).max() > 0.1
+    assert all(np.array_equal(np.asarray(photographs.colours_at(ids)), shown) for photographs in seen)
 
 
 @pytest.fixture

@@ -6,12 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from baker.tuning.fused import tuner as fused_tuner
 from baker.tuning.fused.tuner import FusedTuner
-from baker.tuning.jax_tuner import JaxTuner
+from baker.tuning.jax_tuner import JaxTuner, gather, stored
 from baker.tuning.tuner import BETAS, Look
 from scenepack import Pack
 from tests.baker.tuning.helpers import pack_of
@@ -45,6 +46,21 @@ def made_equal(both: Both) -> int:
     ours.rays, ours.work = rays, fused_tuner.work_for(rays, ours.work.at.shape[1])
     theirs.rays, theirs.sizes = rays, theirs.sizes._replace(rays=rays)
     return rays
+
+
+def test_both_compare_with_photographs_in_their_average_look(dataset: RayDataset) -> None:
+    gains = np.ones((dataset.views, 3), np.float32)
+    gains[:, 1] = np.linspace(0.6, 1.4, dataset.views)
+    corrected = dataset.in_average_look(gains)
+    (ours, theirs), ids = both_of(pack_of(), corrected)
+    some = drawn(ids, ours)
+    expected = np.asarray(corrected.colours_at(jnp.asarray(some)))
+    assert np.abs(expected - np.asarray(dataset.colours_at(jnp.asarray(some)))).max() > 0.1
+    np.testing.assert_allclose(np.asarray(ours._gather(some).target), expected, atol=1e-6)
+    voxels = stored(theirs.trained.delta, theirs.scene)
+    sizes = theirs.sizes._replace(rays=len(some))
+    known = gather(theirs.scene, voxels, theirs.dataset, jnp.asarray(some), sizes).target
+    np.testing.assert_allclose(np.asarray(known), expected, atol=1e-6)
 
 
 def leaves(head: Any) -> list[np.ndarray]:

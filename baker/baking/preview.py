@@ -1,0 +1,81 @@
+"""What a run has so far as a small pack, now and then while it trains: to fly around in before it is done.
+
+A field of voxels is asked at a grid of few voxels, without visibility, pruning and tuning: seconds where a bake takes
+minutes. The pack is one file, so that whoever reads the one before still can while the next takes its place.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from baker.baking.bake import BLOCK_SIZE, assembled
+from baker.baking.culling import TAU_ALPHA, content_box, cull_by_opacity
+from baker.baking.field_query import field_query, occupied_query
+from baker.baking.grid import box_in_grid_frame, make_grid
+from baker.baking.supersample import supersample
+from console import UserError
+from scenepack import save_pack
+from scenepack.blocks import fill_atlas
+from scenepack.pack import Pack
+from scenepack.padding import restore_padding
+from training.run import Run
+from training.scenes.scene import cameras_of
+
+NAME = "preview.zip"  # beside run and pack
+RESOLUTION = 150  # voxels along the longest side: five macroblocks
+FIRST_STEP = 100  # before, nothing is to be seen
+MOST_OF_TIME = 0.1  # of a run's time that its previews take
+PNG_LEVEL = 1  # fast: it lives for a minute
+
+
+def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
+    """The run's field as it is now; None where it holds nothing yet."""
+    query, frame = field_query(run), np.asarray(run.scene.worldspace_T_opengl, np.float64)
+    found = content_box(query, *box_in_grid_frame(run.dataset.aabb, frame), resolution, frame, TAU_ALPHA)
+    if found is None:
+        return None
+    grid = make_grid(*found, resolution, BLOCK_SIZE, frame)
+    culling = cull_by_opacity(query, grid, occupied_query(run))
+    if not culling.kept.any():
+        return None
+    macroblocks = supersample(query, grid, culling, grain=run.method.grain(run.state), seed=run.config.seed)
+    atlas = fill_atlas(macroblocks, culling.kept, BLOCK_SIZE)
+    for part in atlas[1:]:
+        restore_padding(part, atlas[0], BLOCK_SIZE)
+    provenance = {
+        "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "of_steps": run.config.steps,
+        "preview": True, **vars(run.options),
+    }  # fmt: skip
+    pack = assembled(run, grid, atlas, run.method.view_mlp(run.state))
+    return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
+
+
+class Previews:
+    """Keeps the file `out` up to date while a run trains (training.loop.Watcher). every: seconds between two, at least."""
+
+    def __init__(self, out: Path, every: float) -> None:
+        self.out, self.every = out, every
+        self._due = time.monotonic() + every
+
+    def due(self, run: Run) -> bool:
+        """Whether it is time for another."""
+        return run.config.method == "voxels" and run.step >= FIRST_STEP and time.monotonic() >= self._due
+
+    def look(self, run: Run) -> None:
+        """Writes one. What it fails at is no reason to stop the training: the next may be written."""
+        began = time.monotonic()
+        try:
+            pack = preview_pack(run)
+            if pack is not None:
+                save_pack(pack, self.out, png_level=PNG_LEVEL)
+        except (UserError, OSError, MemoryError):  # a full disk, say, of which the training's own files will tell
+            pass
+        ended = time.monotonic()
+        self._due = ended + max(self.every, (ended - began) / MOST_OF_TIME)
+
+    def remove(self) -> None:
+        """There is something better now."""
+        self.out.unlink(missing_ok=True)

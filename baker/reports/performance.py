@@ -1,0 +1,140 @@
+"""Tables 1 and the appendix's of resolution: how long frames take, and what they take of the card, by the paper's protocol."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from baker.baking.presets import BakePreset
+from baker.reports import published
+from baker.reports.missing import train_command
+from baker.reports.pack_compare import stored_bytes
+from baker.reports.study import Baked, Study
+from console import Notice
+from scenepack import Pack, load_pack
+from viewer.benchmark.protocols import Flight, flight, protocol_for
+from viewer.benchmark.sustained import sustained
+from viewer.rendering.frame_times import Contender, Turns, same_view, taking_turns
+from viewer.rendering.settings import RenderSettings
+
+Row = dict[str, Any]
+LABELS = {
+    "ours": "ours: our bake, our marcher",
+    "no-mlp": "1) no view MLP",
+    "no-sparsity": "2) no sparsity loss (our bake, which prunes its fog)",
+    "mlp-per-sample": "3) view MLP at every sample",
+    "paper-marcher": "our bake, the paper's marcher",
+    "paper": "the paper's bake, the paper's marcher",
+}
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How frames are timed. size: pixels; None: the protocol's. distance: as viewer.benchmark.protocols.flight has it.
+    power_seconds: of drawing without a pause, for watts; only where a card tells them."""
+
+    frames: int = 150
+    size: tuple[int, int] | None = None
+    distance: str = "auto"
+    power_seconds: float = 4.0
+
+
+def performance_table(study: Study, drawing: Drawing) -> dict[str, Any]:
+    """Table 1: our marcher and its ablations, and the paper's marcher on our pack and on the paper's. Frames alternate."""
+    ours, theirs = study.baked("snerg"), study.baked("paper")
+    pack, papers = load_pack(ours.path), load_pack(theirs.path)
+    contenders = {
+        "ours": Contender("ours", RenderSettings()),
+        "paper-marcher": Contender("paper-marcher", RenderSettings(marcher="paper")),
+        "paper": Contender("paper", RenderSettings(marcher="paper"), papers),
+    }
+    if pack.view_mlp is not None:
+        contenders["no-mlp"] = Contender("no-mlp", RenderSettings(mode="diffuse"))
+        contenders["mlp-per-sample"] = Contender("mlp-per-sample", RenderSettings(view_mlp_per_sample=True))
+    if study.without_sparsity is not None:
+        dense = study.baked("snerg", study.without_sparsity)
+        contenders["no-sparsity"] = Contender("no-sparsity", RenderSettings(), load_pack(dense.path))
+    measured, about = timed(pack, list(contenders.values()), drawing)
+    rows: list[Row] = []
+    for name, label in LABELS.items():
+        row: Row = {"row": name, "label": label}
+        if name in measured:
+            row |= measured[name]
+        elif name == "no-sparsity":
+            row["command"] = train_command(study.run, study.out, "no-sparsity", "--against")
+        else:
+            row["command"] = "none: this field has no view MLP"
+        printed = published.performance(study.kind, study.name, "ours" if name == "paper" else name)
+        rows.append(row | {"paper": printed, "release": None})
+    return {"resolution": study.resolution, "rows": rows, **about}
+
+
+def resolution_table(study: Study, preset: BakePreset, resolutions: Sequence[int], drawing: Drawing) -> dict[str, Any]:
+    """Quality, size and frame time at each resolution, with and without the sparsity loss. Frames of all are drawn in turn."""
+    rows: list[Row] = []
+    packs: dict[str, Pack] = {}
+    for n in sorted(resolutions, reverse=True):
+        for run in (study.run, study.without_sparsity):
+            row: Row = {
+                "row": f"{n}" if run is study.run else f"{n}, no L_s",
+                "resolution": n,
+                "sparsity": run is study.run,
+            }
+            row["label"] = f"{n}³{'' if run is study.run else ', no sparsity loss'}"
+            if run is None:
+                row["command"] = train_command(study.run, study.out, "no-sparsity", "--against")
+            else:
+                baked = study.baked(preset, run, resolution=n)
+                packs[row["row"]] = load_pack(baked.path)
+                row |= _of_pack(study, baked, packs[row["row"]])
+            printed = published.RESOLUTION.get(n) if study.kind == "synthetic" and run is study.run else None
+            named = None if printed is None else dict(zip(("psnr", "ssim", "lpips", "fps", "mb"), printed, strict=True))
+            rows.append(row | {"paper": named, "release": None})
+    first = next(iter(packs.values()))
+    contenders = [Contender(name, RenderSettings(), pack) for name, pack in packs.items()]
+    measured, about = timed(first, contenders, replace(drawing, power_seconds=0.0))
+    for row in rows:
+        row |= measured.get(row["row"], {})
+    return {"preset": preset, "rows": rows, **about}
+
+
+def _of_pack(study: Study, baked: Baked, pack: Pack) -> Row:
+    return {
+        **study.score(baked), "grid": list(pack.grid_size), "bytes": stored_bytes(baked.path),
+        "macroblocks": int(pack.occupied.sum()), "seconds": sum(baked.seconds.values()),
+    }  # fmt: skip
+
+
+def timed(pack: Pack, contenders: Sequence[Contender], drawing: Drawing) -> tuple[Mapping[str, Row], dict[str, Any]]:
+    """ms_mean, ms_std, ms_p50, fps, gpu_bytes, watts and fps_per_watt of contenders by name; and device, clock and path."""
+    flown = flight(pack, protocol_for(pack), drawing.frames, size=drawing.size, distance=drawing.distance)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", Notice)
+        with taking_turns(pack, contenders) as turns:
+            turns.warm_up(flown.cameras[0])
+            turns.time(flown.cameras)
+            power = {c.name: _power(turns, c, flown, drawing.power_seconds) for c in turns.contenders}
+            gpu_bytes = turns.gpu_bytes
+    for warning in caught:
+        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    rows = {}
+    for contender in turns.contenders:
+        times = contender.statistics()
+        kept = {key: times[key] for key in ("ms_mean", "ms_std", "ms_p50", "fps")}
+        rows[contender.name] = {**kept, "gpu_bytes": gpu_bytes[contender.name], **power[contender.name]}
+    notices = [str(w.message) for w in caught if w.category is Notice]
+    return rows, {
+        "renderer": turns.device, "clock": turns.clock, "frames": drawing.frames, **flown.facts, "notices": notices,
+    }  # fmt: skip
+
+
+def _power(turns: Turns, contender: Contender, flown: Flight, seconds: float) -> Row:
+    """watts and fps_per_watt while a contender draws without a pause; None where no card tells them."""
+    if seconds <= 0 or "nvidia" not in turns.device.lower():
+        return {"watts": None, "fps_per_watt": None}
+    own = contender.pack or turns.pack
+    views = [same_view(camera, turns.pack, own) for camera in flown.cameras]
+    told = sustained(turns.drawn_by[contender.name], views, contender.settings, seconds)
+    return {key: told[key] for key in ("watts", "fps_per_watt")}

@@ -1,0 +1,96 @@
+"""Several scenes side by side and their mean, from the reports of each: the appendix's tables of single scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baker.reports import published
+from console import UserError
+from console.json_text import read_json_file
+
+Table = dict[str, Any]
+# Of which table of a report, what, its heading, digits, and by what it is divided. The first three are kept apart by metric.
+COLUMNS: Sequence[tuple[str, str, str, int, float]] = (
+    ("quality", "psnr", "PSNR (dB)", 2, 1.0),
+    ("quality", "ssim", "SSIM", 4, 1.0),
+    ("quality", "lpips", "LPIPS", 4, 1.0),
+    ("storage", "bytes", "MB on disk", 2, 1e6),
+    ("performance", "ms_mean", "milliseconds a frame", 2, 1.0),
+    ("performance", "gpu_bytes", "GPU MB", 1, 1e6),
+)
+
+
+def read_report(folder: Path) -> dict[str, Any]:
+    """The figures of an earlier report. UserError where the folder holds none."""
+    path = folder / "report.json"
+    if not path.is_file():
+        raise UserError("holds no report", where=folder, expected="the folder of an earlier snerg-report",
+                        remedy="measure each run by itself first, then name their folders")  # fmt: skip
+    document = read_json_file(path)
+    about, tables = (document.get(key) if isinstance(document, dict) else None for key in ("about", "tables"))
+    if not isinstance(about, dict) or not isinstance(tables, dict) or not {"name", "kind", "split"} <= set(about):
+        raise UserError("is no report of one scene", where=path)
+    return document
+
+
+def scenes_document(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The tables of several reports: {"about", "tables": {"quality psnr": {"rows": [...]}, …}}.
+
+    A row has `values` by scene, their `mean` (None where a scene lacks it), and `paper`, likewise, where the paper prints it.
+    UserError where two reports are of one scene.
+    """
+    names = [report["about"]["name"] for report in reports]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise UserError("two reports are of one scene", where="snerg-report", expected="one of each scene", found=twice)
+    tables: dict[str, Table] = {}
+    for table, key, *_ in COLUMNS:
+        held = {r["about"]["name"]: r for r in reports if table in r["tables"]}
+        if held:
+            tables[f"{table} {key}"] = {"rows": _rows(held, table, key), "scenes": list(held)}
+    abouts = [dict(report["about"]) for report in reports]
+    return {"about": {"scenes": abouts}, "tables": tables}
+
+
+def _rows(reports: Mapping[str, Mapping[str, Any]], table: str, key: str) -> list[dict[str, Any]]:
+    order: dict[str, str] = {}
+    for report in reports.values():
+        for row in report["tables"][table]["rows"]:
+            order.setdefault(row["row"], _general(row))
+    rows = []
+    for name, label in order.items():
+        values: dict[str, float | None] = {}
+        paper: dict[str, float | None] = {}
+        for scene, report in reports.items():
+            found = next((row for row in report["tables"][table]["rows"] if row["row"] == name), {})
+            values[scene] = found.get(key)
+            paper[scene] = _printed(report["about"]["kind"], scene, table, name, key)
+        rows.append({
+            "row": name, "label": label, "values": values, "mean": _mean(values), "paper": paper, "paper_mean": _mean(paper),
+        })  # fmt: skip
+    return rows
+
+
+def _general(row: Mapping[str, Any]) -> str:
+    """A label that holds for every scene: of a field, without its steps."""
+    return published.NAMES.get(row["row"], "the field itself" if row["row"] == "field" else str(row["label"]))
+
+
+def _printed(kind: published.Kind, scene: str, table: str, row: str, key: str) -> float | None:
+    """What the paper prints of this very scene."""
+    if not published.place_of(kind, scene) or table == "storage" or (published.only_means(row) and table == "quality"):
+        return None
+    if table == "quality":
+        return (published.quality(kind, scene, row) or {}).get(key)
+    told = published.performance(kind, scene, "ours" if row == "paper" else row) or {}
+    gigabytes = told.get("gpu_gb")
+    return told.get("ms") if key == "ms_mean" else None if gigabytes is None else 1e9 * gigabytes
+
+
+def _mean(values: Mapping[str, float | None]) -> float | None:
+    known = [value for value in values.values() if value is not None]
+    return float(np.mean(known)) if known and len(known) == len(values) else None

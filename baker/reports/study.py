@@ -1,0 +1,149 @@
+"""The packs and scores behind a report: each is made once, and stays in the report's folder for the next time.
+
+Beside the pack NAME lies NAME.json: what it was baked from and how (`key`), and the seconds of each stage. scores/NAME.json holds
+what evaluating it told, and of what. A pack or a score whose key is another one (the run went on, other options) is made anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from baker.baking.bake import BakeConfig, bake_floats, work_key
+from baker.baking.presets import BakePreset, preset_config
+from baker.baking.to_pack import bake_to
+from baker.reports.evaluation import Drawn, evaluate
+from baker.reports.float_pictures import float_pictures
+from baker.reports.published import Kind, kind_of
+from console.atomic import write_file
+from training.run import Run, load_run
+from training.scenes import Scene, picture_stems
+
+Score = dict[str, Any]
+OF_VOXELS = ("tau_weight", "fine_tune", "fine_tune_epochs", "fine_tune_pixels")  # what work_key leaves out
+
+
+@dataclass(frozen=True)
+class Baked:
+    """A pack on disk, what it was made from (`key`), and the seconds of each stage of its bake."""
+
+    name: str
+    path: Path
+    key: Mapping[str, Any]
+    seconds: dict[str, float]
+
+
+@dataclass
+class Study:
+    """A run, what it is compared with, and what was made of it so far.
+
+    scene: the photographs that count, in `split`. out: the report's folder. resolution: of its packs where a table does not say
+    otherwise; overrides: fields of BakeConfig that differ from the presets', in all packs. against: the folder of a run of the
+    same scene without the sparsity loss. baselines: folders of further runs, by the row of the paper that they are.
+    """
+
+    run: Run
+    scene: Scene
+    split: str
+    out: Path
+    resolution: int
+    overrides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    against: Path | None = None
+    baselines: Mapping[str, Path] = dataclasses.field(default_factory=dict)
+    _against: Run | None = None
+
+    @property
+    def kind(self) -> Kind:
+        """To which of the paper's kinds of scenes this one belongs."""
+        return kind_of(self.scene)
+
+    @property
+    def name(self) -> str:
+        """The scene's, by its folder."""
+        return self.scene.path.resolve().name
+
+    @property
+    def without_sparsity(self) -> Run | None:
+        """The run to compare with, loaded when it is first asked for."""
+        if self._against is None and self.against is not None:
+            self._against = load_run(self.against, scene_path=self.scene.path)
+        return self._against
+
+    def config(self, preset: BakePreset, **changes: Any) -> BakeConfig:
+        """How a pack of this report is baked."""
+        return preset_config(preset, **{"resolution": self.resolution, **self.overrides, **changes})
+
+    def baked(self, preset: BakePreset, run: Run | None = None, **changes: Any) -> Baked:
+        """The pack of a run (by default the report's own), from the shelf where it lies there already.
+
+        changes: fields of BakeConfig that differ from the report's.
+        """
+        run, config = run or self.run, self.config(preset, **changes)
+        name = f"{preset}-{config.resolution}-{config.fine_tune}" + ("-no-sparsity" if run is self._against else "")
+        pack, note = self.out / "packs" / name, self.out / "packs" / f"{name}.json"
+        key = work_key(run, config) | {field: getattr(config, field) for field in OF_VOXELS}
+        kept = _read(note)
+        if kept.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(kept.get("seconds"), dict):
+            return Baked(name, pack, key, kept["seconds"])
+        note.unlink(missing_ok=True)  # first, so that no note ever tells of another pack
+        pack.parent.mkdir(parents=True, exist_ok=True)
+        seconds = bake_to(run, config, pack)
+        write_file(note, json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n")
+        return Baked(name, pack, key, seconds)
+
+    def score(self, baked: Baked, mask_of: Baked | None = None) -> Score:
+        """psnr, ssim, lpips of a pack: means over the views, drawn by OpenGL, and `views`, each photograph's psnr."""
+        return self._scored(baked.name, baked.key, lambda: baked.path, mask_of)
+
+    def score_field(self, name: str, run: Run, mask_of: Baked | None = None) -> Score:
+        """The same of a trained field."""
+        return self._scored(name, work_key(run, BakeConfig()), lambda: run, mask_of)
+
+    def score_floats(self) -> Score:
+        """The same of the paper's bake before it is quantised, and `bytes`, of its atlas."""
+        config, held = self.config("paper"), [0]
+        key = work_key(self.run, config) | {"floats": True}
+
+        def draw() -> Drawn:
+            floats = bake_floats(self.run, config)
+            held[0] = floats.bytes
+            return float_pictures(floats, self.run)
+
+        return self._scored(f"float-{config.resolution}", key, draw, None, lambda: {"bytes": held[0]})
+
+    def _scored(
+        self, name: str, key: Mapping[str, Any], subject: Callable[[], Path | Run | Drawn], mask_of: Baked | None,
+        more: Callable[[], Score] = dict,
+    ) -> Score:  # fmt: skip
+        name += "" if mask_of is None else "-masked"
+        note = self.out / "scores" / f"{name}.json"
+        views = [photograph.name for photograph in self.scene.splits[self.split]]
+        about = {"key": key, "views": views, "mask": None if mask_of is None else mask_of.key}
+        kept = _read(note)
+        if kept.get("of") == json.loads(json.dumps(about)) and isinstance(kept.get("score"), dict):
+            return kept["score"]
+        images = self.out / "pictures" / name
+        mask = None if mask_of is None else mask_of.path
+        told = evaluate(subject(), self.scene, self.split, images, mask_of=mask)
+        psnr_of = {view["name"]: view["psnr"] for view in told["views"]}
+        score = {**{metric: told[metric] for metric in ("psnr", "ssim", "lpips")}, "views": psnr_of, **more()}
+        score["pictures"] = f"pictures/{name}"
+        note.parent.mkdir(parents=True, exist_ok=True)
+        write_file(note, json.dumps({"of": about, "score": score}, indent=2) + "\n")
+        return score
+
+    def stem(self, view: int) -> str:
+        """The file name, without suffix, of the pictures of a view."""
+        return picture_stems(self.scene.splits[self.split])[view]
+
+
+def _read(note: Path) -> dict[str, Any]:
+    try:
+        kept = json.loads(note.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return kept if isinstance(kept, dict) else {}

@@ -1,0 +1,63 @@
+"""A bake before it is quantised: rounded it is the pack, and it is drawn by the pack's rules."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baker.baking.bake import BakeConfig, bake, bake_floats
+from baker.baking.float_grid import FloatGrid
+from baker.reference_marcher import render_reference
+from baker.reports.float_pictures import float_pictures
+from scenepack.blocks import block_copy
+from scenepack.pack import Pack
+from training.run import Run, load_run
+from viewer.rendering.camera import ViewCamera
+
+OLDER = Path(__file__).parents[2] / "data/older"
+CONFIG = BakeConfig(resolution=45, tau_weight=0.0, fine_tune="none", supersampling="paper")
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    """Of an older version, so that nothing is trained here."""
+    return load_run(OLDER / "nerf", scene_path=OLDER / "scene")
+
+
+@pytest.fixture(scope="module")
+def pack(run: Run) -> Pack:
+    return bake(run, CONFIG)
+
+
+@pytest.fixture(scope="module")
+def floats(run: Run) -> FloatGrid:
+    return bake_floats(run, CONFIG)
+
+
+def test_rounded_it_is_the_pack_in_every_copy(pack: Pack, floats: FloatGrid) -> None:
+    np.testing.assert_array_equal(floats.indices, pack.atlas_indices)
+    rounded = np.round(255 * floats.values).astype(np.uint8)[floats.rows]
+    rounded[rounded[..., 3] == 0] = 0
+    assert pack.atlas_features is not None and floats.bytes == 32 * pack.atlas_rgba[..., 0].size
+    for block in map(tuple, np.argwhere(pack.occupied)):
+        mine = block_copy(pack, rounded, block)
+        np.testing.assert_array_equal(mine[..., :4], block_copy(pack, pack.atlas_rgba, block))
+        np.testing.assert_array_equal(mine[..., 4:], block_copy(pack, pack.atlas_features, block))
+
+
+def test_what_is_rounded_is_drawn_as_the_reference_draws_the_pack_and_what_is_not_differs(
+    run: Run, pack: Pack, floats: FloatGrid
+) -> None:
+    camera = run.scene.splits["test"][0].camera
+    values = np.round(255 * floats.values) / np.float32(255)
+    values[values[:, 3] == 0] = 0
+    rounded = dataclasses.replace(floats, values=values.astype(np.float32))
+    wanted = render_reference(pack, ViewCamera.from_scene_camera(pack, camera))
+    for mode, picture in (("normal", wanted.rgb), ("alpha", wanted.alpha)):
+        difference = np.abs(float_pictures(rounded, run).show(camera, mode) - picture)  # type: ignore[arg-type]
+        assert np.quantile(difference, 0.999) < 1 / 255 and difference.max() < 0.05, mode
+    unrounded = float_pictures(floats, run).show(camera, "normal")
+    assert 1e-5 < np.mean(np.abs(unrounded - wanted.rgb)) < 0.05

@@ -1,0 +1,108 @@
+"""What a run has so far as a small pack: it looks like the field, is written now and then, and never stops a training."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baker.baking import preview
+from baker.baking.preview import FIRST_STEP, Previews, preview_pack
+from baker.tuning.joint_loop import shown_psnr
+from console import UserError
+from scenepack import load_pack
+from training.config import CPU
+from training.journal import read_journal
+from training.loop import train
+from training.run import Run
+from training.voxels.config import VoxelConfig
+
+VOXELS = VoxelConfig(resolutions=(24, 48), stage_starts=(0.0, 0.4), prunings=(0.5,), samples_per_step=8192)
+CONFIG = dataclasses.replace(
+    CPU, engine="fused", steps=130, batch_size=1024, log_every=10, validate_every=0, voxels=VOXELS
+)
+
+
+class Noting(Previews):
+    """Notes when it was asked, and wants one preview early, and another late."""
+
+    def __init__(self, out: Path) -> None:
+        super().__init__(out, 0.0)
+        self.asked: list[int] = []
+        self.seen: list[int] = []
+
+    def due(self, run: Run) -> bool:
+        self.asked.append(run.step)
+        return run.step in (FIRST_STEP, 120)
+
+    def look(self, run: Run) -> None:
+        super().look(run)
+        self.seen.append(load_pack(self.out).metadata["provenance"]["steps"])
+
+
+@pytest.fixture(scope="module")
+def trained(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Noting]:
+    folder = tmp_path_factory.mktemp("previewed")
+    watcher = Noting(folder / "preview.zip")
+    return train(scene_path, folder / "run", CONFIG, watcher=watcher), watcher
+
+
+def test_a_watcher_is_asked_after_each_step_and_what_it_does_leaves_the_run_as_it_is(
+    trained: tuple[Run, Noting], scene_path: Path, tmp_path: Path
+) -> None:
+    run, watcher = trained
+    assert watcher.asked == list(range(1, CONFIG.steps)) and watcher.seen == [FIRST_STEP, 120]
+    alone = train(scene_path, tmp_path / "run", CONFIG)
+    for name, array in alone.method.save(alone.state).items():
+        np.testing.assert_array_equal(array, run.method.save(run.state)[name], err_msg=name)
+
+
+def test_a_preview_looks_like_the_field_and_says_after_how_many_steps(trained: tuple[Run, Noting]) -> None:
+    run, watcher = trained
+    pack = preview_pack(run, 60)
+    assert pack is not None and pack.view_mlp is not None and max(pack.grid_size) <= 3 * 30
+    of_field = np.mean([r["psnr"] for r in read_journal(run.path / "metrics.jsonl")[-5:] if "psnr" in r])
+    assert shown_psnr(pack, run.dataset, 0) > of_field - 2.0
+    assert pack.metadata["provenance"]["steps"] == CONFIG.steps
+    early = load_pack(watcher.out)
+    assert early.metadata["provenance"]["steps"] == 120 and early.metadata["cameras"]
+    watcher.remove()
+    watcher.remove()
+    assert not watcher.out.exists()
+
+
+def test_previews_come_now_and_then_and_take_little_of_the_time(
+    trained: tuple[Run, Noting], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, now = trained[0], [1000.0]
+    monkeypatch.setattr(preview.time, "monotonic", lambda: now[0])
+
+    def slow(run: Run) -> None:
+        now[0] += 20.0
+
+    monkeypatch.setattr(preview, "preview_pack", slow)
+    previews = Previews(tmp_path / "preview.zip", 30.0)
+    assert not previews.due(run)
+    now[0] += 30.0
+    assert previews.due(run)
+    assert not previews.due(dataclasses.replace(run, step=FIRST_STEP - 1)), "there is nothing to be seen yet"
+    previews.look(run)
+    now[0] += 199.0
+    assert not previews.due(run), "20 s of work are a tenth of 200 s"
+    now[0] += 1.0
+    assert previews.due(run)
+    assert not previews.out.exists(), "a field that holds nothing has no preview"
+
+
+@pytest.mark.parametrize("failure", [UserError("the disk is full"), OSError(28, "no space"), MemoryError()])
+def test_a_preview_that_fails_does_not_stop_the_training(
+    trained: tuple[Run, Noting], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: Exception
+) -> None:
+    def fail(run: Run) -> None:
+        raise failure
+
+    monkeypatch.setattr(preview, "preview_pack", fail)
+    Previews(tmp_path / "preview.zip", 0.0).look(trained[0])
+    assert not (tmp_path / "preview.zip").exists()
