@@ -17,7 +17,12 @@ from viewer.window.canvas import Canvas
 
 FRAME_S = 1.0 / 60.0
 PLACES = {
-    **{getattr(imgui.Key, name.lower()): name for name in ("Escape", "Space", "Tab", "Home", "Delete", "Enter")},
+    **{
+        getattr(imgui.Key, name.lower()): name
+        for name in ("Escape", "Space", "Tab", "Home", "Delete", "Backspace", "Enter")
+    },
+    imgui.Key.page_up: "PageUp",
+    imgui.Key.page_down: "PageDown",
     **{getattr(imgui.Key, f"{name.lower()}_arrow"): name for name in ("Left", "Right", "Up", "Down")},
     **{getattr(imgui.Key, f"f{i}"): f"F{i}" for i in range(1, 13)},
     **{getattr(imgui.Key, letter): letter.upper() for letter in "abcdefghijklmnopqrstuvwxyz"},

@@ -11,12 +11,15 @@ from dataclasses import dataclass, field, replace
 from math import atan, degrees
 from pathlib import Path
 
-import numpy as np
-
 from console import UserError
 from scenepack.pack import Pack
 from viewer.app import crop
+from viewer.app.backdrops import TRAINED, backdrop
+from viewer.app.bookmarks import Bookmarks
+from viewer.app.choosing import Choosing, looks_like_path, path_in
 from viewer.app.comparison import Comparison
+from viewer.app.controllers import Controllers
+from viewer.app.exporting import Exporting
 from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
 from viewer.app.first_look import Look
@@ -26,15 +29,23 @@ from viewer.app.keyboard import Keyboard
 from viewer.app.loading import Loading
 from viewer.app.log import Messages
 from viewer.app.making import Making
+from viewer.app.marking import Marking
+from viewer.app.marks import Marks, Point
+from viewer.app.measuring import Measuring
 from viewer.app.opening import Opening
-from viewer.app.pose import pose_from_text, pose_to_text
+from viewer.app.path import CameraPath
+from viewer.app.pose import ortho_height_of, pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
-from viewer.app.projection import rays_through
+from viewer.app.projection import ray_through
 from viewer.app.ray_costs import CostMeter
 from viewer.app.rig import FOVS, CameraRig
+from viewer.app.session import Sessions
+from viewer.app.shelf import Shelf, Shelved
+from viewer.app.so_far import SoFar
 from viewer.app.stage import Stage
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
 from viewer.app.timing import FrameTimes
+from viewer.app.view_pictures import ViewPictures
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.rendering.settings import RenderSettings
@@ -57,13 +68,22 @@ class App:
     filming: Filming = field(default_factory=Filming)
     comparison: Comparison = field(default_factory=Comparison)
     gallery: Gallery = field(default_factory=Gallery)
+    marking: Marking = field(default_factory=Marking)
+    measuring: Measuring = field(default_factory=Measuring)
+    bookmarks: Bookmarks = field(default_factory=Bookmarks)
+    views: ViewPictures = field(default_factory=ViewPictures)
+    sessions: Sessions = field(default_factory=Sessions)
     preferences: Preferences = field(default_factory=Preferences)
     clipboard: Clipboard = field(default_factory=Clipboard)
     keyboard: Keyboard = field(default_factory=Keyboard)
+    controllers: Controllers = field(default_factory=Controllers)
     file_request: FileRequest | None = None
+    choosing: Choosing | None = None  # the question what to open
+    shelf: Shelf = field(default_factory=Shelf)  # the other packs that are open
     demo: Path | None = None  # the bundled pack, where there is one
     opening: Opening = field(default_factory=Opening)
     making: Making = field(default_factory=Making)
+    exporting: Exporting = field(default_factory=Exporting)
     quitting: bool = False
     frames_owed: int = FRAMES_AFTER_EVENT
 
@@ -74,37 +94,81 @@ class App:
 
         whole: False where more of it is on its way.
         """
-        if self.stage is not None:
-            with self.messages.noting_warnings(told=whole):
-                self.stage.show(pack)
-        self.scene = OpenScene(path, name or name_of(path), pack, self.undoable(rig_for(pack)), whole)
-        if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
-            self.settings = replace(self.settings, mode="normal")
-        self.settings = replace(self.settings, crop=None, near=0.0)
-        if self.filming.export is not None:
-            self.filming.cancel(self)
-        self.filming = self.filming.of_another_scene()
-        self.comparison.stop()
-        self.gallery.scene_changed(pack)
+        scene = OpenScene(path, name or name_of(path), pack, self.undoable(rig_for(pack)), whole)
+        left = self.left_now()
+        self.turn_to(Shelved(scene, None, 0.0, CameraPath()), told=whole)
+        self.shelf.drop(path)
+        if left is not None and left.scene.path != path:
+            self.shelf.keep(self, left)
         if whole:
             self.opened()
+
+    def turn_to(self, entry: Shelved, *, told: bool = True) -> None:
+        """Shows a pack with its camera, cuts and path. UserError, and nothing has changed, where the card refuses it."""
+        pack = entry.scene.pack
+        if self.stage is not None:
+            with self.messages.noting_warnings(told=told):
+                self.stage.show(pack)
+        self.scene = entry.scene
+        if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
+            self.settings = replace(self.settings, mode="normal")
+        self.settings = replace(self.settings, crop=entry.crop, near=entry.near)
+        if self.filming.export is not None:
+            self.filming.cancel(self)
+        self.filming = replace(self.filming.of_another_scene(), path=entry.path)
+        self.comparison.stop()
+        self.gallery.scene_changed(pack)
+        self.marking.take_up(self, pack, entry.scene.path if entry.scene.path.exists() else None, entry.marks)
+        self.measuring.drop()
+        self.bookmarks.drop()
         self.touch()
+
+    def left_now(self) -> Shelved | None:
+        """What is shown, to come back to; None where it does not stay open."""
+        scene = self.scene
+        if scene is None or not scene.whole or not scene.stays:
+            return None
+        return Shelved(scene, self.settings.crop, self.settings.near, self.filming.path, self.marking.marks)
 
     def show_look(self, look: Look, path: Path, name: str) -> None:
         """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
         self.show(look.pack, path, name, whole=False)
         assert self.scene is not None
-        self.scene.whole = True
+        self.scene.whole, self.scene.stays = True, False
+        self.marking.take_up(self, look.pack, None)
         self.scene.rig.begin_at(look.overview())
         self.gallery.frusta = True
         self.touch()
 
+    def show_so_far(self, so_far: SoFar, path: Path, name: str) -> None:
+        """Shows what is trained so far of a scene that is being made. Where an earlier state of it is shown, or its points, the
+        camera stays where the hands have put it."""
+        before = self.scene
+        if before is not None and before.path == path and before.pack.ndc == so_far.pack.ndc:
+            if self.filming.export is not None:
+                return  # a film is of one scene; the next state may be shown
+            if self.stage is not None:
+                with self.messages.noting_warnings(told=False):
+                    self.stage.refine(so_far.pack)
+            before.pack, before.name = so_far.pack, name
+            before.rig.follow(rig_for(so_far.pack))
+        else:
+            self.show(so_far.pack, path, name, whole=False)
+            assert self.scene is not None
+            self.scene.whole, self.scene.stays = True, False
+            self.marking.take_up(self, so_far.pack, None)  # the file does not last
+        self.touch()
+
     def undoable(self, rig: CameraRig) -> CameraRig:
-        """`rig`, with what is cut off in its history as well."""
+        """`rig`, with what is cut off and what is marked in its history as well."""
         rig.history.follow(
             lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
         )
+        rig.history.follow(lambda: (self.marking.marks, self.measuring.draft), self._mark)
         return rig
+
+    def _mark(self, marked: tuple[Marks, tuple[Point, ...]]) -> None:
+        self.marking.marks, self.measuring.draft = marked
 
     def opened(self) -> None:
         """The whole pack is there: it is remembered, and told."""
@@ -114,7 +178,7 @@ class App:
         self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
 
     def close(self) -> None:
-        """Back to the start page."""
+        """Closes the pack that is shown: back to the one that was left last, or to the start page."""
         if self.filming.export is not None:
             self.filming.cancel(self)
         self.comparison.drop_other(self)
@@ -122,33 +186,16 @@ class App:
         if self.stage is not None:
             self.stage.show(None)
         self.scene, self.filming = None, self.filming.of_another_scene()
+        self.marking.leave()
+        self.measuring.drop()
+        self.bookmarks.drop()
+        if self.shelf.packs:
+            self.turn_to(self.shelf.packs.pop())
         self.touch()
 
     def quit(self) -> None:
         """Ends the program with the next turn of its loop, without a question."""
         self.quitting = True
-
-    def use(self, preferences: Preferences) -> None:
-        """Takes over what was remembered."""
-        self.preferences = preferences
-        self.interface.page = preferences.page
-        self.interface.moved, self.interface.layout = list(preferences.moved), preferences.layout
-        self.settings = replace(self.settings, background=preferences.background)
-        self.resolution.target_fps, self.resolution.enabled = preferences.target_fps, preferences.dynamic_resolution
-        self.resolution.rest_scale = preferences.rest_scale
-
-    def remembered(self) -> Preferences:
-        """What is to be remembered."""
-        return replace(
-            self.preferences,
-            page=self.interface.page,
-            moved=list(self.interface.moved),
-            layout=self.interface.layout,
-            background=self.settings.background,
-            target_fps=self.resolution.target_fps,
-            dynamic_resolution=self.resolution.enabled,
-            rest_scale=self.resolution.rest_scale,
-        )
 
     def open(
         self,
@@ -181,7 +228,11 @@ class App:
     def _drop(self, path: Path) -> None:
         path = scene_around(path)
         kind = kind_of(path)
-        if kind in ("scene", "run", "pictures"):
+        if kind == "session":
+            self.sessions.open(self, path)
+            self.preferences.opened(path)
+        elif kind in ("scene", "run", "pictures"):
+            self.preferences.opened(path)
             self.making.offer(self, "run" if kind == "run" else "scene", path)
         else:
             self.open(pack_in(path))
@@ -201,10 +252,14 @@ class App:
         """Time passes: cameras glide, threads report."""
         self.opening.tick(self)
         self.making.tick(self)
+        self.exporting.tick(self)
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)
         self.gallery.tick(self)
+        self.marking.tick(self)
+        self.views.tick(self)
+        self.sessions.tick(self)
         self.comparison.tick(self, seconds)
         if self.messages.toast_changed():
             self.touch()
@@ -242,14 +297,30 @@ class App:
     def copy_pose(self) -> None:
         """Puts the camera's pose on the clipboard, as one line of JSON."""
         if self.scene is not None:
-            self.clipboard.set(pose_to_text(self.scene.rig.matrix, self.fov))
+            rig = self.scene.rig
+            parallel = rig.ortho_height if rig.orthographic and rig.held is None else None
+            self.clipboard.set(pose_to_text(rig.matrix, self.fov, parallel))
             self.messages.say("The pose is on the clipboard")
 
     def paste_pose(self, text: str | None = None) -> None:
         """Goes to a pose that was copied (or given as text). ValueError, told plainly, where it is none."""
         if self.scene is not None:
-            self.scene.rig.set_matrix(*pose_from_text(self.clipboard.get() if text is None else text))
+            text = self.clipboard.get() if text is None else text
+            self.scene.rig.set_matrix(*pose_from_text(text), ortho_height_of(text))
             self.touch()
+
+    def paste(self) -> None:
+        """Opens the path, or goes to the pose, that is on the clipboard. UserError or ValueError, told plainly, for the rest."""
+        text = self.clipboard.get()
+        path = path_in(text)
+        if path is not None:
+            self.drop([path])
+        elif looks_like_path(text):
+            raise UserError("there is nothing at this path", where=text.strip()[:200])
+        elif self.scene is not None:
+            self.paste_pose()
+        else:
+            self.messages.say("There is no path on the clipboard", "warning")
 
     def set(self, **fields: object) -> None:
         """Changes render settings."""
@@ -257,6 +328,18 @@ class App:
         if changed != self.settings:
             self.settings = changed
             self.touch()
+
+    def set_backdrop(self, style: str) -> None:
+        """Shows a gradient or a checkerboard behind the scene; with PLAIN, what it is shaded over."""
+        chosen = backdrop(style, self.interface.theme)
+        self.set(backdrop=chosen, **({} if chosen is None else {"background": TRAINED}))
+
+    def set_theme(self, theme: str) -> None:
+        """Another theme; what stands behind the scene goes with it."""
+        self.interface.theme = theme
+        if self.settings.backdrop is not None:
+            self.set_backdrop(self.settings.backdrop.style)
+        self.touch()
 
     def cut(self, **fields: object) -> None:
         """Changes what is cut off (settings crop and near), to be undone as one step."""
@@ -281,8 +364,7 @@ class App:
         distance = self.stage.distance_at(camera, self.settings, px, py)
         if distance is None:
             return False
-        ray = rays_through(camera, np.array([[px, py]]))[0]
-        ray = camera.grid_T_camera[:3, :3] @ (ray / np.linalg.norm(ray))
-        self.scene.rig.set_pivot(camera.position + distance * ray)
+        start, ray = ray_through(camera, px, py)
+        self.scene.rig.set_pivot(start + distance * ray)
         self.touch()
         return True

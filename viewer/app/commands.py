@@ -11,8 +11,11 @@ from pathlib import Path
 from typing import Literal
 
 from viewer.app.application import App
-from viewer.app.files import FileRequest, pack_in
+from viewer.app.choosing import OPENABLE, Choosing
+from viewer.app.files import SESSION_SUFFIX, FileRequest, pack_in
 from viewer.rendering.settings import MODES
+
+STEP_DEGREES = 15.0  # of a key that turns
 
 
 @dataclass(frozen=True)
@@ -64,14 +67,31 @@ def _fly(app: App) -> None:
         app.messages.say(flying if rig.flying else "Orbiting the pivot")
 
 
-def ask_to_open(app: App, kind: Literal["open", "folder"] = "open", *, other: bool = False) -> None:
-    """Asks for a pack: a .zip, or a folder."""
+def ask_to_open(app: App, *, other: bool = False) -> None:
+    """Asks what to open. other: for a pack to compare with."""
+    app.choosing = Choosing(app.preferences.recent_packs(), other)
 
-    def then(path: Path) -> None:
-        app.open(pack_in(path), other=True) if other else app.drop([path])
 
-    title = "Compare with a pack" if other else "Open a pack"
-    app.file_request = FileRequest(title, kind, then, (".zip",) if kind == "open" else ())
+def choose(app: App, line: int | None = None) -> None:
+    """Takes what is chosen in that question: the line given, or what Enter takes."""
+    assert app.choosing is not None
+    path, other = app.choosing.take(line), app.choosing.other
+    if path is not None:
+        app.choosing = None
+        _open(app, path, other)
+    app.touch()
+
+
+def browse(app: App, kind: Literal["open", "folder"], *, other: bool = False) -> None:
+    """Goes on with a file dialog: for a file, or for a folder."""
+    app.choosing = None
+    title = "Compare with a pack" if other else "Open a pack, photographs, a film or a training run"
+    suffixes = () if kind == "folder" else (".zip",) if other else OPENABLE
+    app.file_request = FileRequest(title, kind, lambda path: _open(app, path, other), suffixes)
+
+
+def _open(app: App, path: Path, other: bool) -> None:
+    app.open(pack_in(path), other=True) if other else app.drop([path])
 
 
 def ask_to_make(app: App) -> None:
@@ -83,20 +103,45 @@ def ask_for_still(app: App) -> None:
     """Asks where to save the present view."""
     name = f"{app.scene.name}.png" if app.scene is not None else "picture.png"
     app.file_request = FileRequest(
-        "Save the picture", "save", lambda path: app.filming.still(app, path), (".png",), name
+        "Save the picture", "save", lambda path: app.filming.still(app, path), (".png", ".exr"), name
     )
+
+
+def ask_for_table(app: App) -> None:
+    """Asks where to save the measurements."""
+    name = f"{app.scene.name}-measurements.csv" if app.scene is not None else "measurements.csv"
+    app.file_request = FileRequest(
+        "Save the measurements", "save", lambda path: app.measuring.save_table(app, path), (".csv",), name
+    )
+
+
+def ask_for_session(app: App) -> None:
+    """Asks where to save what is open, and from where it is seen."""
+    name = f"{app.scene.name}{SESSION_SUFFIX}" if app.scene is not None else f"scene{SESSION_SUFFIX}"
+    start = app.scene.path.resolve().parent if app.scene is not None and app.scene.path.exists() else None
+    app.file_request = FileRequest(
+        "Save the session", "save", lambda path: app.sessions.save(app, path), (SESSION_SUFFIX,), name, start
+    )
+
+
+def _ask_to_export(app: App) -> None:
+    app.exporting.ask(app, app.marking.marks.scale.factor)
 
 
 def _escape(app: App) -> None:
     """Closes what lies on top."""
     if app.interface.help_shown:
         app.interface.help_shown = False
+    elif app.exporting.asking:
+        app.exporting.dismiss()
     elif app.making.plan is not None:
         app.making.dismiss(app)
     elif app.filming.export is not None:
         app.filming.cancel(app)
     elif app.loading is not None:
         app.cancel_loading()
+    elif app.measuring.escape(app):
+        pass
     elif app.comparison.against == "photograph":
         app.comparison.stop()
     elif app.interface.over:
@@ -105,44 +150,120 @@ def _escape(app: App) -> None:
         app.interface.full_screen = False
 
 
+def _orthographic(app: App) -> None:
+    if app.scene is not None:
+        app.scene.rig.set_orthographic(not app.scene.rig.orthographic)
+
+
+def _turn(right: float, up: float) -> Callable[[App], object]:
+    return _rig(lambda rig: rig.turn(STEP_DEGREES * right, STEP_DEGREES * up))
+
+
+def _usual_size(app: App) -> None:
+    app.interface.scale = 1.0
+
+
+def _other_theme(app: App) -> None:
+    app.set_theme("dark" if app.interface.theme == "light" else "light")
+
+
+def _views() -> tuple[Command, ...]:
+    """The views along the axes, by the number block as in Blender, and by the digits above the letters."""
+
+    def view(id: str, title: str, azimuth: float, elevation: float, *keys: str) -> Command:
+        return Command(id, title, "Views", _rig(lambda rig: rig.look_along(azimuth, elevation)), keys)
+
+    return (
+        view("front", "Look from the front", 0, 0, "Num1", "1"),
+        view("back", "Look from behind", 180, 0, "Ctrl+Num1", "Ctrl+1"),
+        view("right", "Look from the right", 90, 0, "Num3", "2"),
+        view("left", "Look from the left", 270, 0, "Ctrl+Num3", "Ctrl+2"),
+        view("top", "Look from above", 0, 90, "Num7", "3"),
+        view("bottom", "Look from below", 0, -90, "Ctrl+Num7", "Ctrl+3"),
+    )
+
+
 COMMANDS: dict[str, Command] = {
     command.id: command
     for command in (
         Command("home", "Back to the first view", "Camera", _rig(lambda rig: rig.home()), ("Home", "R")),
         Command("frame", "Show the whole scene", "Camera", _rig(lambda rig: rig.frame()), ("F",)),
-        Command("front", "Look from the front", "Camera", _rig(lambda rig: rig.look_along(0, 0)), ("1",)),
-        Command("right", "Look from the right", "Camera", _rig(lambda rig: rig.look_along(90, 0)), ("2",)),
-        Command("top", "Look from above", "Camera", _rig(lambda rig: rig.look_along(0, 90)), ("3",)),
         Command("fly", "Fly or orbit", "Camera", _fly, ("V",)),
         Command("copy-pose", "Copy the pose as text", "Camera", lambda app: app.copy_pose(), ("Ctrl+C",)),
-        Command("paste-pose", "Go to a copied pose", "Camera", lambda app: app.paste_pose(), ("Ctrl+V",)),
+        Command(
+            "paste", "Go to a copied pose, open a copied path", "Camera", lambda app: app.paste(), ("Ctrl+V",), False
+        ),
         Command("undo", "Undo", "Camera", _rig(lambda rig: rig.history.undo()), ("Ctrl+Z",)),
         Command("redo", "Redo it", "Camera", _rig(lambda rig: rig.history.redo()), ("Ctrl+Shift+Z", "Ctrl+Y")),
+        *_views(),
+        Command("orthographic", "Orthographic or perspective", "Views", _orthographic, ("Num5", "5")),
+        Command("opposite", "Look from the other side", "Views", _rig(lambda rig: rig.turn(180, 0)), ("Num9",)),
+        Command("turn-left", "Turn by 15° to the left", "Views", _turn(-1, 0), ("Num4",)),
+        Command("turn-right", "Turn by 15° to the right", "Views", _turn(1, 0), ("Num6",)),
+        Command("turn-up", "Turn by 15° upwards", "Views", _turn(0, 1), ("Num8",)),
+        Command("turn-down", "Turn by 15° downwards", "Views", _turn(0, -1), ("Num2",)),
         Command("next-mode", "Next display mode", "Picture", lambda app: _next_mode(app, 1), ("Space",)),
         Command("last-mode", "Previous display mode", "Picture", lambda app: _next_mode(app, -1), ("Shift+Space",)),
         Command("next-photo", "Next photograph", "Picture", lambda app: app.gallery.step(app, 1), ("N",)),
         Command("last-photo", "Previous photograph", "Picture", lambda app: app.gallery.step(app, -1), ("B",)),
         Command("save", "Save the picture", "Picture", ask_for_still, ("Ctrl+S",)),
+        Command("copy-picture", "Copy the picture", "Picture", lambda app: app.filming.copy(app), ("Ctrl+I",)),
+        Command("export-scene", "Export the scene", "Picture", _ask_to_export, ("Ctrl+E",)),
+        Command("measure", "Measure", "Ruler", lambda app: app.measuring.toggle(app), ("M",)),
+        Command("finish-line", "End the line", "Ruler", lambda app: app.measuring.finish(app), ("Enter",)),
+        Command(
+            "remove-point",
+            "Remove the last point",
+            "Ruler",
+            lambda app: app.measuring.back(app),
+            ("Backspace", "Delete"),
+        ),
+        Command(
+            "copy-measurements",
+            "Copy the measurements",
+            "Ruler",
+            lambda app: app.measuring.copy(app),
+            ("Ctrl+Shift+C",),
+        ),
+        Command("bookmark", "Bookmark this view", "Bookmarks", lambda app: app.bookmarks.add(app), ("Ctrl+D",)),
+        Command("next-bookmark", "Next bookmark", "Bookmarks", lambda app: app.bookmarks.step(app, 1), ("PageDown",)),
+        Command(
+            "last-bookmark", "Previous bookmark", "Bookmarks", lambda app: app.bookmarks.step(app, -1), ("PageUp",)
+        ),
         Command("keyframe", "Add a keyframe", "Film", lambda app: app.filming.add(app), ("K",)),
         Command("play", "Play the path", "Film", lambda app: app.filming.play(app), ("P",)),
         Command("turntable", "Make a turntable", "Film", lambda app: app.filming.turntable(app), ("T",)),
-        Command("open", "Open a pack (.zip)", "Window", ask_to_open, ("Ctrl+O",), False),
+        Command("open", "Open", "Window", ask_to_open, ("Ctrl+O",), False),
+        Command("open-folder", "Open a folder", "Window", lambda app: browse(app, "folder"), ("Ctrl+Shift+O",), False),
+        Command("next-pack", "Next open pack", "Window", lambda app: app.shelf.switch(app, 1), ("Ctrl+Tab",)),
         Command(
-            "open-folder",
-            "Open a pack's folder",
-            "Window",
-            lambda app: ask_to_open(app, "folder"),
-            ("Ctrl+Shift+O",),
-            False,
+            "last-pack", "Previous open pack", "Window", lambda app: app.shelf.switch(app, -1), ("Ctrl+Shift+Tab",)
         ),
         Command("make", "Make a scene from photographs", "Window", ask_to_make, ("Ctrl+M",), False),
         Command("close", "Close the scene", "Window", lambda app: app.close(), ("Ctrl+W",)),
         Command("panels", "Show or hide the panels", "Window", _toggle("panels_shown"), ("Tab",), False),
         Command("layout", "Reset the layout", "Window", lambda app: app.interface.reset_layout(), ("Ctrl+L",), False),
+        Command("larger", "Larger interface", "Window", lambda app: app.interface.rescale(1), ("Ctrl+Plus",), False),
+        Command(
+            "smaller", "Smaller interface", "Window", lambda app: app.interface.rescale(-1), ("Ctrl+Minus",), False
+        ),
+        Command("usual-size", "Interface at its usual size", "Window", _usual_size, ("Ctrl+0",), False),
+        Command("theme", "Light or dark theme", "Window", _other_theme, ("Ctrl+Shift+L",), False),
         Command("full-screen", "Full screen", "Window", _toggle("full_screen"), ("F11",), False),
         Command("help", "Keys and mouse", "Window", _toggle("help_shown"), ("?", "F1"), False),
         Command("escape", "Close the top dialog", "Window", _escape, ("Escape",), False),
         Command("quit", "Quit", "Window", lambda app: app.making.ask_to_quit(app), ("Ctrl+Q",), False),
+        Command("save-session", "Save the session", "Window", ask_for_session, ("Ctrl+Shift+S",)),
+        Command(
+            "last-session",
+            "Continue the last session",
+            "Window",
+            lambda app: app.sessions.open_last(app),
+            needs_scene=False,
+        ),
+        Command("save-measurements", "Save the measurements", "Ruler", ask_for_table),
+        Command("film-bookmarks", "Film through the bookmarks", "Bookmarks", lambda app: app.bookmarks.film(app)),
+        Command("set-scale", "Set the scale", "Ruler", lambda app: app.measuring.set_scale(app)),
         # answers to dialogs; no keys
         Command("make-again", "Make it again", "Window", lambda app: app.making.again(app), (), False),
         Command("stop-and-quit", "Stop and quit", "Window", lambda app: app.making.stop_and_quit(app), (), False),
@@ -155,6 +276,7 @@ def run(app: App, name: str) -> bool:
     command = COMMANDS[name]
     if not command.enabled(app):
         return False
+    app.messages.trail(f"command {name}")
     try:
         command.action(app)
     except Exception as error:  # the program goes on

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -116,6 +116,7 @@ class Comparison:
         photograph = self.pixels
         if size != (w, h):
             photograph = np.asarray(Image.fromarray(photograph).resize(size, Image.Resampling.BOX))
-        picture = host.stage.snapshot(fitted(held, size, host.settings.near), host.settings)
+        plain = replace(host.settings, backdrop=None)  # as photographs are
+        picture = host.stage.snapshot(fitted(held, size, host.settings.near), plain)
         self.psnr_db, self.psnr_size = psnr(picture, photograph), size
         host.touch()

@@ -17,10 +17,12 @@ from PIL import Image
 
 from console import UserError, not_written
 from console.atomic import Replacement
+from scenepack.pack import Pack
 from viewer.app.films import FilmWriter, films_possible
+from viewer.app.pictures import EXR, Pass, require_exr, write_exr, write_pngs
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import tiles
-from viewer.rendering.settings import RenderSettings
+from viewer.rendering.settings import RenderSettings, of_picture
 
 __all__ = ["Export", "films_possible"]
 
@@ -31,11 +33,21 @@ CENTRES = (
 )
 
 
+@dataclass(frozen=True)
+class Layers:
+    """Several pictures of one view. raw: draws those with floats; see Stage.raw. pack: what is drawn."""
+
+    passes: list[Pass]
+    raw: Snapshot
+    pack: Pack
+
+
 @dataclass
 class Export:
-    """cameras: one a frame. target: a .png (one frame), an .mp4, or a folder for numbered PNGs.
+    """cameras: one a frame. target: a .png or .exr (one frame), an .mp4, or a folder for numbered PNGs.
 
-    tile_side: pixels a side of what is rendered at once; it changes no pixel.
+    tile_side: pixels a side of what is rendered at once; it changes no pixel. layers: what is drawn of a view that is no film,
+    by default the picture of `settings`. sink: what takes the picture instead of a file; see ToClipboard.
     """
 
     cameras: list[ViewCamera]
@@ -44,6 +56,8 @@ class Export:
     snapshot: Snapshot
     fps: float = 30.0
     tile_side: int = 256
+    layers: Layers | None = None
+    sink: Any = None
 
     def __post_init__(self) -> None:
         if not self.cameras:
@@ -57,8 +71,9 @@ class Export:
         ]
         width, height = self.cameras[0].width, self.cameras[0].height
         self._boxes = tiles(width, height, self.tile_side)
-        self._frame = np.zeros((height, width, 3), np.uint8)
-        self._sink: Any = None
+        self._passes = self.layers.passes if self.layers else [Pass("rgb", self.settings, False)]
+        self._frames = [each.blank(height, width) for each in self._passes]
+        self._sink: Any = self.sink
 
     @property
     def share(self) -> float:
@@ -76,7 +91,12 @@ class Export:
         end = time.monotonic() + seconds
         try:
             if self._sink is None:
-                self._sink = _sink(self.target, self._frame.shape[1], self._frame.shape[0], self.fps)
+                camera = self.cameras[0]
+                self._sink = (
+                    _Views(self.target, self.layers, camera)
+                    if self.layers
+                    else _sink(self.target, camera.width, camera.height, self.fps)
+                )
             while not self.finished:
                 self._next_tile()
                 if time.monotonic() >= end:
@@ -94,10 +114,12 @@ class Export:
         camera = self.cameras[frame]
         x, y, w, h = self._boxes[tile]
         part = replace(camera, width=w, height=h, cx=camera.cx - x, cy=camera.cy - y)
-        self._frame[y : y + h, x : x + w] = self.snapshot(part, self.settings)
+        for each, pixels in zip(self._passes, self._frames, strict=True):
+            draw = self.layers.raw if each.floats and self.layers else self.snapshot
+            pixels[y : y + h, x : x + w] = draw(part, of_picture(each.settings, camera.height, camera.fy))
         self.done_tiles += 1
         if tile == len(self._boxes) - 1:
-            self._sink.add(self._frame)
+            self._sink.add(self._frames if self.layers else self._frames[0])
         if self.done_tiles == len(self._boxes) * len(self.cameras):
             self._sink.finish()
             self.finished = True
@@ -115,6 +137,44 @@ def _sink(target: Path, width: int, height: int, fps: float):
     if suffix == STILL_SUFFIX:
         return _Still(target)
     return FilmWriter(target, (width, height), round(fps)) if suffix == FILM_SUFFIX else _Sequence(target)
+
+
+class _Views:
+    """A file for each picture of a view, or one .exr: written when all is drawn, so that nothing is ever half there."""
+
+    def __init__(self, target: Path, layers: Layers, camera: ViewCamera) -> None:
+        if target.suffix.lower() == EXR:
+            require_exr()
+        self.target, self.layers, self.camera = target, layers, camera
+        self.pictures: list[np.ndarray] = []
+
+    def add(self, pictures: list[np.ndarray]) -> None:
+        self.pictures = pictures
+
+    def finish(self) -> None:
+        if self.target.suffix.lower() == EXR:
+            write_exr(self.target, self.layers.passes, self.pictures, self.camera, self.layers.pack)
+        else:
+            write_pngs(self.target, self.layers.passes, self.pictures)
+
+    def discard(self) -> None:
+        self.pictures = []
+
+
+class ToClipboard:
+    """Takes one picture to the clipboard; put: called with it, uint8 [h, w, 3]."""
+
+    def __init__(self, put: Callable[[np.ndarray], None]) -> None:
+        self.put = put
+
+    def add(self, picture: np.ndarray) -> None:
+        self.put(picture.copy())
+
+    def finish(self) -> None:
+        pass
+
+    def discard(self) -> None:
+        pass
 
 
 class _Still:

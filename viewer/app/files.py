@@ -14,7 +14,8 @@ from console.results import try_folder
 from scenepack.files import PARAMS_NAME, ZIP_ERRORS
 from training.scenes.sources import PICTURES, find_source, is_film
 
-Kind = Literal["pack", "run", "scene", "pictures", "unknown"]
+Kind = Literal["pack", "run", "scene", "pictures", "session", "unknown"]
+SESSION_SUFFIX = ".snerg"
 POSED, REPORT = (
     "scene",
     "poses.json",
@@ -48,6 +49,8 @@ class FileRequest:
 def kind_of(path: Path) -> Kind:
     """What is at `path`, told by names alone. pictures: photographs without poses, or a film."""
     if path.is_file():
+        if path.suffix.lower() == SESSION_SUFFIX:
+            return "session"
         if is_film(path):
             return "pictures"
         return "pack" if path.suffix.lower() == ".zip" and _holds_params(path) else "unknown"

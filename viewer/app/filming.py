@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from console import UserError
-from viewer.app.export import Export
+from viewer.app.export import Export, Layers, ToClipboard
 from viewer.app.host import Host
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path
+from viewer.app.picture_clipboard import PictureClipboard
+from viewer.app.pictures import EXR, passes_for
 from viewer.app.pose import view_camera
 from viewer.app.rig import fitted
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.settings import Mode
 
 Size = tuple[int, int]  # width, height in pixels
 
@@ -25,6 +30,13 @@ STEP_S = 0.02  # of a frame's time that an export takes
 TURNTABLE_KEYS = 8
 LARGEST_SIDE = 16384
 SMALLEST_TILE = 16  # pixels a side
+STILL_MODES: dict[Mode, str] = {
+    "depth": "Depth",
+    "normals": "Normals",
+    "alpha": "Opacity",
+    "diffuse": "Diffuse colour",
+}  # besides the picture
+COPY = Path("the clipboard")
 SAMPLES = {"Off": 1, "2 × 2": 2, "4 × 4": 4}  # rays per pixel
 
 
@@ -33,6 +45,8 @@ class Filming:
     """path: of the open scene. selected: a keyframe's index or None. time: seconds along the path.
 
     size: width, height of stills and films, pixels. samples: rays along each side of a pixel; see RenderSettings.
+    besides: modes that a still is saved in besides the one that is shown. transparent: stills have no background.
+    copied_to: where copied pictures go; copying: one is on its way there.
     """
 
     path: CameraPath = field(default_factory=CameraPath)
@@ -42,11 +56,23 @@ class Filming:
     size: Size = SIZES["Full HD"]
     fps: float = 30.0
     samples: int = 1
+    besides: tuple[Mode, ...] = ()
+    transparent: bool = False
     export: Export | None = None
+    copied_to: PictureClipboard = field(default_factory=PictureClipboard)
+    copying: bool = False
 
     def of_another_scene(self) -> Filming:
         """What stays when another scene is opened: how stills and films are written."""
-        return Filming(size=self.size, fps=self.fps, samples=self.samples)
+        return Filming(
+            size=self.size,
+            fps=self.fps,
+            samples=self.samples,
+            besides=self.besides,
+            transparent=self.transparent,
+            copied_to=self.copied_to,
+            copying=self.copying,
+        )
 
     def add(self, host: Host) -> None:
         """Makes the present view a keyframe, after the selected one."""
@@ -107,18 +133,27 @@ class Filming:
         if self.export is not None:
             self._step(host)
             host.touch(2)
+        if self.copying:
+            self._see_copy(host)
+            host.touch(2)
 
     def turntable(self, host: Host) -> None:
-        """A closed path once around the scene, at the height and distance that the camera has now."""
+        """A closed path once around the scene, at the height and distance that the camera has now; from the first view, at
+        the distance from which all sides are seen whole.
+        """
         if host.scene is None:
             return
         rig = host.scene.rig
         rig.take_over()
         if rig.bounded:
             raise UserError("a turntable does not work with a forward-facing pack")
-        keys = []
-        for i in range(TURNTABLE_KEYS):
-            pose = replace(rig.goal, azimuth=rig.goal.azimuth + 360.0 * i / TURNTABLE_KEYS)
+        turns = [360.0 * i / TURNTABLE_KEYS for i in range(TURNTABLE_KEYS)]
+        pose, keys = rig.goal, []
+        if pose == rig.home_pose and not rig.within:  # nobody chose the distance: no side shall be cut off
+            sides = [rig.framing_distance(pose.azimuth + turn, pose.elevation, rig.fov) for turn in turns]
+            pose = replace(pose, distance=max(sides))
+        for turn in turns:
+            pose = replace(pose, azimuth=rig.goal.azimuth + turn)
             keys.append(Keyframe(pose.matrix(rig.table), rig.fov, 1.0))
         self.path, self.selected, self.time = CameraPath(keys, closed=True), None, 0.0
         host.messages.say("A turntable of 8 seconds")
@@ -144,7 +179,13 @@ class Filming:
         if seen is not None:
             camera = _reshaped(seen, self.size)
         if camera is not None:
-            self._start(host, [camera], target)
+            self._start(host, [camera], target, still=True)
+
+    def copy(self, host: Host) -> None:
+        """Starts to put the picture of this moment, at the viewport's size, on the clipboard."""
+        camera = host.camera()
+        if camera is not None:
+            self._start(host, [camera], COPY)
 
     def film(self, host: Host, target: Path) -> None:
         """Starts to write the path: an .mp4, or a folder of PNGs."""
@@ -154,7 +195,7 @@ class Filming:
         cameras = [view_camera(matrix, fov, self.size, near) for matrix, fov in self.path.sample(self.fps)]
         self._start(host, cameras, target)
 
-    def _start(self, host: Host, cameras: list[ViewCamera], target: Path) -> None:
+    def _start(self, host: Host, cameras: list[ViewCamera], target: Path, *, still: bool = False) -> None:
         if self.export is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
         if host.stage is None or host.scene is None:
@@ -163,7 +204,15 @@ class Filming:
             raise UserError("the scene is still being read", remedy="wait until it is complete")
         side = max(host.resolution.tile_side() // self.samples, SMALLEST_TILE)
         settings = replace(host.settings, samples=self.samples)
-        self.export = Export(cameras, settings, target, host.stage.snapshot, self.fps, side)
+        layers, sink = None, None
+        exr = target.suffix.lower() == EXR
+        if still and (exr or self.besides or self.transparent):
+            modes = tuple(dict.fromkeys((settings.mode, *self.besides)))
+            passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
+            layers = Layers(passes, host.stage.raw, host.scene.pack)
+        elif target is COPY:
+            sink = ToClipboard(self._hand_over)
+        self.export = Export(cameras, settings, target, host.stage.snapshot, self.fps, side, layers, sink)
         self.playing = False
         host.touch()
 
@@ -178,7 +227,22 @@ class Filming:
             return
         if export.finished:
             self.export = None
-            host.messages.say(f"Saved {export.target}")
+            if export.target is not COPY:
+                host.messages.say(f"Saved {export.target}")
+
+    def _hand_over(self, picture: np.ndarray) -> None:
+        self.copied_to.begin(picture)
+        self.copying = True
+
+    def _see_copy(self, host: Host) -> None:
+        """Tells once the picture that is on its way to the clipboard is there, or why it is not."""
+        try:
+            if not self.copied_to.answered():
+                return
+            host.messages.say("The picture is on the clipboard")
+        except UserError as error:
+            host.messages.fail("The picture is not on the clipboard", error)
+        self.copying = False
 
     def cancel(self, host: Host) -> None:
         """Stops the export; nothing of it is left on disk."""

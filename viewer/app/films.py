@@ -32,7 +32,8 @@ def films_possible() -> bool:
 class FilmWriter:
     """An H.264 film, written aside until finish(). UserError where PyAV is not installed or a side is odd.
 
-    The same pictures give a film that shows the same, to the last bit; rarely, the encoder writes it in other bytes.
+    The same pictures give a film that shows the same, to the last bit; but of pictures of 48 x 32 pixels, the encoder makes
+    either of two films, given the very same frames.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: int) -> None:

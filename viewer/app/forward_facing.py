@@ -11,6 +11,7 @@ from math import radians, tan
 
 import numpy as np
 
+from console import UserError
 from scenepack.pack import Pack
 from viewer.app.pose import Pose, shortest_turn
 from viewer.app.rig import CameraRig
@@ -70,6 +71,15 @@ class ForwardFacingRig(CameraRig):
     def look_along(self, azimuth: float, elevation: float) -> None:
         """There is only one side to look from."""
         self.frame()
+
+    def look_from(self, axis: np.ndarray) -> None:
+        """There is only one side to look from."""
+        self.frame()
+
+    def set_orthographic(self, orthographic: bool) -> None:
+        """The warp of such packs begins at one point, so that there are no parallel rays through them. UserError."""
+        if orthographic:
+            raise UserError("a forward-facing scene has no orthographic view")
 
 
 def rig_for(pack: Pack) -> CameraRig:

@@ -28,6 +28,7 @@ from training.scenes.scene import Box, Direction
 from training.scenes.sources import FEWEST, Source, find_source, is_film
 from viewer.app.bare_preview import BarePreview
 from viewer.app.files import POSED, REPORT, found_poses, why_not_writable
+from viewer.app.so_far import EVERY_S, FILE
 
 Subject = Literal["scene", "run"]
 OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
@@ -36,6 +37,8 @@ RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one f
 KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
 MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may have masks beside them
 PARTS = ("jax", "matplotlib", "optax", "safetensors", "scipy")  # the extra `train`
+PREVIEWS = f"--previews={EVERY_S}"
+OURS = ("--no-view", "--poses-only", PREVIEWS)  # what a person who types the command leaves out
 POSES_FIRST = "Nothing says where the camera stood: that is found first."
 
 
@@ -284,6 +287,11 @@ class Plan:
         return self.out / "pack" if self.subject == "scene" else self.out
 
     @property
+    def so_far(self) -> Path:
+        """Where the child keeps what is trained so far."""
+        return self.out / FILE
+
+    @property
     def log(self) -> Path:
         """What the command prints goes there."""
         return self.out / "make.log" if self.subject == "scene" else self.out.with_name(f"{self.out.name}.log")
@@ -335,13 +343,13 @@ class Plan:
     def typed(self) -> str:
         """The command line, to be typed on another machine, say."""
         program = "snerg-make" if self.subject == "scene" else "snerg-bake"
-        return shlex.join([program, *(word for word in self._arguments() if word not in ("--no-view", "--poses-only"))])
+        return shlex.join([program, *(word for word in self._arguments() if word not in OURS)])
 
     def _arguments(self) -> list[str]:
         words = [str(self.source), "--out", str(self.out)]
         names = ["resolution"]
         if self.subject == "scene":
-            words += ["--preset", self.preset, "--no-view"]
+            words += ["--preset", self.preset, "--no-view", PREVIEWS]
             names = ["downscale", "steps", "resolution"]
             words += ["--spherify"] * self.spherify + ["--masks"] * self.cut_out + ["--poses-only"] * self.poses_only
             for name in ("aabb", "up"):

@@ -23,6 +23,7 @@ from viewer.app.left_out import LeftOut, left_out_of
 from viewer.app.log import Dialog
 from viewer.app.make_plan import Plan, Subject
 from viewer.app.review import Review, first_look
+from viewer.app.so_far import SoFar, SoFarFile
 from viewer.app.state import Clipboard, OpenScene, Viewport
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import RenderSettings
@@ -55,6 +56,9 @@ class MakingHost(Teller, Protocol):
     def show_look(self, look: Look, path: Path, name: str) -> None:
         """Shows points and cameras."""
 
+    def show_so_far(self, so_far: SoFar, path: Path, name: str) -> None:
+        """Shows what is trained so far."""
+
 
 @dataclass
 class Looking:
@@ -74,7 +78,7 @@ class Looking:
 class Making:
     """plan: what the dialog asks about. job: what runs. review: what waits to be trained. failed: what could not be made.
     quit_after: the program ends once the job has stopped. looking: the points of what is made are being read; look: they are
-    there.
+    there. so_far: what is trained so far.
     """
 
     plan: Plan | None = None
@@ -84,6 +88,9 @@ class Making:
     review: Review | None = None
     looking: Looking | None = None
     look: Look | None = None
+    so_far: SoFar | None = None
+    _so_far_file: SoFarFile | None = None
+    _so_far_offered: bool = False  # it took the place of the points, or of nothing, once
     _looked: float = 0.0
     _surveyed: bool = False
     _left_told: int | None = None
@@ -159,6 +166,8 @@ class Making:
 
     def _begin(self, host: MakingHost, plan: Plan) -> None:
         self.job = Job(plan, Child(plan.command(), plan.log))
+        self.so_far, self._so_far_offered = None, False
+        self._so_far_file = None if plan.poses_only else SoFarFile(plan.so_far)
         host.messages.log(f"making {plan.name}: {plan.typed()}")
         host.touch()
 
@@ -232,6 +241,34 @@ class Making:
         """Whether they are what is shown now."""
         return self.look is not None and host.scene is not None and host.scene.pack is self.look.pack
 
+    def show_so_far(self, host: MakingHost) -> None:
+        """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
+        if self.so_far is None or self.job is None:
+            return
+        kept = None if self.so_far_shown(host) else self._kept_camera(host)
+        plan = self.job.plan
+        host.show_so_far(self.so_far, plan.so_far, f"{plan.name}: {self.so_far.words}")
+        if kept is not None:
+            kept()
+
+    def so_far_shown(self, host: MakingHost) -> bool:
+        """Whether a state of what is being made is what is shown now."""
+        return self.job is not None and host.scene is not None and host.scene.path == self.job.plan.so_far
+
+    def _tick_so_far(self, host: MakingHost) -> None:
+        newer = None if self._so_far_file is None else self._so_far_file.look()
+        if newer is None:
+            return
+        self.so_far = newer
+        first = not self._so_far_offered and (host.scene is None or self.points_shown(host))
+        if first or self.so_far_shown(host):
+            self._so_far_offered = True
+            try:
+                self.show_so_far(host)
+            except UserError as error:  # the card has no room for it
+                host.messages.log(f"the preview cannot be shown: {error}", "warning")
+        host.touch()
+
     def _tick_look(self, host: MakingHost) -> None:
         looking, review = self.looking, self.review
         if looking is not None and looking.first.finished:
@@ -264,16 +301,17 @@ class Making:
             self.review.hold()
             self.review.kind = before.kind if before.kind in self.review.kinds else self.review.kind
 
-    def _from_there(self, host: MakingHost) -> Callable[[], None] | None:
-        """What keeps the camera that was chosen among the points, once the pack is shown."""
+    def _kept_camera(self, host: MakingHost) -> Callable[[], None] | None:
+        """What puts the camera where it is now among the points, or in what is trained so far, once something better is shown."""
         scene = host.scene
-        if not self.points_shown(host) or scene is None or scene.rig.goal == scene.rig.home_pose:
+        if scene is None or not (self.points_shown(host) or self.so_far_shown(host)):
             return None
-        matrix, fov = scene.rig.matrix, scene.rig.fov
+        rig = scene.rig
 
         def then() -> None:
-            if host.scene is not None and not host.scene.rig.bounded:
-                host.scene.rig.set_matrix(matrix, fov)
+            moved = rig.goal != rig.home_pose  # by then: the hands go on while a pack is read
+            if host.scene is not None and host.scene.rig.bounded == rig.bounded and moved:
+                host.scene.rig.stand_as(rig)
 
         return then
 
@@ -324,6 +362,7 @@ class Making:
             self._left_out = None
             host.touch()
         self._tick_look(host)
+        self._tick_so_far(host)
         job, now = self.job, time.monotonic()
         if job is None or now - self._looked < LOOKED_AT_EVERY_S:
             return
@@ -332,17 +371,17 @@ class Making:
         if job.look():
             host.touch(2)
         if status is not None:
-            self.job = None
+            kept, self.job, self._so_far_file = self._kept_camera(host), None, None
             host.touch()
-            self._ended(host, job, status)
+            self._ended(host, job, status, kept)
 
-    def _ended(self, host: MakingHost, job: Job, status: int) -> None:
+    def _ended(self, host: MakingHost, job: Job, status: int, kept: Callable[[], None] | None) -> None:
         name = job.plan.name
         if status == 0 and job.plan.poses_only:
             self.looking = Looking(job.plan, review=True)
         elif status == 0:
             host.messages.say(f"{name} is ready")
-            host.open(job.plan.pack, then=self._from_there(host))
+            host.open(job.plan.pack, then=kept)
         elif job.stopping:
             host.messages.say(f"{name} was stopped; make it again to continue")
         else:

@@ -26,7 +26,8 @@ UP_AXES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]
     "-z": ((1, 0, 0), (0, 0, -1)),
     "-x": ((0, 1, 0), (-1, 0, 0)),
 }
-MAX_ELEVATION = 89.9
+MAX_ELEVATION = 90.0
+STEEP = 89.95  # elevation beyond which a camera's back says nothing of its azimuth
 FARTHEST = 1e12  # from the origin, in grid units
 
 
@@ -93,6 +94,8 @@ class Pose:
     def from_matrix(cls, grid_T_camera: np.ndarray, distance: float, table: Turntable) -> Pose:
         """The level pose nearest to a camera; roll is lost. distance: to the point it shall turn about."""
         azimuth, elevation = table.angles(grid_T_camera[:3, 2])
+        if abs(elevation) > STEEP:  # the picture's upper edge tells where it would stand
+            azimuth, _ = table.angles(-np.sign(elevation) * grid_T_camera[:3, 1])
         pose = cls((0.0, 0.0, 0.0), azimuth, float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION)), distance)
         return pose.seen_from(grid_T_camera[:3, 3], table)
 
@@ -115,12 +118,26 @@ def shortest_turn(degrees_from: float, degrees_to: float) -> float:
     return (degrees_to - degrees_from + 180.0) % 360.0 - 180.0
 
 
-def pose_to_text(grid_T_camera: np.ndarray, fov: float) -> str:
-    """A pose as one line of JSON: eye, target (one unit ahead), up, all in the grid frame, and fov (vertical degrees)."""
+def pose_to_text(grid_T_camera: np.ndarray, fov: float, ortho_height: float | None = None) -> str:
+    """A pose as one line of JSON: eye, target (one unit ahead), up, all in the grid frame, and fov (vertical degrees).
+
+    ortho_height: of an orthographic view, grid units from the top of the picture to the bottom.
+    """
     eye, back, up = grid_T_camera[:3, 3], grid_T_camera[:3, 2], grid_T_camera[:3, 1]
     values = {"eye": eye, "target": eye - back, "up": up}
     rounded = {name: [round(float(v), 6) for v in vector] for name, vector in values.items()}
-    return json.dumps({**rounded, "fov": round(fov, 4)})
+    parallel = {} if ortho_height is None else {"ortho_height": float(f"{ortho_height:.9g}")}
+    return json.dumps({**rounded, "fov": round(fov, 4), **parallel})
+
+
+def ortho_height_of(text: str) -> float | None:
+    """The height of an orthographic view in a pose that pose_to_text wrote; None for one with perspective."""
+    try:
+        values = parse_json(text)
+        height = float(values["ortho_height"])
+    except (ValueError, TypeError, KeyError):
+        return None
+    return height if 0 < height < FARTHEST else None
 
 
 def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:

@@ -30,6 +30,7 @@ except ImportError:  # Windows
 
 MOST_RECENT = 8
 LOCK_PATIENCE_S = 2.0
+WHITE = (1.0, 1.0, 1.0)
 LARGEST = 1 << 16  # units of the screen
 
 
@@ -40,7 +41,10 @@ def default_file() -> Path:
 
 @dataclass
 class Preferences:
-    """window: width, height in screen units. recent: paths of packs, last opened first. moved, layout: see Interface."""
+    """window: width, height in screen units. recent: paths of what was opened, the last first. moved, layout, theme,
+    interface_scale (its scale), axes_shown: see Interface. background: plain, sRGB in 0 … 1. backdrop: "plain" or one of
+    viewer.app.backdrops.STYLES. dead_zone: of controllers, 0 … 1.
+    """
 
     window: tuple[int, int] = (1280, 800)
     page: str = "view"
@@ -50,6 +54,11 @@ class Preferences:
     target_fps: float = 30.0
     dynamic_resolution: bool = True
     rest_scale: float = 1.0
+    theme: str = "dark"
+    interface_scale: float = 1.0
+    backdrop: str = "gradient"
+    axes_shown: bool = True
+    dead_zone: float = 0.15
     recent: list[str] = field(default_factory=list)
 
     def opened(self, path: Path) -> None:
@@ -74,6 +83,10 @@ def load(file: Path) -> Preferences:
                 setattr(found, entry.name, value)
     found.target_fps = min(max(found.target_fps, 5.0), 240.0)
     found.rest_scale = min(max(found.rest_scale, 0.1), 1.0)
+    found.interface_scale = min(max(found.interface_scale, 0.75), 2.0)
+    found.dead_zone = min(max(found.dead_zone, 0.0), 0.5)
+    if "backdrop" not in values and found.background != WHITE:
+        found.backdrop = "plain"  # a colour was chosen before there were others
     return found
 
 

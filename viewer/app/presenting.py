@@ -6,6 +6,8 @@ and what is drawn over it are all of one camera, and lie where this frame's layo
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from console import UserError
 from viewer.app.application import App
 from viewer.app.stage import Drawn, Layer, Picture, Stage
@@ -28,7 +30,12 @@ def present(app: App, stage: Stage) -> None:
 
 
 def _present(app: App, stage: Stage) -> Drawn | None:
-    comparison, scene = app.comparison, (app.viewport.camera, app.settings, app.resolution)
+    settings = app.settings
+    if (
+        app.comparison.against == "photograph" and settings.backdrop is not None
+    ):  # a photograph has the plain background
+        settings = replace(settings, backdrop=None)
+    comparison, scene = app.comparison, (app.viewport.camera, settings, app.resolution)
     before = unfinished(app, stage)
     shown: list[Picture] = [stage]
     if comparison.against == "pack" and stage.other is not None:

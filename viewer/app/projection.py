@@ -17,7 +17,7 @@ def project(camera: ViewCamera, points: np.ndarray) -> tuple[np.ndarray, np.ndar
     camera_T_grid = np.linalg.inv(camera.grid_T_camera)
     local = points @ camera_T_grid[:3, :3].T + camera_T_grid[:3, 3]
     before = local[:, 2] < -1e-6
-    depth = np.where(before, -local[:, 2], 1.0)
+    depth = np.where(before & (not camera.orthographic), -local[:, 2], 1.0)
     a, b = local[:, 0] / depth, -local[:, 1] / depth
     if any(camera.distortion):
         before &= np.hypot(a, b) < lens_reach(camera.distortion)
@@ -26,10 +26,23 @@ def project(camera: ViewCamera, points: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def rays_through(camera: ViewCamera, pixels: np.ndarray) -> np.ndarray:
-    """float64 [n, 3], camera axes, one unit deep: what pixels (float [n, 2]) look along, through the lens."""
+    """float64 [n, 3], camera axes, one unit deep: what pixels (float [n, 2]) look along, through the lens.
+
+    Of a camera with one eye. See ray_through for any.
+    """
     x, y = pixels.T
     a, b = undistort((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
     return np.stack([a, -b, -np.ones_like(a)], axis=1)
+
+
+def ray_through(camera: ViewCamera, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where the ray through a pixel begins and its unit direction, float64 [3] each, grid frame."""
+    rotation = camera.grid_T_camera[:3, :3]
+    if camera.orthographic:
+        across = np.array([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, 0.0])
+        return camera.position + rotation @ across, -rotation[:, 2]
+    ray = rotation @ rays_through(camera, np.array([[x, y]]))[0]
+    return camera.position, ray / np.linalg.norm(ray)
 
 
 def frustum_points(camera: ViewCamera, depth: float) -> np.ndarray:

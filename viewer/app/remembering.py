@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from viewer.app.application import App
+from viewer.app.carried_over import to_remember
 from viewer.app.preferences import Preferences, merged_recent, opened_since, save
 
 LOOK_EVERY_S = 0.4
@@ -34,7 +35,7 @@ class Keeper:
 
     def _copy(self) -> Preferences:
         """What is to be remembered, as of now; of the window, as of the last look."""
-        return replace(self.app.remembered(), recent=list(self.app.preferences.recent))
+        return replace(to_remember(self.app), recent=list(self.app.preferences.recent))
 
     def look(self) -> None:
         """Has what changed saved; call from the loop, as often as is handy."""

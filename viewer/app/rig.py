@@ -15,15 +15,13 @@ import numpy as np
 from scenepack.pack import Pack
 from viewer.app.first_view import view_from_within
 from viewer.app.history import History
-from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, shortest_turn, triple, view_camera
-from viewer.app.projection import box_points
+from viewer.app.pose import MAX_ELEVATION, STEEP, Pose, Turntable, shortest_turn, triple, view_camera
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
-from viewer.rendering.content_hull import hull_triangles
+from viewer.rendering.framing import filling_distance, middle_of, outline
 
 DEFAULT_FOV = 35.0  # degrees, vertical; the published viewer's
 FOVS = (5.0, 150.0)  # the least and the most, degrees
 TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height
-WIDTH_MARGIN = 1.04  # of the picture's width over the scene's
 DOLLY_STEP = 0.9  # of the distance, per notch of the wheel
 SETTLE_S = 0.07  # time constant of the damping
 HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the published viewer, a little aside
@@ -37,11 +35,13 @@ class _Place:
     held: ViewCamera | None
     fov: float
     table: Turntable
+    orthographic: bool
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, _Place):
             return NotImplemented
         same = (self.goal, self.fov, self.table) == (other.goal, other.fov, other.table)
+        same = same and self.orthographic == other.orthographic
         return same and self.held is other.held  # cameras hold arrays, which are not compared
 
 
@@ -53,12 +53,15 @@ class CameraRig:
     def __init__(self, pack: Pack, fov: float = DEFAULT_FOV) -> None:
         self.table = Turntable(mirrored=is_mirrored(pack))
         low, high = content_box(pack)
-        self.middle, self.radius = 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-6)
+        self.all_of_it = low, high
+        self._outline = np.stack([low, high]) if self.bounded else outline(pack)
+        self.middle = middle_of(self._outline)
+        self.radius = max(float(np.linalg.norm(self._outline - self.middle, axis=1).max()), 1e-6)
         self.home_fov = self.fov = fov
         self.flying = False
+        self.orthographic = False
         self.speed = 0.5 * self.radius  # grid units per second
         self.aspect = 1.0  # width over height of the picture that the scene shall fit into
-        self._outline = np.zeros((0, 3)) if self.bounded else _outline(pack)
         view = None if self.bounded else view_from_within(pack)
         if view is not None:
             self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * view.height / view.fy)))
@@ -74,17 +77,12 @@ class CameraRig:
         return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
 
     def _first_pose(self) -> Pose:
-        return Pose(triple(self.middle), *HOME_ANGLES, self._framing_distance(*HOME_ANGLES, self.home_fov))
+        return Pose(triple(self.middle), *HOME_ANGLES, self.framing_distance(*HOME_ANGLES, self.home_fov))
 
-    def _framing_distance(self, azimuth: float, elevation: float, fov: float) -> float:
-        """From where all of the scene is seen in the picture's height and width; all three angles in degrees."""
-        half_height = tan(radians(fov) / 2)
-        high_enough = self.radius / float(np.sin(np.arctan(half_height))) * 0.92
-        if not len(self._outline):
-            return high_enough
+    def framing_distance(self, azimuth: float, elevation: float, fov: float) -> float:
+        """From where all of the scene just fits into the picture's height and width; all three angles in degrees."""
         local = (self._outline - self.middle) @ self.table.rotation(azimuth, elevation)
-        wide_enough = local[:, 2] + WIDTH_MARGIN * np.abs(local[:, 0]) / (half_height * self.aspect)
-        return max(high_enough, float(wide_enough.max()))
+        return filling_distance(local, fov, self.aspect, orthographic=self.orthographic)
 
     def shape(self, aspect: float) -> None:
         """The picture has another shape (width over height). A first view that was not left follows it."""
@@ -104,7 +102,25 @@ class CameraRig:
         """The camera of this moment for a picture of `size` (width, height, pixels)."""
         if self.held is not None:
             return fitted(self.held, size, near)
-        return view_camera(self.shown.matrix(self.table), self.fov, size, near)
+        camera = view_camera(self.shown.matrix(self.table), self.fov, size, near)
+        return self._parallel(camera) if self.orthographic else camera
+
+    def _parallel(self, camera: ViewCamera) -> ViewCamera:
+        """The orthographic view with the same height at the pivot. It begins before all there is, so that moving closer
+        only enlarges; a near plane stays where it is with perspective.
+        """
+        back, pivot = camera.grid_T_camera[:3, 2], np.asarray(self.shown.pivot)
+        low, high = self.all_of_it
+        reach = float((0.5 * (low + high) - pivot) @ back) + 0.51 * float(np.linalg.norm(high - low))
+        matrix = camera.grid_T_camera.copy()
+        matrix[:3, 3] = pivot + reach * back
+        near = max(camera.near + reach - self.shown.distance, 0.0) if camera.near > 0 else 0.0
+        return replace(camera, grid_T_camera=matrix, near=near).as_orthographic(self.ortho_height)
+
+    @property
+    def ortho_height(self) -> float:
+        """Grid units that the picture shows at the pivot, from top to bottom."""
+        return 2.0 * self.shown.distance * tan(radians(self.fov) / 2)
 
     @property
     def matrix(self) -> np.ndarray:
@@ -208,9 +224,14 @@ class CameraRig:
         """The rig for a finer version of the same scene: `finer`, or this one where the hands have moved it already."""
         if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and self.history.empty:
             return finer
-        self.middle, self.radius, self._outline = finer.middle, finer.radius, finer._outline
-        self.home_pose, self.within = finer.home_pose, finer.within
+        self.follow(finer)
         return self
+
+    def follow(self, finer: CameraRig) -> None:
+        """Takes over what `finer` knows of another version of the scene; the camera stays where it is."""
+        self.middle, self.radius, self._outline = finer.middle, finer.radius, finer._outline
+        self.all_of_it = finer.all_of_it
+        self.home_pose, self.within = finer.home_pose, finer.within
 
     # Commands
 
@@ -225,12 +246,12 @@ class CameraRig:
     def home(self) -> None:
         """Back to the first view."""
         self.remember()
-        self.fov = self.home_fov
+        self.fov, self.orthographic = self.home_fov, False
         self.go(self.home_pose, remember=False)
 
     def frame(self) -> None:
         """Shows the whole scene, from where the camera looks now."""
-        distance = self._framing_distance(self.goal.azimuth, self.goal.elevation, self.fov)
+        distance = self.framing_distance(self.goal.azimuth, self.goal.elevation, self.fov)
         self.go(replace(self.goal, pivot=triple(self.middle), distance=distance))
 
     def begin_at(self, pose: Pose) -> None:
@@ -243,6 +264,26 @@ class CameraRig:
         """An axis view; degrees."""
         self.go(replace(self.goal, azimuth=azimuth, elevation=float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))))
 
+    def look_from(self, axis: np.ndarray) -> None:
+        """Looks from the side that `axis` (float [3], grid frame) points to; from the other one where it does so already."""
+        for direction in (np.asarray(axis, np.float64), -np.asarray(axis, np.float64)):
+            azimuth, elevation = self.table.angles(direction)
+            azimuth = 0.0 if abs(elevation) > STEEP else azimuth
+            off = max(abs(shortest_turn(self.goal.azimuth, azimuth)), abs(self.goal.elevation - elevation))
+            if off > 0.01 or self.held is not None:
+                break
+        self.look_along(azimuth, elevation)
+
+    def turn(self, azimuth: float, elevation: float) -> None:
+        """Turns about the pivot by so many degrees, smoothly."""
+        self.look_along(self.goal.azimuth + azimuth, self.goal.elevation + elevation)
+
+    def set_orthographic(self, orthographic: bool) -> None:
+        """With parallel rays, or with perspective; what lies at the pivot keeps its size."""
+        self.remember()
+        self.take_over()
+        self.orthographic, self.flying = orthographic, self.flying and not orthographic
+
     def set_pivot(self, point: np.ndarray) -> None:
         """Turns to look at `point` (float [3], grid frame) from where the camera is, and orbits it from now on."""
         self.remember()
@@ -252,7 +293,12 @@ class CameraRig:
         distance = float(np.linalg.norm(back))
         if distance < 1e-9:
             return
+        if self.orthographic:  # turning would show another side, and the distance tells the size
+            self._anchor_eye = False
+            self.goal = self._bounded(replace(self.goal, pivot=triple(point)))
+            return
         azimuth, elevation = self.table.angles(back)
+        azimuth = self.goal.azimuth if abs(elevation) > STEEP else azimuth
         self._anchor_eye = True
         elevation = float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))
         self.goal = self._bounded(Pose(triple(point), azimuth, elevation, distance))
@@ -266,13 +312,26 @@ class CameraRig:
         self.table = replace(self.table, up=up)
         self.goal = self.shown = Pose.from_matrix(matrix, distance, self.table)
 
-    def set_matrix(self, grid_T_camera: np.ndarray, fov: float | None = None) -> None:
-        """Goes to a camera at once; roll is lost."""
+    def set_matrix(
+        self, grid_T_camera: np.ndarray, fov: float | None = None, ortho_height: float | None = None
+    ) -> None:
+        """Goes to a camera at once; roll is lost. ortho_height: of an orthographic view; None for perspective."""
         self.remember()
         self.held = None
         if fov is not None:
             self.fov = fov
-        self.goal = self.shown = self._bounded(self._pose_of(grid_T_camera))
+        self.orthographic = ortho_height is not None and not self.bounded
+        pose = self._pose_of(grid_T_camera)
+        if ortho_height is not None and self.orthographic:
+            distance = ortho_height / (2.0 * tan(radians(self.fov) / 2))
+            pose = replace(pose, distance=distance).seen_from(grid_T_camera[:3, 3], self.table)
+        self.goal = self.shown = self._bounded(pose)
+
+    def stand_as(self, other: CameraRig) -> None:
+        """Looks at once from where `other` does, a rig in another version of the scene."""
+        self.remember()
+        self.held, self.fov = None, other.fov
+        self.goal = self.shown = self._bounded(other.goal)
 
     def hold(self, camera: ViewCamera | None, *, remember: bool = False) -> None:
         """Shows exactly `camera` until the next movement; None lets go of it."""
@@ -297,34 +356,26 @@ class CameraRig:
         self.history.remember()
 
     def _place(self) -> _Place:
-        return _Place(self.goal, self.held, self.fov, self.table)
+        return _Place(self.goal, self.held, self.fov, self.table, self.orthographic)
 
     def _return(self, place: _Place) -> None:
         if place.table != self.table:  # there is no way to glide from one up to another
             self.shown = place.goal
         self.goal, self.held, self.fov, self.table = place.goal, place.held, place.fov, place.table
-
-
-def _outline(pack: Pack) -> np.ndarray:
-    """float64 [n, 3], grid frame: corners of the convex hull around the occupied macroblocks; of the grid without any."""
-    hull = hull_triangles(pack.occupied, pack.block_size).reshape(-1, 3).astype(np.float64)
-    voxels = np.unique(hull, axis=0) if len(hull) else box_points(np.zeros(3), np.asarray(pack.grid_size, np.float64))
-    return pack.min_xyz + pack.voxel_size * np.clip(voxels, 0.0, pack.grid_size)
+        self.orthographic = place.orthographic
 
 
 def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera:
     """A photograph's camera, lens and all, for a picture of another size and shape: all of it is seen, in the middle."""
     width, height = size
     scale = min(width / camera.width, height / camera.height)
-    return ViewCamera(
-        camera.grid_T_camera,
-        camera.fx * scale,
-        camera.fy * scale,
-        0.5 * width + scale * (camera.cx - 0.5 * camera.width),
-        0.5 * height + scale * (camera.cy - 0.5 * camera.height),
-        width,
-        height,
-        near,
-        camera.distortion,
-        camera.ray_near,
+    return replace(
+        camera,
+        fx=camera.fx * scale,
+        fy=camera.fy * scale,
+        cx=0.5 * width + scale * (camera.cx - 0.5 * camera.width),
+        cy=0.5 * height + scale * (camera.cy - 0.5 * camera.height),
+        width=width,
+        height=height,
+        near=near,
     )

@@ -121,6 +121,10 @@ class Stage(Picture, Protocol):
         """The picture of the whole pack, uint8 [height, width, 3]; what of it is on its way to the card is waited for."""
         ...
 
+    def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """What `settings` with raw or counts give of the whole pack, float32 [height, width, 4]; see viewer.rendering.layers."""
+        ...
+
     def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """What `settings` with counts give, float32 [height, width, 3]."""
         ...

@@ -48,7 +48,7 @@ class Startup:
             app.interface.opens(page)
         if self.look is not None:
             app.comparison.how = self.look
-        if self.pack is not None and kind_of(self.pack) in ("scene", "run", "pictures"):
+        if self.pack is not None and kind_of(self.pack) in ("scene", "run", "pictures", "session"):
             app.drop([self.pack])
         elif self.pack is not None:
             app.open(self.pack, then=lambda: self._opened(app))

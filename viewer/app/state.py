@@ -18,15 +18,21 @@ BACKGROUNDS: dict[str, tuple[float, float, float]] = {
 }
 
 
+SCALES = (0.75, 0.85, 1.0, 1.15, 1.3, 1.5, 1.75, 2.0)  # of the interface
+
+
 @dataclass
 class OpenScene:
-    """A pack that is shown. name: what the title bar says. whole: False while it is still being read."""
+    """A pack that is shown. name: what the title bar says. whole: False while it is still being read. stays: it stays open
+    when another is opened; what is shown of a scene that is being made does not.
+    """
 
     path: Path
     name: str
     pack: Pack
     rig: CameraRig
     whole: bool = True
+    stays: bool = True
 
 
 @dataclass
@@ -35,7 +41,9 @@ class Interface:
 
     page: the one that the rail shows at its usual place; "" for none. moved: others that were dragged elsewhere, and stay
     open whatever the rail shows. over: the one that lies over the picture of a narrow window. layout: where all of them are
-    docked, as viewer.panels.docking writes it; "" is the usual layout. layout_reset: it shall be that again.
+    docked, as viewer.panels.docking writes it; "" is the usual layout. layout_reset: it shall be that again. axes_shown: the
+    gizmo with the grid's axes is in the picture's corner. theme: a key of viewer.panels.theme.PALETTES. scale: how many times
+    larger than usual all panels are; SCALES.
     """
 
     page: str = "view"
@@ -47,6 +55,9 @@ class Interface:
     help_shown: bool = False
     full_screen: bool = False
     v_sync: bool = True
+    axes_shown: bool = True
+    theme: str = "dark"
+    scale: float = 1.0
 
     def shows(self, page: str) -> bool:
         """Whether a page is open."""
@@ -71,6 +82,11 @@ class Interface:
         elif usual and page in self.moved:
             self.moved.remove(page)
             self.page = page
+
+    def rescale(self, steps: int) -> None:
+        """Larger or smaller by so many of SCALES."""
+        nearest = min(range(len(SCALES)), key=lambda i: abs(SCALES[i] - self.scale))
+        self.scale = SCALES[min(max(nearest + steps, 0), len(SCALES) - 1)]
 
     def reset_layout(self) -> None:
         """All pages to their usual place, one of them open."""

@@ -14,7 +14,8 @@ from console.plots import require_plots
 from scenepack import Pack, load_pack
 from viewer.benchmark import report as bench_report
 from viewer.benchmark.frames import Photographs, measure
-from viewer.rendering.frame_times import PROTOCOLS, Contender
+from viewer.benchmark.protocols import flight, protocol_for
+from viewer.rendering.frame_times import Contender
 from viewer.rendering.gpu_memory import OR_HALF, NoRoomError
 from viewer.rendering.settings import MARCHERS, RenderSettings
 
@@ -26,6 +27,7 @@ def bench(
     pack: Path,
     /,
     protocol: Literal["auto", "synthetic", "forward-facing", "real360"] = "auto",
+    distance: str = "auto",
     frames: int = 150,
     size: str | None = None,
     fov: float | None = None,
@@ -47,7 +49,11 @@ def bench(
     Args:
         pack: Folder or .zip of a baked scene.
         protocol: synthetic (39 degrees, 800x800, orbit), forward-facing (53 degrees, 1006x756, in the camera plane), real360
-            (53 degrees, 990x773, orbit), or auto (forward-facing for such packs, otherwise synthetic).
+            (53 degrees, 990x773, orbit), or auto (forward-facing for such packs, real360 for spherified scenes, otherwise
+            synthetic).
+        distance: How far the orbit is from the origin of the scene: paper (4.0311 for synthetic, 1 for real360, as its
+            photographs), content (around the content, just far enough to show all of it), a number in units of the grid, or auto
+            (paper if the content lies within that orbit, otherwise content).
         frames: Number of frames to measure, after a warm-up.
         size: Picture size, WIDTHxHEIGHT in pixels. The default is the protocol's.
         fov: Vertical field of view in degrees. The default is the protocol's.
@@ -76,10 +82,7 @@ def bench(
         require_plots()
     check_results(json, markdown, plot)
     loaded = load_pack(pack)
-    flown = _protocol(protocol, loaded)
-    chosen = PROTOCOLS[flown]
-    width, height = pixels or chosen.size
-    cameras = chosen.path(loaded, frames, fov or chosen.fov, (width, height))
+    flown = flight(loaded, protocol_for(loaded, protocol), frames, fov=fov, size=pixels, distance=distance)
     photographs = Photographs.of(loaded, scene, split, downscale) if scene is not None else None
     if against is not None:
         contenders = _systems(pack, loaded, against, marchers)
@@ -87,16 +90,13 @@ def bench(
         contenders = _contenders(loaded, compare is not None, ablations)
         contenders += [Contender(NO_SPARSITY, RenderSettings(), load_pack(dense_pack))] if dense_pack else []
     try:
-        measurement = measure(loaded, cameras, contenders, photographs=photographs, allow_half=allow_half)
+        measurement = measure(loaded, list(flown.cameras), contenders, photographs=photographs, allow_half=allow_half)
     except NoRoomError as error:
         raise error if allow_half else error.with_remedy(OR_HALF) from error
     result = {
         "renderer": measurement.renderer,
-        "width": width,
-        "height": height,
+        **flown.facts,
         "frames": frames,
-        "protocol": flown,
-        "fov": fov or chosen.fov,
         "grid_size": measurement.grid_size,
         "halved": measurement.grid_size != tuple(loaded.grid_size),
         "clock": measurement.clock,
@@ -109,16 +109,6 @@ def bench(
         write_text(markdown, bench_report.markdown(name, result, measurement))
     if plot is not None:
         bench_report.plot(plot, name, result, measurement)
-
-
-def _protocol(asked: str, pack: Pack) -> str:
-    """The protocol that suits the pack. UserError where another is asked for."""
-    if asked == "auto":
-        return "forward-facing" if pack.ndc else "synthetic"
-    if (asked == "forward-facing") != pack.ndc:
-        kind = "forward-facing (NDC)" if pack.ndc else "not forward-facing"
-        raise UserError(f"does not suit this pack, which is {kind}", where=f"--protocol {asked}")
-    return asked
 
 
 def _marchers(

@@ -7,24 +7,28 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from PIL import Image
 
 from console import UserError, check_results, not_written, progress, run_command
 from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
-from console.atomic import replacing, writing_alone
+from console.atomic import writing_alone
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from training.scenes import load_scene, picture_stems
 from viewer.app.films import MOST_FPS, require_video, write_film
-from viewer.rendering.camera import ViewCamera, content_box, is_mirrored, orbit_path
+from viewer.app.pictures import EXR, PNG, Pass, parse_modes, passes_for, require_exr, write_exr, write_pngs
+from viewer.app.pose import FARTHEST
+from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
+from viewer.rendering.framing import filling_orbit
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import MOST_SAMPLES, Marcher, Mode, RenderSettings
+from viewer.rendering.settings import MOST_SAMPLES, Marcher, RenderSettings
 
 DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit, or the views of photographs."
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0
 FIRST_AZIMUTH = 30.0  # degrees, of the one picture that is made where no pose is given
+TRANSPARENT = "transparent"
 MAY_BE_NEGATIVE = ("--eye", "--target", "--up", "--crop")
 
 
@@ -50,10 +54,12 @@ def render(
     downscale: int = 1,
     fov: float | None = None,
     size: str | None = None,
-    mode: Mode = "normal",
+    mode: str = "rgb",
     marcher: Marcher = "exact",
     background: str = "1,1,1",
+    format: Literal["png", "exr"] = "png",
     near: float = 0.0,
+    ortho_height: float | None = None,
     crop: str | None = None,
     samples: int = 1,
     fps: int = 30,
@@ -62,7 +68,7 @@ def render(
 
     Args:
         pack: Folder or .zip of a baked scene.
-        out: FILE.png for one picture, a folder for several, FILE.mp4 for a film.
+        out: FILE.png or FILE.exr for one view, a folder for several, FILE.mp4 for a film.
         eye: Position of the camera, x,y,z in the grid frame (y up).
         target: Point that the camera looks at, x,y,z in the grid frame. The default is the centre of the content.
         up: Up direction of the camera. The default is 0,1,0.
@@ -73,28 +79,34 @@ def render(
         downscale: Divide width and height of the photographs by this whole number.
         fov: Vertical field of view in degrees. The default is 39. Photographs have their own.
         size: Picture size, WIDTHxHEIGHT in pixels. The default is 800x800, or the size of the photographs.
-        mode: What to show: the picture (normal), or one of the quantities behind it. See docs/rendering.md.
+        mode: What to show: rgb (the picture), diffuse, features, view-dependent, alpha, depth, normals, samples, jumps,
+            macroblocks or atlas; several with commas between. In an .exr, depth and normals are numbers. See docs/rendering.md.
         marcher: exact (skips empty space), paper (the paper's algorithm), or brute (takes every sample).
-        background: Background colour, r,g,b in 0 ... 1.
+        background: Background colour, r,g,b in 0 ... 1; or transparent.
+        format: Type of the files in a folder. A view is one .exr with all modes, or a .png for each mode.
         near: Hide everything closer than this along the optical axis, in grid units.
+        ortho_height: Render without perspective, and show this many grid units from the top of the picture to the bottom.
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
         samples: Rays along each side of a pixel: 4 averages 4 x 4 rays per pixel (anti-aliasing).
         fps: Frames per second of a film.
     """
     _check_choice(eye, target, up, orbit, scene, index, fov)
+    _check_orthographic(ortho_height, scene, fov)
     if not 1 <= fps <= MOST_FPS:
         raise UserError("is out of range", where="--fps", expected=f"1 to {MOST_FPS}", found=fps)
     if not 1 <= samples <= MOST_SAMPLES:
         raise UserError("is out of range", where="--samples", expected=f"1 to {MOST_SAMPLES}", found=samples)
     kind = _kind_of(out)
+    transparent, exr = background == TRANSPARENT, EXR in (kind, f".{format}")
     settings = RenderSettings(
-        mode=mode,
         marcher=marcher,
-        background=_colour(background),
+        background=(1.0, 1.0, 1.0) if transparent else _colour(background),
         near=near,
         crop=_box(crop) if crop else None,
         samples=samples,
     )
+    passes = passes_for(parse_modes(mode), settings, transparent=transparent, exr=exr)
+    _check_passes(passes, out, kind, exr)
     pixels = parse_size(size) if size else None
     if kind:
         check_results(out)
@@ -104,11 +116,15 @@ def render(
     if scene is not None:
         views = _photograph_views(loaded, scene, split, index, downscale, pixels)
     elif orbit is not None:
-        path = orbit_path(loaded, orbit, fov or DEFAULT_FOV, pixels or parse_size(DEFAULT_SIZE))
+        path = filling_orbit(loaded, orbit, fov or DEFAULT_FOV, pixels or parse_size(DEFAULT_SIZE))
         views = [View(f"{i:04d}", camera) for i, camera in enumerate(path)]
     else:
         views = [View("view", _posed(loaded, eye, target, up, fov or DEFAULT_FOV, pixels or parse_size(DEFAULT_SIZE)))]
-    if kind == ".png" and len(views) > 1:
+    if ortho_height is not None:
+        if loaded.ndc:
+            raise UserError("is a forward-facing pack, which has no orthographic view", where=pack)
+        views = [View(view.name, view.camera.as_orthographic(ortho_height)) for view in views]
+    if kind in (PNG, EXR) and len(views) > 1:
         raise UserError(
             f"cannot hold {len(views)} pictures",
             where=out,
@@ -117,7 +133,15 @@ def render(
     if len({(v.camera.width, v.camera.height) for v in views}) > 1 and kind == ".mp4":
         raise UserError("the photographs differ in size", where=scene, remedy="choose one with --size")
     with _written_by_us_alone(out), OffscreenRenderer(loaded, marcher) as renderer:
-        _write(out, kind, views, _pictures(renderer, views, settings), fps)
+        if kind == ".mp4":
+            write_film(out, (pictures[0] for _, pictures in _drawn(renderer, views, passes)), fps)
+            print(out)
+            return
+        if kind == "":
+            out.mkdir(exist_ok=True)
+        for view, pictures in _drawn(renderer, views, passes):
+            file = out if kind else out / f"{view.name}.{format}"
+            _write(file, passes, pictures, view.camera, renderer.pack, exr)
 
 
 @contextmanager
@@ -158,11 +182,21 @@ def _check_choice(
         raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
 
 
+def _check_orthographic(height: float | None, scene: Path | None, fov: float | None) -> None:
+    if height is None:
+        return
+    if not 0 < height < FARTHEST:
+        raise UserError("is not a height", where="--ortho-height", expected="grid units above 0", found=height)
+    for name, given in (("--scene", scene), ("--fov", fov)):
+        if given is not None:
+            raise UserError("exclude each other", where=f"--ortho-height and {name}", remedy="keep one of them")
+
+
 def _kind_of(out: Path) -> str:
-    """ ".png", ".mp4" or "" for a folder. UserError for other suffixes, and for films where they cannot be made."""
+    """ ".png", ".exr", ".mp4" or "" for a folder. UserError for other suffixes, and for films where they cannot be made."""
     suffix = "" if out.is_dir() else out.suffix.lower()
-    if suffix not in ("", ".png", ".mp4"):
-        raise UserError("is not a supported file type", where=out, expected="FILE.png, FILE.mp4 or a folder")
+    if suffix not in ("", PNG, EXR, ".mp4"):
+        raise UserError("is not a supported file type", where=out, expected="FILE.png, FILE.exr, FILE.mp4 or a folder")
     if suffix == ".mp4":
         require_video()
     if suffix == "" and out.exists() and not out.is_dir():
@@ -186,9 +220,7 @@ def _posed(
     pack: Pack, eye: str | None, target: str | None, up: str | None, fov: float, size: tuple[int, int]
 ) -> ViewCamera:
     if eye is None:
-        if pack.ndc:
-            return orbit_path(pack, 1, fov, size)[0]
-        return ViewCamera.orbit(pack, FIRST_AZIMUTH, fov_degrees=fov, size=size)
+        return filling_orbit(pack, 1, fov, size, FIRST_AZIMUTH)[0]
     at = parse_point(eye, "--eye")
     middle = np.zeros(3) if pack.ndc else np.mean(content_box(pack), axis=0)
     towards = np.asarray(parse_point(target, "--target")) if target else middle
@@ -219,25 +251,40 @@ def _photograph_views(
     return views
 
 
-def _pictures(renderer: OffscreenRenderer, views: list[View], settings: RenderSettings) -> Iterator[np.ndarray]:
+def _check_passes(passes: list[Pass], out: Path, kind: str, exr: bool) -> None:
+    """UserError where the files cannot hold what was asked for."""
+    if exr:
+        require_exr()
+    if kind in (PNG, ".mp4") and len(passes) > 1:
+        names = ",".join(each.name for each in passes)
+        raise UserError("cannot hold several modes", where=out, found=names, remedy="name a folder or an .exr")
+    if kind == ".mp4" and (exr or passes[0].floats):
+        raise UserError("a film has no transparent background and no numbers", where=out, remedy="name a folder")
+
+
+def _drawn(
+    renderer: OffscreenRenderer, views: list[View], passes: list[Pass]
+) -> Iterator[tuple[View, list[np.ndarray]]]:
     with progress("rendering", len(views)) as bar:
         for view in views:
-            yield renderer.render(view.camera, settings)
+            yield view, [_draw(renderer, view.camera, each) for each in passes]
             bar.advance()
 
 
-def _write(out: Path, kind: str, views: list[View], pictures: Iterator[np.ndarray], fps: int) -> None:
-    """Writes pictures as they come, each file aside first and then renamed, and prints what was written."""
-    if kind == "":
-        out.mkdir(exist_ok=True)
-    if kind == ".mp4":
-        write_film(out, pictures, fps)
-        print(out)
+def _draw(renderer: OffscreenRenderer, camera: ViewCamera, each: Pass) -> np.ndarray:
+    draw = renderer.render_raw if each.floats else renderer.render
+    return draw(camera, each.settings)
+
+
+def _write(
+    file: Path, passes: list[Pass], pictures: list[np.ndarray], camera: ViewCamera, pack: Pack, exr: bool
+) -> None:
+    """Writes the files of a view, each aside first and then renamed, and prints what was written."""
+    if exr:
+        write_exr(file, passes, pictures, camera, pack)
+        print(file)
         return
-    for view, picture in zip(views, pictures, strict=True):
-        path = out if kind == ".png" else out / f"{view.name}.png"
-        with replacing(path) as new:
-            Image.fromarray(picture).save(new, format="PNG")
+    for path in write_pngs(file, passes, pictures):
         print(path)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -17,8 +17,9 @@ from console import UserError, run_command
 from console.arguments import join_negative_values, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
-from viewer.app import preferences
+from viewer.app import desktop_entry, marking, preferences, session
 from viewer.app.application import App
+from viewer.app.carried_over import take_over
 from viewer.app.comparison import How
 from viewer.app.files import kind_of, scene_around
 from viewer.app.forward_facing import rig_for
@@ -26,6 +27,7 @@ from viewer.app.pose import pose_from_text
 from viewer.app.remembering import Keeper
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
+from viewer.app.trail import Trail, default_folder, left_behind
 from viewer.benchmark.flyover import fly_over
 from viewer.panels.ui import Ui
 from viewer.rendering.settings import Mode, RenderSettings
@@ -36,7 +38,9 @@ DEMO = "demo.zip"
 OUT = Path("out")
 SCRIPTED = ("--frames", "--screenshot")
 SMALLEST_SIDE = 64  # of a window, screen units
-PageName = Literal["view", "camera", "crop", "photographs", "compare", "film", "performance", "log"]
+PageName = Literal[
+    "view", "camera", "bookmarks", "crop", "measure", "photographs", "compare", "film", "performance", "settings", "log"
+]
 
 
 def demo_pack() -> Path | None:
@@ -60,12 +64,14 @@ def view(
     size: str | None = None,
     frames: int | None = None,
     screenshot: Path | None = None,
+    register: bool = False,
+    unregister: bool = False,
 ) -> int:
     """Opens the desktop viewer. Without a display, it renders an orbit into out/ instead.
 
     Args:
-        pack: Folder or .zip of a baked scene. Without it, the start page opens. For a folder of photographs or a training run,
-            the viewer offers to make a scene.
+        pack: Folder or .zip of a baked scene, or a saved session (.snerg). Without it, the start page opens. For a folder of
+            photographs or a training run, the viewer offers to make a scene.
         mode: What to show first. "normal" is the picture.
         pose: First camera: a pose copied from the viewer, or x,y,z,x,y,z of eye and target in the grid frame (y up).
         compare: Another pack, shown under the same camera.
@@ -79,7 +85,11 @@ def view(
         size: Window size in screen units, for example 1280x800. The default is the last size.
         frames: For scripts: draw this many frames, wait until the picture is sharp, and quit.
         screenshot: For scripts: before quitting, save the window with its panels as this PNG. Implies --frames 1.
+        register: Add the viewer to the menus of your Linux desktop, and to the programs that open packs and folders.
+        unregister: Take it out again.
     """
+    if register or unregister:
+        return _register(register and not unregister)
     window_size = parse_size(size, least=SMALLEST_SIDE) if size else None
     if frames is not None and frames < 1:
         raise UserError("is too small", where="--frames", expected="1 or more", found=frames)
@@ -109,6 +119,20 @@ def view(
             raise UserError(str(reason), remedy="start it with xvfb-run, or use snerg-render") from reason
         _render_instead(pack, mode, reason)
         return 0
+
+
+def _register(wanted: bool) -> int:
+    """Writes or removes what Linux desktops know of the viewer."""
+    if wanted:
+        for path in desktop_entry.register(desktop_entry.own_command()):
+            print(path)
+        return 0
+    gone = desktop_entry.unregister()
+    for path in gone:
+        print(f"removed {path}")
+    if not gone:
+        print("snerg-view: nothing was registered")
+    return 0
 
 
 @dataclass(frozen=True)
@@ -158,28 +182,58 @@ def _show_window(wishes: Startup, script: Script) -> int:
 def _live(app: App, wishes: Startup, size: tuple[int, int] | None) -> int:
     """A window until it is closed, or the program is ended from outside; the exit status."""
     file = preferences.default_file()
-    with signals_ask(app.quit) as ended:
-        app.use(preferences.load(file))
+    crashed = left_behind(default_folder())
+    with signals_ask(app.quit) as ended, _trail(app) as trail:
+        take_over(app, preferences.load(file))
+        app.marking.folder = marking.default_folder()
+        app.sessions.begin(session.default_file())
         with Window(app, Ui, size or app.preferences.window) as window:
+            trail.add(f"OpenGL {window.ctx.info.get('GL_VERSION')} on {window.canvas.card}")
+            if crashed:
+                app.messages.say(f"The viewer ended unexpectedly the last time. Its log: {crashed[-1]}", "warning")
             wishes.begin(app)
-            _keep(app, window, Keeper(app, file, lambda: window.size, lambda: window.layout))
+            _keep(app, window, Keeper(app, file, lambda: window.size, lambda: window.layout), trail)
     if ended.signal == signal.SIGINT:
         raise KeyboardInterrupt
     return ended.status
 
 
-def _keep(app: App, window: Window, keeper: Keeper) -> None:
+@contextlib.contextmanager
+def _trail(app: App) -> Iterator[Trail]:
+    """Within the block what is done is written down; the file is removed behind it, unless a bug ends it."""
+    trail = Trail(default_folder())
+    app.messages.trail = trail.add
+    try:
+        yield trail
+    except (UserError, NoDisplay, KeyboardInterrupt, SystemExit):
+        trail.end()
+        raise
+    except BaseException as error:
+        path = trail.crash(error)
+        if path is not None:
+            with contextlib.suppress(OSError):
+                print(f"snerg-view: this crash is described in {path.parent}", file=sys.stderr)
+        raise
+    trail.end()
+
+
+def _keep(app: App, window: Window, keeper: Keeper, trail: Trail) -> None:
     """Runs the window; whatever ends it, `keeper` has saved what is to be remembered."""
 
     def leave() -> None:
         keeper.finish(window=False)
+        app.sessions.finish(app)
+        app.marking.leave()
         app.making.end()
+        trail.end()
 
     if window.on_x11:
         on_lost_display(leave)
     try:
         window.run(keeper.look)
     finally:
+        app.sessions.finish(app)
+        app.marking.leave()
         problem = keeper.finish()
         if problem:
             with contextlib.suppress(OSError):  # the terminal may be gone
@@ -190,6 +244,8 @@ def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
     chosen = path or demo_pack()
     if chosen is None:
         raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
+    if kind_of(chosen) == "session":
+        chosen = session.load_session(chosen).packs[0].path
     chosen = scene_around(chosen)
     if kind_of(chosen) in ("scene", "run", "pictures"):
         command = "snerg-bake" if kind_of(chosen) == "run" else "snerg-make"

@@ -38,7 +38,7 @@ class CropGizmo:
         gizmo.begin_frame()
         gizmo.set_drawlist()
         gizmo.set_rect(*box)
-        gizmo.set_orthographic(False)
+        gizmo.set_orthographic(camera.orthographic)
         gizmo.set_gizmo_size_clip_space(SIZE)
         style = gizmo.get_style()
         style.translation_line_thickness = style.scale_line_thickness = px(4)
@@ -71,9 +71,14 @@ def _view(camera: ViewCamera) -> gizmo.Matrix16:
 
 
 def _projection(camera: ViewCamera, radius: float) -> gizmo.Matrix16:
-    """OpenGL's projection for a pinhole camera; near and far only order what is drawn."""
+    """OpenGL's projection for a camera; near and far only order what is drawn."""
     near, far = 0.01 * radius, 100.0 * radius
     matrix = np.zeros((4, 4))
+    if camera.orthographic:
+        matrix[0, 0], matrix[0, 3] = 2 * camera.fx / camera.width, 2 * camera.cx / camera.width - 1
+        matrix[1, 1], matrix[1, 3] = 2 * camera.fy / camera.height, 1 - 2 * camera.cy / camera.height
+        matrix[2, 2], matrix[2, 3], matrix[3, 3] = -2 / (far - near), -(far + near) / (far - near), 1.0
+        return gizmo.Matrix16(_columns(matrix))
     matrix[0, 0], matrix[0, 2] = 2 * camera.fx / camera.width, 1 - 2 * camera.cx / camera.width
     matrix[1, 1], matrix[1, 2] = 2 * camera.fy / camera.height, 2 * camera.cy / camera.height - 1
     matrix[2, 2], matrix[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)

@@ -10,7 +10,7 @@ from viewer.app.commands import run
 from viewer.app.stage import Stage
 from viewer.panels import left_out_strip, theme
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import coloured, font, main_button, px
+from viewer.panels.widgets import begin_modal, coloured, font, main_button, px
 
 NAME = "##dialog"
 
@@ -20,15 +20,7 @@ def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
     if not app.messages.dialogs:
         return
     dialog = app.messages.dialogs[0]
-    if not imgui.is_popup_open(NAME):
-        imgui.open_popup(NAME)
-    imgui.set_next_window_pos(ImVec2(0.5 * size.x, 0.45 * size.y), imgui.Cond_.always, ImVec2(0.5, 0.5))
-    imgui.set_next_window_size(ImVec2(min(px(480), size.x - px(32)), 0))
-    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(24), px(22)))
-    shown = imgui.begin_popup_modal(NAME, None, flags | imgui.WindowFlags_.always_auto_resize)[0]
-    imgui.pop_style_var()
-    if not shown:
+    if not begin_modal(NAME, size, 480, 0.45, padding=(24, 22)):
         return
     with font(fonts.bold, 18.0):
         with coloured(text=theme.WARN if dialog.failed else theme.ACCENT):
@@ -47,8 +39,10 @@ def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
         left_out_strip.show(stage, dialog.left_out)
     imgui.dummy(ImVec2(0, px(6)))
     answer = _buttons(dialog.buttons)
-    if pressed_here(imgui.Key.enter) or pressed_here(imgui.Key.escape):
-        answer = answer or ("" if pressed_here(imgui.Key.escape) else dialog.buttons[0][1])
+    if answer is None and pressed_here(imgui.Key.escape):
+        answer = ""
+    elif answer is None and confirmed():
+        answer = dialog.buttons[0][1]
     if answer is not None:
         app.messages.dialogs.pop(0)
         imgui.close_current_popup()
@@ -61,6 +55,11 @@ def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
 def pressed_here(key: imgui.Key) -> bool:
     """Whether a key was pressed that this window may take: not the one whose press has just brought it up."""
     return imgui.is_key_pressed(key, False) and not imgui.is_window_appearing()
+
+
+def confirmed() -> bool:
+    """Whether Enter was pressed for the window as a whole: not for the widget in it that the keyboard was moved to."""
+    return pressed_here(imgui.Key.enter) and not imgui.get_io().nav_visible
 
 
 def _buttons(buttons: tuple[tuple[str, str], ...]) -> str | None:

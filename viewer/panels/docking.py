@@ -43,6 +43,13 @@ class Docking:
             imgui.load_ini_settings_from_memory(ini)
             self.home = int(number)
 
+    def rescale(self, factor: float) -> None:
+        """All that is in the pages has become so many times larger: the home node follows. The picture keeps half."""
+        node = imgui.internal.dock_builder_get_node(self.home) if self.home else None
+        if node is not None:
+            width = min(node.size.x * factor, 0.5 * imgui.get_io().display_size.x)
+            imgui.internal.dock_builder_set_node_size(self.home, ImVec2(width, node.size.y))
+
     @property
     def text(self) -> str:
         """The layout, to be remembered."""

@@ -13,7 +13,7 @@ from viewer.app.application import App
 from viewer.app.files import FileRequest
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import coloured, font, hint, main_button, px
+from viewer.panels.widgets import begin_modal, coloured, font, hint, main_button, px
 
 NAME = "##path"
 HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
@@ -81,15 +81,7 @@ class FileDialogs:
     def _typed(self, app: App, size: ImVec2, fonts: Fonts) -> None:
         assert self._request is not None
         opening = not imgui.is_popup_open(NAME)
-        if opening:
-            imgui.open_popup(NAME)
-        imgui.set_next_window_pos(ImVec2(0.5 * size.x, 0.4 * size.y), imgui.Cond_.always, ImVec2(0.5, 0.5))
-        imgui.set_next_window_size(ImVec2(min(px(540), size.x - px(32)), 0))
-        flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings
-        imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(24), px(22)))
-        shown = imgui.begin_popup_modal(NAME, None, flags | imgui.WindowFlags_.always_auto_resize)[0]
-        imgui.pop_style_var()
-        if not shown:
+        if not begin_modal(NAME, size, 540, 0.4, padding=(24, 22)):
             return
         with font(fonts.bold, 18.0):
             imgui.text_unformatted(self._request.title)

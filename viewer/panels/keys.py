@@ -15,7 +15,7 @@ from viewer.app.application import App
 from viewer.app.commands import COMMANDS, run
 from viewer.app.keyboard import KeyPress
 
-REPEATING = ("Z", "Y")  # undo and redo go on while they are held
+REPEATING = ("Z", "Y", "Num2", "Num4", "Num6", "Num8")  # undo, redo and turning go on while they are held
 
 
 def fits(press: KeyPress, combination: str) -> bool:
@@ -50,7 +50,13 @@ class Presses:
 
 def busy(app: App) -> bool:
     """Whether something waits for an answer, so that keys are not the picture's."""
-    return bool(app.messages.dialogs) or app.file_request is not None or app.making.plan is not None
+    return (
+        bool(app.messages.dialogs)
+        or app.file_request is not None
+        or app.choosing is not None
+        or (app.making.plan is not None)
+        or app.exporting.asking
+    )
 
 
 def _run(app: App, press: KeyPress) -> None:

@@ -13,13 +13,16 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.stage import Stage
 from viewer.panels import (
+    page_bookmarks,
     page_camera,
     page_compare,
     page_crop,
     page_film,
     page_log,
+    page_measure,
     page_performance,
     page_photographs,
+    page_settings,
     page_view,
     theme,
 )
@@ -51,11 +54,14 @@ class Page:
 PAGES = (
     Page("view", "Picture", fa.ICON_FA_IMAGE, page_view.show),
     Page("camera", "Camera", fa.ICON_FA_VIDEO, page_camera.show),
+    Page("bookmarks", "Bookmarks", fa.ICON_FA_BOOKMARK, page_bookmarks.show),
     Page("crop", "Crop", fa.ICON_FA_CROP_SIMPLE, page_crop.show),
+    Page("measure", "Measure", fa.ICON_FA_RULER, page_measure.show),
     Page("photographs", "Photographs", fa.ICON_FA_IMAGES, page_photographs.show),
     Page("compare", "Compare packs", fa.ICON_FA_CODE_COMPARE, page_compare.show),
     Page("film", "Stills and films", fa.ICON_FA_FILM, page_film.show),
     Page("performance", "Performance", fa.ICON_FA_GAUGE_HIGH, page_performance.show),
+    Page("settings", "Settings", fa.ICON_FA_GEAR, page_settings.show),
     Page("log", "Log", fa.ICON_FA_LIST, page_log.show),
 )
 

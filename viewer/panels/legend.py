@@ -41,7 +41,7 @@ def legend(app: App) -> Legend | None:
         return Legend(colour_stops(), "0", f"{scale / 2:.0f}", f"≥ {scale:.0f}", COUNTED[mode])
     if mode == "depth":
         pack = app.scene.pack
-        near, far = RayFrame(pack).depth_range((camera.position - pack.min_xyz) / pack.voxel_size)
+        near, far = RayFrame(pack).depth_range(camera)
         if pack.ndc:
             return Legend(GREY, f"{near:.0f}", f"{(near + far) / 2:.0f}", f"{far:.0f}", "voxels into the warped grid")
         near, far = near * pack.voxel_size, far * pack.voxel_size

@@ -14,9 +14,9 @@ from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
 from viewer.app.stage import Stage
 from viewer.panels import layout, preview_strip, theme
 from viewer.panels.corner_card import corner_card
-from viewer.panels.dialogs import pressed_here
+from viewer.panels.dialogs import confirmed, pressed_here
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
+from viewer.panels.widgets import begin_modal, coloured, font, hint, label, main_button, px, segments, switch, tip
 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
 PICTURE = "making"
@@ -28,15 +28,7 @@ def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
     plan = app.making.plan
     if plan is None or app.file_request is not None or app.messages.dialogs:
         return
-    if not imgui.is_popup_open(NAME):
-        imgui.open_popup(NAME)
-    imgui.set_next_window_pos(ImVec2(0.5 * size.x, 0.47 * size.y), imgui.Cond_.always, ImVec2(0.5, 0.5))
-    imgui.set_next_window_size(ImVec2(min(px(WIDTH), size.x - px(24)), 0))
-    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(PADDING), px(22)))
-    shown = imgui.begin_popup_modal(NAME, None, flags | imgui.WindowFlags_.always_auto_resize)[0]
-    imgui.pop_style_var()
-    if not shown:
+    if not begin_modal(NAME, size, WIDTH, 0.47, padding=(PADDING, 22)):
         return
     _heading(plan, fonts)
     if plan.survey is not None and plan.survey.preview is not None:
@@ -160,7 +152,7 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
     imgui.same_line()
     imgui.begin_disabled(not possible)
     word = "Bake" if plan.subject == "run" else "Go on" if plan.attempt is not None else "Make it"
-    wanted = main_button(word, width) or (possible and pressed_here(imgui.Key.enter))
+    wanted = main_button(word, width) or (possible and confirmed())
     imgui.end_disabled()
     if cancelled or wanted:
         imgui.close_current_popup()
@@ -185,6 +177,7 @@ def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
                 app.making.show_points(app)
             tip("The scene that is open now is closed")
+        _so_far(app)
         if job.picture is not None:
             _picture(stage, job)
         if len(job.figures) > 2:
@@ -210,6 +203,19 @@ def _job_head(app: App, job: Job, fonts: Fonts) -> None:
     if imgui.button(word, ImVec2(width, 0)):
         app.making.stop(app)
     tip("Stop without saving" if job.stopping else "Finished work is kept. Make the scene again to continue.")
+
+
+def _so_far(app: App) -> None:
+    """What is trained so far: shown, or to be shown."""
+    making = app.making
+    if making.so_far is None:
+        return
+    if making.so_far_shown(app):
+        hint(f"You see a {making.so_far.words}. It is small and coarse; a newer one takes its place by itself.")
+    else:
+        if imgui.button(f"{fa.ICON_FA_EYE}  Show the {making.so_far.words}", ImVec2(-1, px(28))):
+            making.show_so_far(app)
+        tip("Fly around in what is trained so far")
 
 
 def _picture(stage: Stage, job: Job) -> None:

@@ -81,7 +81,7 @@ def wipe_edge_hovered(app: App, box: Box) -> bool:
     return abs(imgui.get_io().mouse_pos.x - (box[0] + app.comparison.split * box[2])) < px(9)
 
 
-class _Screen:
+class Screen:
     """Projects grid points to window units."""
 
     def __init__(self, app: App, box: Box) -> None:
@@ -117,7 +117,7 @@ def draw_crop(app: App, box: Box) -> int | None:
     """The crop box with a handle on each face; the face whose handle is under the mouse, if any."""
     if app.settings.crop is None or app.scene is None or not app.interface.shows("crop"):
         return None
-    screen, mouse = _Screen(app, box), imgui.get_io().mouse_pos
+    screen, mouse = Screen(app, box), imgui.get_io().mouse_pos
     low, high = np.asarray(app.settings.crop[0]), np.asarray(app.settings.crop[1])
     corners = box_points(low, high)
     screen.lines(corners, BOX_EDGES, theme.packed(theme.BASE, 0.5), px(3))
@@ -140,7 +140,7 @@ def draw_path(app: App, box: Box) -> None:
     filming = app.filming
     if not app.interface.shows("film") or filming.playing or app.scene is None or not filming.path.keyframes:
         return
-    screen, path = _Screen(app, box), filming.path
+    screen, path = Screen(app, box), filming.path
     if len(path.keyframes) > 1:
         count = PATH_STEPS * len(path.keyframes)
         track = path.places(path.duration * np.arange(count + 1) / count)

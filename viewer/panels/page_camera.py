@@ -27,9 +27,17 @@ def show(app: App, stage: Stage, fonts: Fonts) -> None:
         if imgui.button(f"{fa.ICON_FA_EXPAND}  Whole scene", ImVec2(width, 0)):
             run(app, "frame")
         if not rig.bounded:
-            picked = segments("axis", ["front", "right", "top"], "", {"front": "Front", "right": "Right", "top": "Top"})
-            if picked:
-                run(app, picked)
+            for views in (("front", "right", "top"), ("back", "left", "bottom")):
+                picked = segments(f"axis {views[0]}", list(views), "", {view: view.capitalize() for view in views})
+                if picked:
+                    run(app, picked)
+            label("Projection")
+            now = "orthographic" if rig.orthographic else "perspective"
+            titles = {"perspective": "Perspective", "orthographic": "Ortho"}
+            if segments("projection", list(titles), now, titles) not in (None, now):
+                run(app, "orthographic")
+            label("Axes")
+            app.interface.axes_shown = switch("axes", app.interface.axes_shown)
             label("Fly")
             if switch("fly", rig.flying) != rig.flying:
                 run(app, "fly")
@@ -67,4 +75,4 @@ def show(app: App, stage: Stage, fonts: Fonts) -> None:
             run(app, "copy-pose")
         imgui.same_line()
         if imgui.button(f"{fa.ICON_FA_PASTE}  Paste pose", ImVec2(width, 0)):
-            run(app, "paste-pose")
+            run(app, "paste")

@@ -10,7 +10,7 @@ from viewer.app.commands import ask_to_open
 from viewer.app.stage import Stage
 from viewer.panels.page_photographs import compare_controls
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import card, figure, hint, px
+from viewer.panels.widgets import card, figure, hint
 
 
 def show(app: App, stage: Stage, fonts: Fonts) -> None:
@@ -22,11 +22,7 @@ def show(app: App, stage: Stage, fonts: Fonts) -> None:
             figure("Right", comparison.other_path.name, fonts)
         else:
             hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")
-        width = (imgui.get_content_region_avail().x - px(8)) / 2
-        if imgui.button(f"{fa.ICON_FA_FILE_ZIPPER}  Zip…", ImVec2(width, 0)):
-            ask_to_open(app, "open", other=True)
-        imgui.same_line()
-        if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Folder…", ImVec2(width, 0)):
-            ask_to_open(app, "folder", other=True)
+        if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose a pack…", ImVec2(-1, 0)):
+            ask_to_open(app, other=True)
     if comparison.against == "pack":
         compare_controls(app, fonts, "Compare")

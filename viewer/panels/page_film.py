@@ -9,27 +9,38 @@ from viewer.app.application import App
 from viewer.app.commands import ask_for_still, run
 from viewer.app.export import films_possible
 from viewer.app.files import FileRequest
-from viewer.app.filming import LARGEST_SIDE, SAMPLES, SIZES, Filming
+from viewer.app.filming import LARGEST_SIDE, SAMPLES, SIZES, STILL_MODES, Filming
 from viewer.app.stage import Stage
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import card, coloured, hint, icon_button, label, main_button, px, segments, switch
+from viewer.panels.view_rows import row
+from viewer.panels.widgets import card, coloured, hint, icon_button, label, main_button, px, segments, switch, tip
 
-LIST_HEIGHT = 150.0
+LIST_HEIGHT = 180.0
 
 
 def show(app: App, stage: Stage, fonts: Fonts) -> None:
     """Draws the page."""
     filming = app.filming
     with card("path", fonts, "Camera path"):
-        _path(app, filming)
+        _path(app, stage, filming)
     with card("size", fonts, "Size"):
         _size(filming)
+    with card("still", fonts, "This view"):
+        _still(app, filming)
     with card("export", fonts, "Export"):
         _export(app, filming)
+    with card("scene", fonts, "Scene"):
+        _scene(app)
 
 
-def _path(app: App, filming: Filming) -> None:
+def _scene(app: App) -> None:
+    hint("A mesh, points or Gaussians for other programs.")
+    if imgui.button(f"{fa.ICON_FA_CUBE}  Export the scene…", ImVec2(-1, 0)):
+        run(app, "export-scene")
+
+
+def _path(app: App, stage: Stage, filming: Filming) -> None:
     width = (imgui.get_content_region_avail().x - px(8)) / 2
     if imgui.button(f"{fa.ICON_FA_PLUS}  Keyframe", ImVec2(width, 0)):
         run(app, "keyframe")
@@ -40,7 +51,7 @@ def _path(app: App, filming: Filming) -> None:
     if not path.keyframes:
         hint("Move the camera and add keyframes (K). The film flies through them.")
     else:
-        _keyframes(app, filming)
+        _keyframes(app, stage, filming)
         label("Back to the start")
         path.closed = switch("closed", path.closed)
         icon = fa.ICON_FA_PAUSE if filming.playing else fa.ICON_FA_PLAY
@@ -62,16 +73,13 @@ def _path(app: App, filming: Filming) -> None:
     imgui.end_disabled()
 
 
-def _keyframes(app: App, filming: Filming) -> None:
+def _keyframes(app: App, stage: Stage, filming: Filming) -> None:
     with coloured(child_bg=theme.BASE):
         imgui.begin_child("##keys", ImVec2(0, px(LIST_HEIGHT)), imgui.ChildFlags_.always_use_window_padding)
     for i, key in enumerate(filming.path.keyframes):
-        if imgui.selectable(f"Keyframe {i + 1}##{i}", i == filming.selected)[0]:
+        texts = f"Keyframe {i + 1}", f"{key.seconds:.1f} s"
+        if row(app, stage, f"key{i}", (key.grid_T_camera, key.fov), texts, chosen=i == filming.selected):
             filming.select(app, i)
-        imgui.same_line()
-        imgui.set_cursor_pos_x(imgui.get_window_width() - px(70))
-        with coloured(text=theme.FAINT):
-            imgui.text_unformatted(f"{key.seconds:.1f} s")
     imgui.end_child()
     index = filming.selected
     if index is None or index >= len(filming.path.keyframes):
@@ -113,6 +121,26 @@ def _size(filming: Filming) -> None:
         filming.samples = SAMPLES[picked]
 
 
+def _still(app: App, filming: Filming) -> None:
+    """The tick list of what is saved, and where to."""
+    label("No background")
+    filming.transparent = switch("transparent", filming.transparent)
+    tip("Transparent, in the PNG or OpenEXR file")
+    for mode, title in STILL_MODES.items():
+        label(title)
+        on = switch(mode, mode in filming.besides)
+        tip(f"Save this as well: NAME_{mode}.png, or a channel of the OpenEXR file")
+        if on != (mode in filming.besides):
+            filming.besides = tuple(m for m in STILL_MODES if (m in filming.besides) != (m == mode))
+    imgui.begin_disabled(filming.export is not None)
+    if main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", -1):
+        ask_for_still(app)
+    if imgui.button(f"{fa.ICON_FA_COPY}  Copy the picture", ImVec2(-1, 0)):
+        run(app, "copy-picture")
+    imgui.end_disabled()
+    tip("The picture as it is shown, to the clipboard")
+
+
 def _export(app: App, filming: Filming) -> None:
     export = filming.export
     if export is not None:
@@ -123,8 +151,6 @@ def _export(app: App, filming: Filming) -> None:
         if imgui.button("Cancel", ImVec2(-1, 0)):
             filming.cancel(app)
         return
-    if main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", -1):
-        ask_for_still(app)
     imgui.begin_disabled(not filming.path.keyframes)
     width = (imgui.get_content_region_avail().x - px(8)) / 2
     imgui.begin_disabled(not films_possible())

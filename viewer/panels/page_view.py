@@ -5,12 +5,13 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
+from viewer.app.backdrops import PLAIN
 from viewer.app.commands import modes_for
 from viewer.app.stage import Stage
 from viewer.app.state import BACKGROUNDS
 from viewer.panels import theme, time_plots
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch
+from viewer.panels.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch, tip
 
 MODE_TITLES = {
     "normal": "Picture",
@@ -19,6 +20,7 @@ MODE_TITLES = {
     "view-dependent": "View-dependent colour",
     "alpha": "Opacity",
     "depth": "Depth",
+    "normals": "Normals",
     "samples": "Cost: samples",
     "jumps": "Cost: jumps",
     "macroblocks": "Macroblocks",
@@ -31,6 +33,7 @@ MODE_HINTS = {
     "view-dependent": "Only what the view MLP adds.",
     "alpha": "White is opaque.",
     "depth": "Near is bright.",
+    "normals": "Which way surfaces face: x, y, z as red, green, blue.",
     "samples": "How many voxels each ray fetched.",
     "jumps": "How many jumps over empty space each ray made.",
     "macroblocks": "One colour for each macroblock that a ray hits first.",
@@ -81,13 +84,13 @@ def _background(app: App) -> None:
     for name, colour in BACKGROUNDS.items():
         at = imgui.get_cursor_screen_pos()
         if imgui.invisible_button(f"##bg {name}", ImVec2(side, side)):
-            app.set(background=colour)
+            app.set(background=colour, backdrop=None)
         if imgui.is_item_hovered():
             imgui.set_tooltip(name)
         middle = ImVec2(at.x + side / 2, at.y + side / 2)
         code = "#" + "".join(f"{round(255 * v):02x}" for v in colour)
         draw.add_circle_filled(middle, side / 2 - px(3), theme.packed(code))
-        chosen = current == colour
+        chosen = current == colour and app.settings.backdrop is None
         ring, radius, width = (theme.ACCENT, px(1), px(2)) if chosen else (theme.FAINT, px(3), px(1))
         draw.add_circle(middle, side / 2 - radius, theme.packed(ring), 0, width)
         imgui.same_line(0, gap)
@@ -96,7 +99,14 @@ def _background(app: App) -> None:
     if imgui.is_item_hovered():
         imgui.set_tooltip("Another colour")
     if changed:
-        app.set(background=tuple(float(v) for v in value[:3]))
+        app.set(background=tuple(float(v) for v in value[:3]), backdrop=None)
+    label("Behind it")
+    titles = {PLAIN: "Plain", "gradient": "Gradient", "checker": "Checker"}
+    now = app.settings.backdrop.style if app.settings.backdrop is not None else PLAIN
+    picked = segments("backdrop", list(titles), now, titles)
+    if picked:
+        app.set_backdrop(picked)
+    tip("By opacity, after shading: the colours of the scene stay those that it was trained with")
 
 
 def headline(app: App, fonts: Fonts) -> None:

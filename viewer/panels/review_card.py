@@ -82,15 +82,16 @@ def _upright(app: App, review: Review) -> None:
         review.hold()
         review.picking = picking
     tip("Click on the ground in the picture, and it becomes level")
-    if review.plan.up is not None:
+    if review.picking:
+        hint("Click on points of the ground.")
+    elif review.plan.up is None:
+        hint("From the cameras. Switch it on and click on the ground.")
+    else:
+        hint("Set by you.")
         imgui.same_line(0, px(12))
         if imgui.small_button("As it was"):
             app.making.set_up(app, None)
         tip("The mean up direction of the cameras")
-    if review.picking:
-        hint("Click on points of the ground.")
-    else:
-        hint("Set by you." if review.plan.up is not None else "From the cameras. Switch it on and click on the ground.")
 
 
 def _answer(app: App, review: Review) -> None:

@@ -7,11 +7,14 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
+from scenepack.files import PARAMS_NAME
+from training.scenes.sources import FILMS
 from viewer.app.application import App
 from viewer.app.commands import run
+from viewer.app.files import SESSION_SUFFIX
 from viewer.panels import corner_card, theme
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import coloured, font, main_button, px
+from viewer.panels.widgets import coloured, elided, font, main_button, px
 
 WIDTH = 440.0
 
@@ -34,16 +37,16 @@ def show(app: App, fonts: Fonts) -> None:
     with coloured(text=theme.MUTED):
         imgui.text_unformatted("Fly through scenes made from photographs.")
     imgui.dummy(ImVec2(0, px(14)))
-    half = (column - px(8)) / 2
     if app.demo is not None and main_button(f"{fa.ICON_FA_PLAY}  Open the demo scene", column):
         app.open(app.demo)
-    _button(app, f"{fa.ICON_FA_FILE_ZIPPER}  Open a .zip…", "open", half)
-    imgui.same_line()
-    _button(app, f"{fa.ICON_FA_FOLDER_OPEN}  Open a folder…", "open-folder", half)
+    _button(app, f"{fa.ICON_FA_FOLDER_OPEN}  Open…", "open", column)
+    if app.sessions.last is not None:
+        title = elided(app.sessions.last.title, column - px(210))
+        _button(app, f"{fa.ICON_FA_CLOCK_ROTATE_LEFT}  Continue with {title}", "last-session", column)
     _button(app, f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make a scene from photographs…", "make", column)
     imgui.dummy(ImVec2(0, px(2)))
     with coloured(text=theme.FAINT):
-        imgui.text_unformatted("or drop a pack, a folder of photographs or a film anywhere on this window")
+        imgui.text_unformatted("or drop or paste a pack, a folder of photographs or a film")
     if recent:
         imgui.dummy(ImVec2(0, px(16)))
         with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):
@@ -62,10 +65,10 @@ def _recent(app: App, path: Path, width: float) -> None:
     at = imgui.get_cursor_screen_pos()
     with coloured(header_hovered=theme.CARD, header_active=theme.CONTROL):
         if imgui.selectable(f"##{path}", False, 0, ImVec2(width, px(30)))[0]:
-            app.open(path)
+            app.drop([path])
     draw = imgui.get_window_draw_list()
     middle = at.y + px(6)
-    draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.ACCENT), fa.ICON_FA_CUBE)
+    draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.ACCENT), icon_of(path))
     draw.add_text(ImVec2(at.x + px(32), middle), theme.packed(theme.TEXT), path.name)
     name = imgui.calc_text_size(path.name).x
     parent = str(path.parent)
@@ -73,6 +76,15 @@ def _recent(app: App, path: Path, width: float) -> None:
     while parent and imgui.calc_text_size(parent).x > room and len(parent) > 4:
         parent = "…" + parent[2:]
     draw.add_text(ImVec2(at.x + px(44) + name, middle), theme.packed(theme.FAINT), parent)
+
+
+def icon_of(path: Path) -> str:
+    """What stands before a recent path, told by its name alone: this is drawn in every frame."""
+    if path.suffix.lower() == ".zip" or (path / PARAMS_NAME).is_file() or (path / "pack").is_dir():
+        return fa.ICON_FA_CUBE
+    if path.suffix.lower() == SESSION_SUFFIX:
+        return fa.ICON_FA_BOOKMARK
+    return fa.ICON_FA_FILM if path.suffix.lower() in FILMS else fa.ICON_FA_IMAGES
 
 
 def _mark(left: float) -> None:

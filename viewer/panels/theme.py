@@ -16,30 +16,49 @@ SMALL, LARGE, HUGE = 13.0, 20.0, 34.0
 _FONTS = Path(imgui_bundle.__file__).parent / "assets" / "fonts"
 
 
+# By theme, what each name below stands for. base: behind everything; card: boxes on a panel; control: what can be pressed;
+# deep: behind text that is chosen; on-accent: text on the accent.
+PALETTES: dict[str, dict[str, str]] = {
+    "dark": {
+        "base": "#0d1117", "panel": "#131922", "card": "#1a212c", "control": "#232c39", "control-hot": "#2d3848",
+        "line": "#273140", "text": "#e6ebf2", "muted": "#8f9bad", "faint": "#7e8b9d", "accent": "#45d0bd", "deep": "#1f8f82",
+        "on-accent": "#06211d", "good": "#6fd08c", "warn": "#f2b866", "bad": "#f2777a", "blue": "#6cb2f5",
+    },
+    "light": {
+        "base": "#dfe4eb", "panel": "#eef1f5", "card": "#ffffff", "control": "#e6eaf0", "control-hot": "#d5dce6",
+        "line": "#c6ced9", "text": "#18202b", "muted": "#465263", "faint": "#525e6e", "accent": "#0a776c", "deep": "#7fcabf",
+        "on-accent": "#ffffff", "good": "#1b7a40", "warn": "#8a5000", "bad": "#bb2b33", "blue": "#1f6fbf",
+    },
+}  # fmt: skip
+THEMES = tuple(PALETTES)
+BASE, PANEL, CARD, CONTROL, CONTROL_HOT, LINE = "base", "panel", "card", "control", "control-hot", "line"
+TEXT, MUTED, FAINT = "text", "muted", "faint"
+ACCENT, ACCENT_DEEP, ON_ACCENT = "accent", "deep", "on-accent"
+GOOD, WARN, BAD, BLUE = "good", "warn", "bad", "blue"
+_palette = PALETTES["dark"]
+
+
+def use(name: str) -> None:
+    """Draws in another theme from now on; apply() sets imgui's own colours. An unknown name is the dark one."""
+    global _palette
+    _palette = PALETTES.get(name, PALETTES["dark"])
+
+
+def code_of(name: str) -> str:
+    """ "#rrggbb" of a name above, in the theme of the moment; any other code as it is."""
+    return _palette.get(name, name)
+
+
 def rgb(code: str, alpha: float = 1.0) -> ImVec4:
-    """ "#rrggbb" as imgui wants it."""
+    """A name above, or "#rrggbb", as imgui wants it."""
+    code = code_of(code)
     r, g, b = (int(code[i : i + 2], 16) / 255 for i in (1, 3, 5))
     return ImVec4(r, g, b, alpha)
 
 
 def packed(code: str, alpha: float = 1.0) -> int:
-    """ "#rrggbb" as draw lists want it."""
+    """A name above, or "#rrggbb", as draw lists want it."""
     return imgui.color_convert_float4_to_u32(rgb(code, alpha))
-
-
-BASE = "#0d1117"  # behind everything
-PANEL = "#131922"
-CARD = "#1a212c"
-CONTROL = "#232c39"
-CONTROL_HOT = "#2d3848"
-LINE = "#273140"
-TEXT = "#e6ebf2"
-MUTED = "#8f9bad"
-FAINT = "#7e8b9d"
-ACCENT = "#45d0bd"
-ACCENT_DEEP = "#1f8f82"
-ON_ACCENT = "#06211d"
-GOOD, WARN, BAD = "#6fd08c", "#f2b866", "#f2777a"
 
 
 class Fonts:
@@ -104,6 +123,7 @@ def apply(scale: float) -> None:
     style.window_menu_button_position = imgui.Dir.none
     style.window_title_align = ImVec2(0.5, 0.5)
     style.scale_all_sizes(scale)
+    style.window_border_hover_padding = max(style.window_border_hover_padding, 1.0)  # imgui ends the program at 0
     style.font_scale_dpi = scale
     colours = {
         "text": rgb(TEXT),

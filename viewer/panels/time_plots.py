@@ -12,7 +12,7 @@ from viewer.app.timing import KEPT, FrameTimes
 from viewer.panels import theme
 from viewer.panels.widgets import font, px
 
-FRAME, WALL, GPU = theme.ACCENT, theme.WARN, "#6cb2f5"
+FRAME, WALL, GPU = theme.ACCENT, theme.WARN, theme.BLUE
 BINS = 28
 
 

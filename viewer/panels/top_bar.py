@@ -18,6 +18,7 @@ from viewer.panels.widgets import Entry, coloured, elided, font, more_button, px
 LEFT, MARK, WORD, NAME_GAP, GAP, EDGE = 12.0, 42.0, 52.0, 28.0, 12.0, 8.0  # units at 100 %
 BUTTON, STEP = 34.0, 38.0
 NAME = 220.0  # a longer name is cut short before anything else has to go
+PACKS = "##packs"
 SHORTEST_NAME, LEAST_BUTTONS = 72.0, 2
 FRAMES = "0000 fps"  # as wide as it gets
 
@@ -84,23 +85,48 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
     if menu:
         imgui.set_cursor_pos(ImVec2(x + where.buttons * px(STEP), px(EDGE)))
         more_button("top more", entries[where.buttons :])
+    _packs(app)
     imgui.end()
 
 
 def _entries(app: App) -> list[Entry]:
     entries = [
-        (fa.ICON_FA_FOLDER_OPEN, "open", "Open a pack", "Ctrl+O", True),
+        (fa.ICON_FA_FOLDER_OPEN, "open", "Open", "Ctrl+O", True),
         (fa.ICON_FA_CAMERA, "save", "Save the picture", "Ctrl+S", True),
         (fa.ICON_FA_HOUSE, "home", "Back to the first view", "R", True),
         (fa.ICON_FA_EXPAND, "frame", "Show the whole scene", "F", True),
         (fa.ICON_FA_KEYBOARD, "help", "Keys and mouse", "?", False),
         (fa.ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER, "full-screen", "Full screen", "F11", False),
     ]
-    return [
+    shown = [
         Entry(f"top {command}", icon, title, partial(run, app, command), keys)
         for icon, command, title, keys, needs_scene in entries
         if app.scene is not None or not needs_scene
     ]
+    if app.scene is not None and app.shelf.packs:
+        title = f"{len(app.shelf.packs) + 1} packs are open"
+        ask = partial(setattr, app.shelf, "asked", True)
+        shown.insert(0, Entry("top packs", fa.ICON_FA_LAYER_GROUP, title, ask, "Ctrl+Tab"))
+    return shown
+
+
+def _packs(app: App) -> None:
+    """The list of open packs, while it is wanted: a click shows one."""
+    if app.shelf.asked:
+        app.shelf.asked = False
+        imgui.open_popup(PACKS)
+    if not imgui.begin_popup(PACKS):
+        return
+    if app.scene is not None:
+        imgui.menu_item(f"{fa.ICON_FA_CUBE}   {app.scene.name}##shown", "", True)
+    for i, entry in enumerate(app.shelf.packs):
+        if imgui.menu_item(f"{fa.ICON_FA_CUBE}   {entry.scene.name}##{i}", "", False)[0]:
+            app.shelf.switch_to(app, entry)
+            break
+    imgui.separator()
+    if imgui.menu_item(f"{fa.ICON_FA_XMARK}   Close this one", "Ctrl+W", False)[0]:
+        run(app, "close")
+    imgui.end_popup()
 
 
 def _mark(fonts: Fonts, word: bool) -> None:

@@ -12,9 +12,22 @@ from viewer.app.keyboard import Keyboard, KeyPress
 from viewer.app.stage import Stage
 from viewer.app.state import Clipboard
 from viewer.app.system_fonts import FontSearch
-from viewer.panels import dialogs, help_overlay, keys, layout, make_dialog, review_card, theme, top_bar, viewport
+from viewer.panels import (
+    dialogs,
+    export_dialog,
+    help_overlay,
+    keys,
+    layout,
+    make_dialog,
+    review_card,
+    theme,
+    top_bar,
+    viewport,
+)
+from viewer.panels.axis_gizmo import AxisGizmo
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.file_dialogs import FileDialogs
+from viewer.panels.open_dialog import OpenDialog
 from viewer.panels.theme import Fonts
 
 GLSL_VERSION = "#version 330"
@@ -47,12 +60,14 @@ class Ui:
         io.mouse_double_click_time = DOUBLE_CLICK_S
         io.set_ini_filename("")  # the layout is remembered by viewer.app
         io.config_flags |= imgui.ConfigFlags_.docking_enable
+        self.context.config_nav_windowing_key_next = imgui.Key.none  # Ctrl+Tab is the packs'
+        self.context.config_nav_windowing_key_prev = imgui.Key.none
         self._docking = layout.docking()
-        self._gizmo = CropGizmo()
+        self._gizmo, self._axes = CropGizmo(), AxisGizmo()
         self.fonts = Fonts()
         self.keyboard = Keyboard()
         self._presses = keys.Presses()
-        self.scale = 0.0
+        self.scale, self._theme = 0.0, ""
         self._window = window
         if window is not None:
             imgui.backends.glfw_init_for_opengl(window, True)
@@ -61,6 +76,7 @@ class Ui:
         self._font_search = FontSearch(self.fonts.missing) if wanted else None
         self.plots = implot.create_context()
         self.file_dialogs = FileDialogs(native=None if window is not None else False)
+        self.open_dialog = OpenDialog(self.file_dialogs.native)
 
     def pressed(self, press: KeyPress) -> None:
         """A key or a character; call before imgui hears of it."""
@@ -99,27 +115,37 @@ class Ui:
         if self.scale == 0:
             self._docking.restore(app.interface.layout)
         self._take_fonts(app)
-        if scale != self.scale:
+        scale *= app.interface.scale
+        if (scale, app.interface.theme) != (self.scale, self._theme):
+            if self.scale and scale != self.scale:
+                self._docking.rescale(scale / self.scale)
+            theme.use(app.interface.theme)
             theme.apply(scale)
-            self.scale = scale
+            self.scale, self._theme = scale, app.interface.theme
         imgui.backends.opengl3_new_frame()
         if self._window is not None:
             imgui.backends.glfw_new_frame()
+        moves = imgui.ConfigFlags_.nav_enable_keyboard  # among a dialog's widgets; else keys are the picture's
+        flags = imgui.get_io().config_flags & ~moves
+        imgui.get_io().config_flags = flags | moves if keys.busy(app) else flags
         imgui.new_frame()
         self._presses.dispatch(app)
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
         picture = self._docking.space(app, regions.dock, regions.pages)
-        viewport.show(app, stage, picture, self.fonts, self._gizmo)
+        viewport.show(app, stage, picture, self.fonts, self._gizmo, self._axes)
         if app.interface.panels_shown:
             top_bar.show(app, stage, regions.top, self.fonts)
             layout.show_rail(app, regions)
         layout.show_pages(app, stage, regions, self.fonts)
         make_dialog.show_job(app, stage, picture, self.fonts)
+        export_dialog.show_card(app, picture, self.fonts)
         review_card.show(app, stage, picture, self.fonts)
         help_overlay.show(app, self.fonts)
+        self.open_dialog.show(app, size, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
         make_dialog.show(app, stage, ImVec2(size.x, size.y), self.fonts)
+        export_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
         dialogs.show(app, stage, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
         self.keyboard.seen()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
@@ -11,7 +13,8 @@ from viewer.app.application import App
 from viewer.app.presenting import present
 from viewer.app.stage import Stage
 from viewer.app.state import Viewport
-from viewer.panels import frusta, keys, layout, legend, overlays, page_photographs, start_page, theme
+from viewer.panels import frusta, keys, layout, legend, overlays, page_photographs, ruler, start_page, theme
+from viewer.panels.axis_gizmo import AxisGizmo
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import chip, coloured, px
@@ -21,7 +24,7 @@ TOAST_WIDTH = 560.0
 WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
-def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo) -> None:
+def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
     """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
@@ -35,6 +38,7 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo
     else:
         overlays.draw_layers(stage.layers, box)
         overlays.draw_comparison(app, stage, box)
+        axes.show(app, box)
         if not gizmo.over:
             imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
         else:
@@ -42,8 +46,9 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo
         over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
         overlays.draw_path(app, box)
         shot, face = frusta.draw(app, stage, box), overlays.draw_crop(app, box)
+        mark = ruler.draw(app, box, over)
         if not gizmo.over:
-            _mouse(app, box, face if over else None, shot if over else None)
+            _mouse(app, box, _Under(face, shot, mark) if over else NOTHING)
         gizmo.show(app, box)
         _corner(app, box)
         legend.show(app, box)
@@ -57,17 +62,27 @@ def _buttons() -> int:
     return flags.mouse_button_left | flags.mouse_button_right | flags.mouse_button_middle
 
 
+class _Under(NamedTuple):
+    """What is under the mouse: a handle of the crop box, a photograph's frustum, a measured point."""
+
+    face: int | None = None
+    shot: int | None = None
+    mark: ruler.Handle | None = None
+
+
+NOTHING = _Under()
+
+
 @dataclass
 class _Hands:
-    """What the mouse holds since its `button` went down: "" the camera, "wipe" the edge, a crop face's number, or a shot.
+    """What the mouse holds since its `button` went down: "" the camera, "wipe" the edge, a crop face, a measured point.
 
     travelled: window units since then, to tell a click from a drag. walking: keys move the camera.
     """
 
     holds: str = ""
     button: int = LEFT
-    face: int = 0
-    shot: int | None = None
+    under: _Under = NOTHING
     travelled: float = 0.0
     walking: bool = False
 
@@ -75,15 +90,14 @@ class _Hands:
 _hands = _Hands()  # one mouse
 
 
-def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> None:
-    """face, shot: the crop handle and the frustum under the mouse."""
+def _mouse(app: App, box: layout.Box, under: _Under) -> None:
     assert app.scene is not None
     io, rig = imgui.get_io(), app.scene.rig
     hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
     if imgui.is_item_activated():
-        _hands.holds = "face" if face is not None else "wipe" if overlays.wipe_edge_hovered(app, box) else ""
-        _hands.face, _hands.shot, _hands.travelled = face or 0, shot, 0.0
+        _hands.under, _hands.travelled = under, 0.0
         _hands.button = next((b for b in (LEFT, RIGHT, MIDDLE) if imgui.is_mouse_clicked(b)), LEFT)
+        _hands.holds = _held(app, box)
         if _hands.holds != "wipe":
             rig.remember()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
@@ -93,12 +107,13 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
         _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
         _drag(app, box, dx, dy)
         app.touch()
+    if hovered and imgui.is_mouse_double_clicked(LEFT):
+        if app.measuring.finish(app):
+            _hands.travelled = math.inf  # it is no click any more
+        elif not app.measuring.tool:
+            app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     if imgui.is_item_deactivated() and _hands.travelled < px(4):
-        review = app.making.review
-        if review is not None and review.picking and _hands.button == LEFT:
-            app.making.pick_ground(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
-        elif _hands.shot is not None:
-            page_photographs.stand_in(app, _hands.shot)
+        _click(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     if hovered and io.mouse_wheel:
         if rig.flying:
             rig.faster(io.mouse_wheel)
@@ -108,10 +123,30 @@ def _mouse(app: App, box: layout.Box, face: int | None, shot: int | None) -> Non
             rig.remember()
             rig.dolly(io.mouse_wheel, (x / box[3], -y / box[3]))
         app.touch()
-    if hovered and imgui.is_mouse_double_clicked(LEFT):
-        app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     if not io.want_text_input and not io.key_ctrl and not keys.busy(app) and not app.interface.help_shown:
         _walk(app)
+
+
+def _held(app: App, box: layout.Box) -> str:
+    """What the mouse takes hold of."""
+    if _hands.under.face is not None:
+        return "face"
+    if _hands.under.mark is not None and _hands.button == LEFT:
+        return "mark"
+    return "wipe" if overlays.wipe_edge_hovered(app, box) else ""
+
+
+def _click(app: App, x: float, y: float) -> None:
+    """A button went down and up at one place (window units from the picture's corner)."""
+    review = app.making.review
+    if review is not None and review.picking and _hands.button == LEFT:
+        app.making.pick_ground(app, x, y)
+    elif _hands.holds == "mark" and _hands.under.mark is not None:
+        app.measuring.click_point(app, *_hands.under.mark)
+    elif app.measuring.tool and _hands.button == LEFT:
+        app.measuring.click(app, x, y)
+    elif _hands.under.shot is not None:
+        page_photographs.stand_in(app, _hands.under.shot)
 
 
 def _drag(app: App, box: layout.Box, dx: float, dy: float) -> None:
@@ -122,9 +157,13 @@ def _drag(app: App, box: layout.Box, dx: float, dy: float) -> None:
     if _hands.holds == "wipe":
         app.comparison.split = min(max((io.mouse_pos.x - box[0]) / box[2], 0.02), 0.98)
     elif _hands.holds == "face":
-        if app.settings.crop is not None and camera is not None:
+        face = _hands.under.face
+        if app.settings.crop is not None and camera is not None and face is not None:
             moved = (dx * camera.height, dy * camera.height)
-            app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, _hands.face, camera, moved))
+            app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, face, camera, moved))
+    elif _hands.holds == "mark":
+        if _hands.under.mark is not None and _hands.travelled >= px(4):
+            app.measuring.move_point(app, *_hands.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     else:
         sides = (LEFT, MIDDLE) if rig.bounded else (RIGHT, MIDDLE)
         if _hands.button in sides or (_hands.button == LEFT and io.key_shift):
@@ -165,6 +204,8 @@ def _corner(app: App, box: layout.Box) -> None:
         notes.append(app.settings.mode.replace("-", " "))
     if app.scene is not None and app.scene.rig.flying:
         notes.append("flying")
+    if app.scene is not None and app.scene.rig.orthographic and app.scene.rig.held is None:
+        notes.append("orthographic")
     comparison, gallery = app.comparison, app.gallery
     if comparison.against == "photograph" and gallery.photographs is not None and gallery.chosen is not None:
         name = gallery.photographs.shots[gallery.chosen].name

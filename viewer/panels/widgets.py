@@ -219,3 +219,22 @@ def main_button(text: str, width: float = 0.0) -> bool:
     """The button that is meant to be pressed."""
     with coloured(button=theme.ACCENT, button_hovered=theme.TEXT, text=theme.ON_ACCENT):
         return imgui.button(text, ImVec2(width, px(34)))
+
+
+def begin_modal(
+    name: str, size: ImVec2, width: float, at: float, *, pivot: float = 0.5, padding: tuple[float, float]
+) -> bool:
+    """Opens a modal dialog and begins it: where this is True, imgui.end_popup() must follow.
+
+    size: the window's. width, padding: in units; as wide as the window at most. at: where the dialog's `pivot` is, from the
+    window's top (0) to its foot (1).
+    """
+    if not imgui.is_popup_open(name):
+        imgui.open_popup(name)
+    imgui.set_next_window_pos(ImVec2(0.5 * size.x, at * size.y), imgui.Cond_.always, ImVec2(0.5, pivot))
+    imgui.set_next_window_size(ImVec2(min(px(width), size.x - px(32)), 0))
+    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(padding[0]), px(padding[1])))
+    shown = imgui.begin_popup_modal(name, None, flags | imgui.WindowFlags_.always_auto_resize)[0]
+    imgui.pop_style_var()
+    return shown

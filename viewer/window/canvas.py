@@ -20,7 +20,7 @@ from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
 from viewer.rendering.gpu_clock import GpuClock
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.renderer import Renderer
-from viewer.rendering.settings import RenderSettings
+from viewer.rendering.settings import RenderSettings, of_picture
 from viewer.window.sheet_texture import SheetTexture
 from viewer.window.targets import MARGIN, Box, Difference, Target, unbind_framebuffers, with_margin
 
@@ -149,7 +149,7 @@ class Canvas:
         if alpha < 0.1:
             return None
         shade = self._float_pixel(pixel, replace(settings, mode="depth")) / alpha
-        near, far = RayFrame(pack).depth_range((camera.position - pack.min_xyz) / pack.voxel_size)
+        near, far = RayFrame(pack).depth_range(camera)
         return (far - shade * (far - near)) * pack.voxel_size
 
     def _float_pixel(self, camera: ViewCamera, settings: RenderSettings) -> float:
@@ -159,8 +159,13 @@ class Canvas:
         """See Stage.ray_counts."""
         return self._floats(camera, settings)
 
-    def _floats(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """The picture unrounded, float32 [height, width, 3]."""
+    def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """See Stage.raw."""
+        self._receive_all()
+        return self._floats(camera, settings, components=4)
+
+    def _floats(self, camera: ViewCamera, settings: RenderSettings, components: int = 3) -> np.ndarray:
+        """The picture unrounded, float32 [height, width, components]."""
         assert self.renderer is not None
         self.renderer.arrive()
         texture = self.ctx.texture((camera.width, camera.height), 4, dtype="f4")
@@ -168,8 +173,8 @@ class Canvas:
         framebuffer = self.ctx.framebuffer([texture], depth)
         try:
             self.renderer.render(framebuffer, camera, settings)
-            pixels = np.frombuffer(framebuffer.read(components=3, dtype="f4"), "f4")
-            return pixels.reshape(camera.height, camera.width, 3)[::-1]
+            pixels = np.frombuffer(framebuffer.read(components=components, dtype="f4"), "f4")
+            return pixels.reshape(camera.height, camera.width, components)[::-1]
         finally:
             unbind_framebuffers(self.ctx)
             framebuffer.release()
@@ -272,6 +277,7 @@ class Canvas:
         drawn = with_margin(camera.resized(*size))
         whole = with_margin(camera)
         target = self._quick.fit(whole.width, whole.height)
+        settings = of_picture(settings, camera.height, camera.fy)
         self._timed(target, drawn, settings, (0, 0, drawn.width, drawn.height))
         self.picture_ms, self.picture_gpu_ms = self.scene_ms, self.gpu_ms
         resolution.moved(self.scene_ms, drawn.width * drawn.height)
@@ -290,6 +296,7 @@ class Canvas:
         target = self._full.fit(whole.width, whole.height)
         x, y, w, h = self._tiles.pop(0)
         part = replace(whole, width=w, height=h, cx=whole.cx - x, cy=whole.cy - y)
+        settings = of_picture(settings, camera.height, camera.fy)
         self._timed(target, part, settings, (x, whole.height - y - h, w, h))
         resolution.measured(self.scene_ms, w * h)
         self._tile_ms += self.scene_ms
@@ -355,5 +362,5 @@ def _scaled(camera: ViewCamera, scale: float) -> tuple[int, int]:
 def _key(camera: ViewCamera, settings: RenderSettings, rest_scale: float) -> tuple[object, ...]:
     """What makes two pictures the same one."""
     numbers = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near)
-    numbers += (camera.ray_near, *camera.distortion)
+    numbers += (camera.ray_near, camera.orthographic, *camera.distortion)
     return camera.grid_T_camera.tobytes(), numbers, settings, rest_scale

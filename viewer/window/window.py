@@ -10,9 +10,7 @@ import ctypes
 import os
 import sys
 import time
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +19,18 @@ import moderngl
 import numpy as np
 from PIL import Image
 
-from console import Notice
 from viewer.app.application import App
+from viewer.app.children import end_processes
+from viewer.app.commands import run
+from viewer.app.controllers import ControllerState
 from viewer.app.keyboard import KeyPress
 from viewer.app.making import LOOKED_AT_EVERY_S
 from viewer.app.presenting import awaited, unfinished
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.window.canvas import Canvas
+from viewer.window.joysticks import controllers_now, text_of
+from viewer.window.notices import notices_logged
 from viewer.window.panels import MakePanels, Panels
 
 import glfw  # isort: skip  (after imgui_bundle)
@@ -38,23 +40,23 @@ SMALLEST = (480, 360)
 IDLE_WAIT_S = 1.0
 BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
 LONGEST_STEP_S = 0.1  # after a pause, movements go on from where they were
+CONTROLLERS_S = 1 / 60  # from one look at gamepads to the next
 PAUSE_MS = 500.0  # what takes longer is no frame of a movement: a pack was opened, shaders were compiled
 SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
 MODIFIERS = frozenset(
     getattr(glfw, f"KEY_{side}_{name}") for side in ("LEFT", "RIGHT") for name in ("CONTROL", "SHIFT", "ALT", "SUPER")
 )
 # GLFW's keys are places already; see viewer.app.keyboard.
+NAMED = "Escape Space Tab Home Delete Backspace Enter Left Right Up Down Page_Up Page_Down"
+PUNCTUATION = "SEMICOLON COMMA PERIOD SLASH APOSTROPHE MINUS EQUAL LEFT_BRACKET RIGHT_BRACKET BACKSLASH GRAVE_ACCENT"
 PLACES = {
     **{getattr(glfw, f"KEY_{name}"): name for name in "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"},
     **{getattr(glfw, f"KEY_F{i}"): f"F{i}" for i in range(1, 13)},
-    **{
-        getattr(glfw, f"KEY_{name.upper()}"): name
-        for name in ("Escape", "Space", "Tab", "Home", "Delete", "Enter", "Left", "Right", "Up", "Down")
-    },
-    **{getattr(glfw, f"KEY_{name}"): name for name in ("SEMICOLON", "COMMA", "PERIOD", "SLASH", "APOSTROPHE")},
-    **{getattr(glfw, f"KEY_{name}"): name for name in ("MINUS", "EQUAL", "LEFT_BRACKET", "RIGHT_BRACKET")},
-    **{getattr(glfw, f"KEY_{name}"): name for name in ("BACKSLASH", "GRAVE_ACCENT")},
+    **{getattr(glfw, f"KEY_{name.upper()}"): name.replace("_", "") for name in NAMED.split()},
+    **{getattr(glfw, f"KEY_{name}"): name for name in PUNCTUATION.split()},
+    **{getattr(glfw, f"KEY_KP_{i}"): f"Num{i}" for i in range(10)},
 }
+SIGNS = {"+": "Plus", "=": "Plus", "-": "Minus"}  # wherever the layout has them; = is + without Shift on many
 
 
 class NoDisplay(Exception):
@@ -89,6 +91,7 @@ class Window:
         self.canvas = Canvas(self.ctx)
         app.stage = self.canvas
         self._listen()
+        self.read_controllers: Callable[[], list[ControllerState]] = lambda: controllers_now(glfw)
         self.ui: Panels = panels(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
         self.ui.keyboard.local_name = _local_name
         app.clipboard = self.ui.clipboard
@@ -139,11 +142,9 @@ class Window:
         self._touched = True
         self.ui.pressed(KeyPress(character=chr(code)))
 
-    # The loop
-
     def run(self, each: Callable[[], None] = lambda: None) -> None:
         """Until the window is closed or the app quits. each: called in every turn of the loop, at least once a second."""
-        with _notices_logged(self.app.messages.log):
+        with notices_logged(self.app.messages.log):
             while not self.app.quitting:
                 self.step()
                 each()
@@ -159,6 +160,8 @@ class Window:
             glfw.poll_events()
         elif awaited(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
             glfw.wait_events_timeout(BUSY_WAIT_S)
+        elif app.controllers.present:  # they wake nobody
+            glfw.wait_events_timeout(CONTROLLERS_S)
         elif app.making.busy:
             glfw.wait_events_timeout(LOOKED_AT_EVERY_S)
         else:
@@ -170,11 +173,12 @@ class Window:
             self._touched = False
             app.touch()
         now = time.monotonic()
-        app.tick(min(now - self._last, LONGEST_STEP_S))
+        seconds = min(now - self._last, LONGEST_STEP_S)
+        app.controllers.update(app, self.read_controllers(), seconds, lambda command: run(app, command))
+        app.tick(seconds)
         self._last = now
-        if not (
-            app.wants_frame or unfinished(app, self.canvas) or self.ui.typing or self.ui.hears or self.ui.fonts_coming
-        ):
+        ui = self.ui
+        if not (app.wants_frame or unfinished(app, self.canvas) or ui.typing or ui.hears or ui.fonts_coming):
             return False
         self._frame()
         return True
@@ -260,7 +264,7 @@ class Window:
             self.step()
 
     def screenshot(self) -> np.ndarray:
-        """What the window shows: scene and panels, uint8 [height, width, 3]."""
+        """Scene and panels, uint8 [height, width, 3]."""
         width, height = glfw.get_framebuffer_size(self.handle)
         target = self.ctx.simple_framebuffer((width, height))
         try:
@@ -281,9 +285,7 @@ class Window:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height in screen units, as they were before full screen."""
-        if glfw.get_window_monitor(self.handle):
-            return self._placed[2], self._placed[3]
-        return glfw.get_window_size(self.handle)
+        return self._placed[2:4] if glfw.get_window_monitor(self.handle) else glfw.get_window_size(self.handle)
 
     @property
     def layout(self) -> str:
@@ -297,7 +299,7 @@ class Window:
 
     def close(self) -> None:
         """Frees everything and closes the window."""
-        self.app.making.end()
+        end_processes(self.app)
         self.app.stage = None
         self.canvas.close()
         self.ui.release()
@@ -310,21 +312,6 @@ class Window:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-@contextmanager
-def _notices_logged(log: Callable[[str, str], None]) -> Iterator[None]:
-    """Notices go to the log panel as well while the window is open; other warnings stay as Python shows them."""
-    with warnings.catch_warnings():
-        usual = warnings.showwarning
-
-        def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
-            if issubclass(category, Notice):
-                log(str(message), "warning")
-            usual(message, category, *rest, **named)
-
-        warnings.showwarning = show
-        yield
 
 
 def _version_at_hand() -> str:
@@ -340,7 +327,10 @@ def _version_at_hand() -> str:
 
 def _name(key: int, scancode: int) -> str:
     """The letter or digit that the user's layout gives a key; "" where it is neither, as on a Russian keyboard."""
-    if key != glfw.KEY_UNKNOWN and key not in PLACES:  # the number block's digits are no others'
+    if sign := SIGNS.get(glfw.get_key_name(key, scancode) or ""):
+        return sign
+    place = PLACES.get(key, "")
+    if key != glfw.KEY_UNKNOWN and (not place or place.startswith("Num")):  # the number block's digits are no others'
         return ""
     name = glfw.get_key_name(key, scancode) or ""
     return name.upper() if len(name) == 1 and name.isascii() and name.isalnum() else ""
@@ -353,14 +343,10 @@ def _local_name(place: str) -> str:
     return name.upper() if name else place
 
 
-def _text(told: Any) -> str:
-    return told.decode(errors="replace") if isinstance(told, bytes) else str(told)
-
-
 def _open(size: tuple[int, int], visible: bool):
     """An OpenGL 3.3 core window, its context current."""
     complaints: list[str] = []
-    glfw.set_error_callback(lambda _code, text: complaints.append(_text(text)))
+    glfw.set_error_callback(lambda _code, text: complaints.append(text_of(text)))
     glfw.ERROR_REPORTING = False
     if not glfw.init():
         raise NoDisplay(f"no window can be opened: {complaints[-1] if complaints else 'GLFW does not start'}")

@@ -2,7 +2,7 @@
 
 python fake_make.py HOW FOLDER: "make" copies the pack FOLDER/source to FOLDER/pack; "fail" ends with a line and status 2;
 "wait" works until it is interrupted, then notes FOLDER/saved; "deaf" does not hear of interruptions; "die" kills itself;
-"bug" meets a bug.
+"bug" meets a bug; "until-told" works until there is FOLDER/go, then ends as "make".
 """
 
 import atexit
@@ -31,7 +31,7 @@ def work(how: str, folder: Path, /) -> None:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             (folder / "deaf").touch()
         try:
-            while how in ("wait", "deaf"):
+            while how in ("wait", "deaf") or (how == "until-told" and not (folder / "go").exists()):
                 time.sleep(0.02)
         except KeyboardInterrupt as interrupt:
             (folder / "saved").touch()

@@ -131,14 +131,14 @@ def test_copies_never_outgrow_what_was_asked():
 
 def test_the_demo_brings_all_its_photographs_and_stays_small(offscreen):
     pack = load_pack(DEMO)
-    assert len(pack.metadata["cameras"]) == 70 and all(has_picture(entry) for entry in pack.metadata["cameras"])
-    assert DEMO.stat().st_size < 4.3e6
+    assert len(pack.metadata["cameras"]) == 112 and all(has_picture(entry) for entry in pack.metadata["cameras"])
+    assert DEMO.stat().st_size < 8e6
     app = App()
     ui = offscreen(app, size=(1180, 800))
     app.show(pack, DEMO)
     app.interface.page = "photographs"
     ui.settle()
-    assert len(app.gallery.thumbnails.boxes) == 70 and not app.gallery.thumbnails.problem
+    assert len(app.gallery.thumbnails.boxes) == 112 and not app.gallery.thumbnails.problem
     app.gallery.stand_in(app, 3)
     ui.settle()
     assert app.comparison.psnr_db > 24  # the photograph is of this view, not of another

@@ -12,6 +12,7 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
 from viewer.app import crop, preferences
 from viewer.app.application import App
+from viewer.app.carried_over import take_over, to_remember
 from viewer.app.files import kind_of
 from viewer.app.photographs import Photographs, psnr, shots_of
 from viewer.app.projection import along_axis, project
@@ -127,6 +128,7 @@ def test_psnr_is_the_fields():
 
 def test_two_packs_are_compared_under_one_camera(ui, app, pack_folder):
     ui.settle()
+    app.interface.axes_shown = False
     alone = ui.picture()
     app.gallery.chosen = 1
     app.compare_with(toy_pack(view_mlp=False), pack_folder)
@@ -184,9 +186,9 @@ def test_what_is_remembered_comes_back(tmp_path, pack_folder):
     app.set(background=(0.0, 0.0, 0.0))
     app.resolution.target_fps = 48.0
     app.interface.page = "film"
-    assert preferences.save(app.remembered(), file) is None
+    assert preferences.save(to_remember(app), file) is None
     other = App()
-    other.use(preferences.load(file))
+    take_over(other, preferences.load(file))
     assert other.settings.background == (0.0, 0.0, 0.0) and other.resolution.target_fps == 48.0
     assert other.interface.page == "film" and other.preferences.recent_packs() == [pack_folder.resolve()]
 

@@ -77,7 +77,7 @@ def test_a_long_toast_stays_inside_a_small_window(offscreen, app, untidy):
     stripe = np.abs(ui.picture().astype(int) - (0xF2, 0xB8, 0x66)).sum(axis=2) < 40
     rows, columns = np.nonzero(stripe)
     assert len(rows) > 60 and columns.min() > 4 and rows.max() < 355 and rows.min() > 50
-    assert theme.WARN == "#f2b866" and run(app, "panels")
+    assert theme.code_of(theme.WARN) == "#f2b866" and run(app, "panels")
 
 
 def test_the_real_window_shows_it(display, untidy, tmp_path):

@@ -1,15 +1,21 @@
 """What hands do to the camera."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.viewer.conftest import toy_pack
+from viewer.app.commands import run
 from viewer.app.forward_facing import DISTANCES, PAN_LIMIT, TURN_LIMIT, ForwardFacingRig, rig_for
-from viewer.app.pose import shortest_turn
+from viewer.app.pose import shortest_turn, view_camera
+from viewer.app.projection import box_points
+from viewer.app.projection import project as projected
 from viewer.app.rig import CameraRig
 from viewer.rendering.camera import ViewCamera, content_box
+from viewer.rendering.framing import outline
 
 SIZE = (800, 600)
 
@@ -26,17 +32,26 @@ def under(camera: ViewCamera, x: float, y: float, depth: float) -> np.ndarray:
     return camera.position + camera.grid_T_camera[:3, :3] @ (depth * ray)
 
 
+def corners_of_voxels(pack) -> np.ndarray:
+    """float64 [n, 3], grid frame: of all voxels that the toy is made of."""
+    places = []
+    for block in np.argwhere(pack.occupied):
+        x, y, z = pack.atlas_indices[tuple(block)].astype(int) * pack.padded_block_size + 1
+        size = pack.block_size
+        inner = np.argwhere(pack.atlas_rgba[z : z + size, y : y + size, x : x + size, 3])
+        places.append((block * size + inner)[:, ::-1])
+    corners = np.concatenate(places)[:, None] + np.indices((2, 2, 2)).reshape(3, -1).T
+    return pack.min_xyz + pack.voxel_size * np.unique(corners.reshape(-1, 3), axis=0)
+
+
 @pytest.fixture
 def rig(pack) -> CameraRig:
     return rig_for(pack)
 
 
 def test_the_first_view_shows_all_of_the_content(rig, pack):
-    camera = rig.camera(SIZE)
-    low, high = content_box(pack)
-    for corner in np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T:
-        x, y = project(camera, corner)
-        assert -10 < x < SIZE[0] + 10 and -10 < y < SIZE[1] + 10
+    pixels, before = projected(rig.camera(SIZE), corners_of_voxels(pack))
+    assert before.all() and pixels.min() > 0 and (pixels < SIZE).all()
 
 
 def test_turning_keeps_the_pivot_in_the_middle_and_the_distance(rig):
@@ -239,7 +254,7 @@ def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them():
 
 @given(aspect=st.floats(0.3, 3.0), azimuth=st.floats(0, 360), elevation=st.floats(-60, 60), fov=st.floats(15, 80))
 @settings(deadline=None, max_examples=60)
-def test_the_whole_scene_is_seen_in_the_width_of_every_picture(aspect, azimuth, elevation, fov):
+def test_the_whole_scene_is_seen_in_every_picture(aspect, azimuth, elevation, fov):
     pack = toy_pack()
     rig = rig_for(pack)
     rig.shape(aspect)
@@ -248,14 +263,8 @@ def test_the_whole_scene_is_seen_in_the_width_of_every_picture(aspect, azimuth, 
     rig.frame()
     rig.shown = rig.goal
     size = (round(600 * aspect), 600)
-    low, high = content_box(pack)
-    z, y, x = np.nonzero(pack.occupied)
-    block = pack.block_size * pack.voxel_size
-    corners = np.stack([x, y, z], 1)[:, None] + np.indices((2, 2, 2)).reshape(3, -1).T
-    places = np.clip(pack.min_xyz + block * corners.reshape(-1, 3), low, high)
-    camera = rig.camera(size)
-    xs = np.array([project(camera, place)[0] for place in places])
-    assert xs.min() >= 0 and xs.max() <= size[0]
+    pixels, before = projected(rig.camera(size), corners_of_voxels(pack))
+    assert before.all() and pixels.min() >= 0 and (pixels <= size).all()
 
 
 def test_the_first_view_follows_the_window_until_it_is_left(rig):
@@ -282,3 +291,99 @@ def test_another_up_is_undone(rig):
     before = rig.goal, rig.table
     rig.set_up("-z")
     assert rig.history.undo() and (rig.goal, rig.table) == before
+
+
+def test_the_first_view_is_filled_and_cuts_nothing_off():
+    rig = rig_for(toy_pack())
+    for aspect in (0.5, 1.0, 2.2):
+        rig.shape(aspect)
+        camera = rig.camera((round(600 * aspect), 600))
+        places = np.array([project(camera, point) for point in outline(toy_pack())])
+        shares = np.abs(places / [camera.width, 600] * 2 - 1)
+        assert 0.9 < shares.max() < 1.0
+
+
+def test_without_perspective_the_pivot_keeps_its_size_and_moving_closer_only_enlarges(rig):
+    rig.look_along(30, 20)
+    rig.shown = rig.goal
+    before = rig.camera(SIZE)
+    rig.set_orthographic(True)
+    camera = rig.camera(SIZE)
+    assert camera.orthographic and camera.fy == pytest.approx(before.fy / rig.goal.distance)
+    low, high = content_box(toy_pack())
+    corners = box_points(low, high)
+    for notches in (0, 40):  # to as close as can be: no corner is ever behind the camera
+        rig.dolly(notches)
+        rig.shown = rig.goal
+        pixels, before_it = projected(rig.camera(SIZE), corners)
+        assert before_it.all()
+    assert np.ptp(pixels[:, 0]) > 20 * SIZE[0]
+    rig.home()
+    assert not rig.orthographic
+    assert rig.history.undo() and rig.orthographic
+
+
+def test_the_near_plane_stays_in_place_without_perspective(rig):
+    near = 0.8 * rig.goal.distance
+    plane = rig.camera(SIZE, near).position - near * rig.matrix[:3, 2]
+    rig.set_orthographic(True)
+    camera = rig.camera(SIZE, near)
+    np.testing.assert_allclose(
+        (camera.position - camera.near * rig.matrix[:3, 2] - plane) @ rig.matrix[:3, 2], 0, atol=1e-9
+    )
+
+
+def test_a_copied_orthographic_view_comes_back(app, pack, pack_folder):
+    app.show(pack, pack_folder)
+    rig = app.scene.rig
+    rig.set_orthographic(True)
+    rig.orbit(0.2, 0.1)
+    rig.dolly(3, (0.2, 0.1))
+    rig.shown = rig.goal
+    app.copy_pose()
+    before = rig.camera(SIZE)
+    rig.home()
+    app.paste()
+    after = rig.camera(SIZE)
+    assert after.orthographic and after.fx == pytest.approx(before.fx, rel=1e-5)
+    corners = box_points(*content_box(pack))
+    np.testing.assert_allclose(projected(after, corners)[0], projected(before, corners)[0], atol=0.01)
+
+
+@pytest.mark.parametrize(("axis", "angles"), [((1, 0, 0), (90, 0)), ((0, 1, 0), (0, 90)), ((0, 0, -1), (180, 0))])
+def test_an_axis_is_looked_along_and_from_the_other_side_the_second_time(rig, axis, angles):
+    axis = np.array(axis, float)
+    rig.look_from(axis)
+    assert (rig.goal.azimuth % 360, rig.goal.elevation) == pytest.approx(angles)
+    np.testing.assert_allclose(rig.goal.rotation(rig.table)[:, 2], axis, atol=1e-9)
+    rig.shown = rig.goal
+    rig.look_from(axis)
+    np.testing.assert_allclose(rig.goal.rotation(rig.table)[:, 2], -axis, atol=1e-9)
+
+
+def test_a_camera_that_looks_straight_down_keeps_its_turn(rig):
+    for azimuth in (0.0, 70.0, -130.0):
+        for elevation in (90.0, -90.0):
+            rig.look_along(azimuth, elevation)
+            rig.shown = rig.goal
+            rig.set_matrix(rig.matrix)
+            assert shortest_turn(rig.goal.azimuth, azimuth) == pytest.approx(0, abs=1e-6)
+
+
+def test_a_forward_facing_pack_says_that_it_has_no_orthographic_view(app, ndc_pack):
+    app.show(ndc_pack, Path("ndc"))
+    run(app, "orthographic")
+    assert "no orthographic view" in app.messages.dialogs[0].text and not app.scene.rig.orthographic
+    app.paste_pose('{"eye": [0, 0, -0.2], "target": [0, 0, 1], "ortho_height": 2}')
+    assert not app.camera().orthographic
+
+
+def test_a_turntable_from_the_first_view_shows_every_side_whole(app):
+    app.show(toy_pack(), Path("toy"))
+    app.scene.rig.shape(0.6)
+    run(app, "turntable")
+    points = outline(app.scene.pack)
+    for matrix, fov in app.filming.path.sample(4):
+        camera = view_camera(matrix, fov, (360, 600))
+        pixels, _ = projected(camera, points)
+        assert np.abs(pixels / [180, 300] - 1).max() < 1.0

@@ -28,24 +28,10 @@ SMALL = ["--size", "48x36"]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory, shapes: Pack) -> str:
-    path = tmp_path_factory.mktemp("packs") / "shapes"
-    save_pack(shapes, path)
-    return str(path)
-
-
-@pytest.fixture(scope="module")
 def ndc_folder(tmp_path_factory: pytest.TempPathFactory, ndc_shapes: Pack) -> str:
     path = tmp_path_factory.mktemp("packs") / "ndc"
     save_pack(ndc_shapes, path)
     return str(path)
-
-
-@pytest.fixture(autouse=True)
-def our_context_again(ctx):
-    """The commands make contexts of their own; the room's is current again behind each test."""
-    yield
-    ctx.__enter__()
 
 
 def picture(path: Path) -> np.ndarray:

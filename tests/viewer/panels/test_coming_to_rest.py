@@ -36,6 +36,7 @@ def test_the_full_picture_fades_in_over_the_quick_one(
     """side: of the tiles; one, as graphics cards have it, and several."""
     ui = offscreen(app, size=(700, 500))
     app.interface.page = ""
+    app.interface.axes_shown = False
     app.show(pack, pack_folder)
     until(lambda: ui.frame() or ui.canvas.layers)
     ui.settle()
@@ -57,7 +58,7 @@ def test_the_full_picture_fades_in_over_the_quick_one(
     expected = ui.canvas.snapshot(app.viewport.camera, app.settings).astype(float)
     away = expected - quick
     worst = np.abs(away).max()
-    assert worst > 40 and np.abs(shown[-1] - expected).max() <= 4  # tiles round rays a little differently
+    assert worst > 38 and np.abs(shown[-1] - expected).max() <= 4  # tiles round rays a little differently
     steps = np.diff([quick, *shown], axis=0)
     assert np.abs(steps).max() < 0.4 * worst + 4  # no jump anywhere
     assert (steps * np.sign(away) > -4).all()  # and no way back
@@ -68,6 +69,7 @@ def test_the_full_picture_fades_in_over_the_quick_one(
 
 def test_a_movement_ends_the_fading_at_once(offscreen, app, pack, pack_folder, clock) -> None:
     ui = offscreen(app, size=(700, 500))
+    app.interface.axes_shown = False
     app.show(pack, pack_folder)
     ui.settle()
     ui.canvas.rest_s, ui.canvas.blend_s = REST_S, BLEND_S
@@ -88,6 +90,7 @@ def test_a_difference_of_two_packs_is_that_of_the_full_pictures_once_they_have_a
     """The last frame of the fading draws nothing, and still the difference is taken anew."""
     ui = offscreen(app, size=(500, 400))
     app.interface.page = ""
+    app.interface.axes_shown = False
     app.show(pack, pack_folder)
     ui.settle()
     app.compare_with(pack, pack_folder)

@@ -6,6 +6,7 @@ import pytest
 from tests.viewer.panels.test_panels import PAGES
 from viewer.app import preferences
 from viewer.app.application import App
+from viewer.app.carried_over import take_over, to_remember
 from viewer.app.commands import run
 from viewer.panels.docking import HEADER
 
@@ -75,9 +76,9 @@ def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pac
     ui.settle()
     app.interface.layout = ui.ui.layout
     file = tmp_path / "viewer.json"
-    assert preferences.save(app.remembered(), file) is None
+    assert preferences.save(to_remember(app), file) is None
     again = App()
-    again.use(preferences.load(file))
+    take_over(again, preferences.load(file))
     other = offscreen(again)
     again.show(pack, pack_folder)
     other.settle()

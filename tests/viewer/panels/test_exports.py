@@ -25,7 +25,7 @@ from viewer.rendering.settings import RenderSettings
 from viewer.window.canvas import Canvas
 
 DEMO = Path(__file__).parents[3] / "viewer" / "demo" / "demo.zip"
-SIZE = (48, 36)
+SIZE = (64, 64)  # x264 writes the same pictures of 48 × 32 in two ways, now and then
 needs_video = pytest.mark.skipif(not films_possible(), reason="PyAV is not installed")
 
 
@@ -59,8 +59,19 @@ def test_what_the_command_line_exports_depends_on_no_window(
         Startup(pack_folder, export=target, export_size=SIZE, page=page).begin(app)
         until(lambda app=app, ui=ui: ui.frame() or (app.loading is None and app.filming.export is None))
         assert not app.messages.dialogs
-        written.append(target.read_bytes())
-    assert written[0] == written[1]
+        written.append(pictures_in(target))
+    assert len(written[0]) == len(written[1]) > 0
+    assert all(np.array_equal(a, b) for a, b in zip(*written, strict=True))
+
+
+def pictures_in(path: Path) -> list[np.ndarray]:
+    """Of a film or a still. The encoder rarely writes the same film in other bytes."""
+    if path.suffix != ".mp4":
+        return [np.asarray(Image.open(path))]
+    import av
+
+    with av.open(str(path), format="mp4") as film:
+        return [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
 
 
 def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_middle(

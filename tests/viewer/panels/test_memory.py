@@ -23,11 +23,11 @@ from scenepack import load_pack, save_pack
 from tests.viewer.rendering.shapes import shapes_pack
 
 TOLERATED = 0.02
-WARM_UP, PACKS, ROUNDS = 25, 50, 3
+WARM_UP, PACKS, ROUNDS = 15, 30, 3
 REPOSITORY = Path(__file__).parents[3]
 
 
-def test_fifty_packs_opened_from_disk_and_closed_leave_memory_where_it_was(tmp_path: Path) -> None:
+def test_thirty_packs_opened_from_disk_and_closed_leave_memory_where_it_was(tmp_path: Path) -> None:
     if not Path("/proc/self/statm").exists():
         pytest.skip("this system does not tell what a process holds as Linux does")
     smallest = shapes_pack(70, diffuse=True)

@@ -29,6 +29,7 @@ from viewer.app.commands import run
 from viewer.app.job import Job
 from viewer.app.log import LogLine
 from viewer.app.make_plan import Plan, Survey
+from viewer.app.marks import Marks, Measurement, Scale
 from viewer.app.timing import FrameTimes
 from viewer.panels.layout import PAGES
 
@@ -105,6 +106,7 @@ def _freeze(ui: OffscreenUi) -> None:
             thumbnails.folder = photographs.folder
 
 
+TURN = ((0.5, 0.4, 0.08), (0.4, -0.1, 0.1), (0.0, -0.1, 0.4))
 SIDE = slice(SIZE[0] - 372, None)
 
 
@@ -114,6 +116,14 @@ def test_each_page_looks_as_before(ui, app, compare, page):
     if page == "crop":
         app.crop_tool = "scale"
         app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
+    elif page == "bookmarks":
+        for command in ("front", "right"):
+            run(app, command)
+            app.scene.rig.shown = app.scene.rig.goal
+            run(app, "bookmark")
+    elif page == "measure":
+        points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
+        app.marking.marks = Marks(Scale(2.0, "m"), (Measurement("line", points), Measurement("point", points[:1])))
     elif page == "photographs":
         app.gallery.frusta = True
     elif page == "compare":
@@ -149,6 +159,16 @@ def test_the_crop_gizmo_looks_as_before(ui, app, compare):
     app.crop_tool = "move"
     app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
     compare(ui, "crop-gizmo")
+
+
+def test_measurements_look_as_before(ui, app, compare):
+    """A line and an angle in the picture, light and dark behind them, and a point that is about to be placed."""
+    app.interface.page = "measure"
+    on_the_plate = ((-0.6, -0.64, 0.2), (0.0, -0.64, 0.6), (0.6, -0.64, 0.2))
+    app.marking.marks = Marks(measurements=(Measurement("line", on_the_plate), Measurement("angle", TURN)))
+    app.measuring.tool, app.measuring.selected = "line", 1
+    app.measuring.draft = ((-1.2, 0.6, 0.0), (-0.4, 0.6, 0.0))
+    compare(ui, "measure")
 
 
 def test_the_help_overlay_looks_as_before(ui, app, compare):
@@ -219,11 +239,18 @@ def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
     compare(ui, "make-job")
 
 
+def test_the_light_theme_looks_as_before(ui, app, compare):
+    app.set_theme("light")
+    app.set_backdrop("gradient")
+    app.interface.page = "settings"
+    compare(ui, "light")
+
+
 def test_no_picture_is_left_over():
     names = {f"page-{page.id}" for page in PAGES}
-    names |= {"start", "photograph", "frusta", "crop-gizmo", "help", "dialog", "path"}
+    names |= {"start", "photograph", "frusta", "crop-gizmo", "measure", "help", "dialog", "path"}
     names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
-    names |= {"small-bar", "small-page", "small-keys", "legend-depth", "legend-samples"}
+    names |= {"small-bar", "small-page", "small-keys", "light", "legend-depth", "legend-samples"}
     assert {path.stem for path in FOLDER.glob("*.png")} == names
 
 

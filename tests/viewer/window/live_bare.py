@@ -14,50 +14,30 @@ import pytest
 from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.posing.test_films import frames_of_film, write_film
 from tests.training.reconstructions import around, ball, write_colmap
-from tests.viewer.window.living import other_program, pump
-from tests.viewer.window.widgets_seen import watch
+from tests.viewer.window.living import at_start_page, live, opened_window, other_program, pump
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.bare_preview import BarePreview
 from viewer.app.make_plan import Plan
 from viewer.app.projection import project
-from viewer.panels.ui import Ui
 from viewer.window.window import Window
 
 SIZE = (1000, 700)
 FAKE = Path(__file__).parents[1] / "app" / "fake_make.py"
-PATIENCE_S = 60.0
 
 
 @pytest.fixture(scope="module")
 def opened(display):
     pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
-    with pytest.MonkeyPatch.context() as patch, watch() as seen:
-        patch.setenv("DISPLAY", display)
-        patch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Window(App(), Ui, SIZE) as window:
-            yield window, seen
+    with opened_window(display, SIZE) as opened:
+        yield opened
 
 
 @pytest.fixture
 def window(opened):
     """The window with its start page."""
-    window, _ = opened
-    window.canvas.show(None)
-    app = App(stage=window.canvas)
-    app.clipboard, window.app = window.app.clipboard, app
-    window.draw_frames(3)
-    yield window
-    app.making.end()
-
-
-def live(window: Window, condition) -> None:
-    """Lets the window live until something is so."""
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end, [dialog.text for dialog in window.app.messages.dialogs]
-        pump(window, 0.05)
-    pump(window)
+    with at_start_page(opened[0]) as window:
+        yield window
 
 
 @pytest.fixture

@@ -30,10 +30,10 @@ from viewer.panels.ui import Ui
 from viewer.rendering.settings import RenderSettings
 from viewer.window.window import Window
 
-SIZES = ((480, 360), (800, 600), (1280, 800))
+SIZES = ((480, 360), (800, 600))
 PATIENCE_S = 10.0
 CLICK = ("click", "--delay", 1, 1)  # by itself, xdotool waits for a tenth of a second after each
-MODALS = ("##dialog", "##path", "##make")
+MODALS = ("##dialog", "##path", "##make", "##export")
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,19 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import glfw
+import pytest
 
+from tests.viewer.window.widgets_seen import Watch, watch
+from viewer.app.application import App
+from viewer.panels.ui import Ui
 from viewer.window.window import Window
 
+PATIENCE_S = 90.0
 CLIENT = Path(__file__).with_name("x11_client.py")
 
 
@@ -32,3 +39,33 @@ def other_program(display: str, window: Window, what: str, *words: object) -> No
         pump(window, 0.05)
     assert client.returncode == 0, client.stderr and client.stderr.read()
     pump(window, 0.1)
+
+
+@contextmanager
+def opened_window(display: str, size: tuple[int, int]) -> Iterator[tuple[Window, Watch]]:
+    """A window on `display`, and what widgets it draws."""
+    with pytest.MonkeyPatch.context() as patch, watch() as seen:
+        patch.setenv("DISPLAY", display)
+        patch.delenv("WAYLAND_DISPLAY", raising=False)
+        with Window(App(), Ui, size) as window:
+            yield window, seen
+
+
+@contextmanager
+def at_start_page(window: Window) -> Iterator[Window]:
+    """The window with a new app, at its start page; what is being made ends with it."""
+    window.canvas.show(None)
+    app = App(stage=window.canvas)
+    app.clipboard, window.app = window.app.clipboard, app
+    window.draw_frames(3)
+    yield window
+    app.making.end()
+
+
+def live(window: Window, condition: Callable[[], bool]) -> None:
+    """Lets the window live until something is so."""
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, [dialog.text for dialog in window.app.messages.dialogs]
+        pump(window, 0.05)
+    pump(window)

@@ -3,7 +3,6 @@
 import sys
 from pathlib import Path
 
-from viewer.app import application
 from viewer.app.make_plan import Plan
 from viewer.commands import view
 
@@ -12,14 +11,14 @@ FAKE = Path(__file__).parents[1] / "app" / "fake_make.py"
 
 def main(folder: Path) -> int:
     Plan.command = lambda plan: [sys.executable, str(FAKE), "wait", str(folder)]
-    start = application.App.use
+    start = view.take_over
 
     def use(app, preferences) -> None:
         start(app, preferences)
         app.making.plan = Plan("scene", folder / "photographs", folder)
         app.making.start(app)
 
-    application.App.use = use
+    view.take_over = use
     return view.main([])
 
 

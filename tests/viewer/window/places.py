@@ -14,11 +14,15 @@ from console.driven import Report
 from training.scenes.points import SparsePoints
 from viewer.app import crop
 from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.app.exporting import Writing
 from viewer.app.files import FileRequest
 from viewer.app.first_look import Look
 from viewer.app.job import Job
 from viewer.app.make_plan import Plan
+from viewer.app.marks import Bookmark, Marks, Measurement, Scale
 from viewer.app.review import Review
+from viewer.app.session import Seen, Session
 from viewer.panels.layout import PAGES
 
 
@@ -49,6 +53,7 @@ Prepare = Callable[[App, Scenes], object]
 
 def _start(app: App, scenes: Scenes) -> None:
     app.demo = scenes.path
+    app.sessions.last = Session((Seen(scenes.path, Bookmark("A scene", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0))),))
     app.preferences.recent = [str(scenes.path), str(scenes.photographs)]
 
 
@@ -122,6 +127,25 @@ def _crop(app: App, scenes: Scenes) -> None:
     app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
 
 
+def _measured(app: App, scenes: Scenes) -> None:
+    points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
+    measurements = tuple(Measurement(kind, points[:count]) for kind, count in (("line", 3), ("angle", 3), ("point", 1)))
+    app.marking.marks = Marks(Scale(2.0, "m"), measurements)
+    app.measuring.selected = 0
+
+
+def _scaling(app: App, scenes: Scenes) -> None:
+    app.measuring.tool, app.measuring.draft = "scale", ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0))
+
+
+def _bookmarked(app: App, scenes: Scenes) -> None:
+    for name, command in (("A view with a name that is longer than the list is wide", "front"), ("Above", "top")):
+        run(app, command)
+        app.scene.rig.shown = app.scene.rig.goal
+        run(app, "bookmark")
+        app.bookmarks.give_name(app, app.bookmarks.selected, name)
+
+
 def _ask_for(kind: str) -> Prepare:
     return lambda app, scenes: setattr(app, "file_request", FileRequest("Choose", kind, lambda path: None))
 
@@ -134,6 +158,9 @@ PLACES: dict[str, Prepare] = {
     "view, costs": _page("view", lambda app, _: app.set(mode="samples")),
     "camera, flying": _page("camera", _near, lambda app, _: setattr(app.scene.rig, "flying", True)),
     "crop, a box": _page("crop", _near, _crop),
+    "bookmarks, two of them": _page("bookmarks", _bookmarked),
+    "measure, three of them": _page("measure", _measured),
+    "measure, a known length": _page("measure", _scaling),
     "photographs, frusta": _page("photographs", lambda app, _: setattr(app.comparison, "frusta", True)),
     "photographs, one of them": _page("photographs", _stand_in),
     "compare, two packs": _page("compare", _compare),
@@ -141,6 +168,16 @@ PLACES: dict[str, Prepare] = {
     "film, an export": _page("film", _export),
     "a page that floats": lambda app, _: app.interface.moved.append("camera"),
     "opening": lambda app, scenes: app.open(scenes.path),
+    "export the scene": _page("film", _near, _crop, lambda app, _: setattr(app.exporting, "asking", True)),
+    "export points": lambda app, _: (
+        setattr(app.exporting.plan, "kind", "points"),
+        setattr(app.exporting, "asking", True),
+    ),
+    "a scene that is being exported": lambda app, scenes: setattr(
+        app.exporting,
+        "writing",
+        Writing(child(), scenes.path.parent / "mesh.glb", scenes.path.parent / "no such folder"),  # type: ignore[arg-type]
+    ),
     "making": _job,
     "making, from the start page": lambda app, scenes: (_start(app, scenes), _job(app, scenes)),
     "review": _review,

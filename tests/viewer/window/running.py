@@ -38,7 +38,8 @@ class RunningViewer:
         self.home, self.display = home, display
         home.mkdir(parents=True, exist_ok=True)
         kept = {name: value for name, value in os.environ.items() if name != "WAYLAND_DISPLAY"}
-        self.environment = {**kept, "DISPLAY": display, "XDG_CONFIG_HOME": str(home), **environment}
+        own = {"XDG_CONFIG_HOME": str(home), "XDG_STATE_HOME": str(home / "state")}
+        self.environment = {**kept, "DISPLAY": display, **own, **environment}
         command = command or [sys.executable, "-m", "viewer.commands.view"]
         self.process = subprocess.Popen(
             [*command, *(str(word) for word in words)],

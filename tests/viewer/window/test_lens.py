@@ -33,6 +33,7 @@ def distorted(pack, tmp_path_factory):
 @pytest.fixture
 def ui(offscreen, app, distorted, pack_folder):
     ui = offscreen(app, size=(900, 700))
+    app.interface.axes_shown = False
     app.show(distorted, pack_folder)
     ui.settle()
     return ui

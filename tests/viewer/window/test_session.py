@@ -147,3 +147,23 @@ def test_the_title_names_the_scene_that_is_open(viewer: RunningViewer, tmp_path:
     viewer.xdotool("key", "--window", viewer.window, "ctrl+w")
     viewer.xdotool("mousemove", "--window", viewer.window, 300, 300, "key", "ctrl+w")
     wait_until(lambda: viewer.name == "snerg", "the start page's title")
+
+
+def test_a_crash_leaves_a_log_with_the_last_commands_and_the_next_start_says_where(
+    viewer: RunningViewer, display: str, pack_folder: Path
+) -> None:
+    logs = viewer.home / "state" / "snerg" / "log"
+    (running,) = logs.glob("running-*.log")
+    viewer.xdotool("windowfocus", "--sync", viewer.window, "key", "ctrl+shift+l", "key", "KP_Space")
+    wait_until(lambda: "command theme" in running.read_text(), "the command to be written down")
+    assert viewer.signal(signal.SIGSEGV) == -signal.SIGSEGV  # as a driver would bring it down
+    text = running.read_text()
+    assert "OpenGL" in text and "llvmpipe" in text and "Segmentation fault" in text and "Current thread" in text
+    with RunningViewer(display, viewer.home, pack_folder) as again:
+        (crashed,) = wait_until(lambda: list(logs.glob("crash-*.log")), "the log to get its name")
+        told = logs / f"running-{again.process.pid}.log"
+        wait_until(lambda: told.exists() and f"Its log: {crashed}" in told.read_text(), "the log to be named")
+        assert crashed.read_text() == text
+        again.xdotool("windowfocus", "--sync", again.window, "key", "ctrl+q")
+        assert again.process.wait(60) == 0
+    assert [path.name for path in logs.iterdir()] == [crashed.name]

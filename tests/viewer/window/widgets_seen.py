@@ -88,7 +88,9 @@ class Watch:
     def note(self, kind: str, label: str, rect: Rect, pressed: bool) -> None:
         window = imgui.internal.get_current_window_read()
         name = _plain(window.name), label
-        disabled = bool(imgui.get_item_flags() & imgui.ItemFlags_.disabled)
+        disabled = bool(
+            imgui.get_current_context().current_item_flags & imgui.ItemFlags_.disabled
+        )  # not the last item's: it may be another
         clip, scrolling = _rect(window.clip_rect), []
         around: Any = window
         while around is not None and not around.name.startswith(HOST):

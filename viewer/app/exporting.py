@@ -1,0 +1,170 @@
+"""The scene as a mesh, points or Gaussians for other programs: what is asked for, and the process that writes it."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, Protocol
+
+from console import UserError
+from console.driven import Report
+from viewer.app.child import Child
+from viewer.app.files import FileRequest, kind_of
+from viewer.app.host import Host
+
+Kind = Literal["mesh", "points", "gaussians"]
+Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
+KINDS: dict[Kind, str] = {"mesh": "Mesh", "points": "Points", "gaussians": "Gaussians"}
+SUFFIXES: dict[Kind, tuple[str, ...]] = {"mesh": (".glb", ".ply"), "points": (".ply",), "gaussians": (".ply",)}
+FACES: dict[str, int] = {"100,000": 100_000, "500,000": 500_000, "All": 0}  # triangles of a mesh, at most
+SPACINGS: dict[str, float] = {"Dense": 0.5, "Usual": 1.0, "Sparse": 2.0}  # of points, in voxels
+KEPT: dict[str, str] = {"All": "all", "Large": "0.001", "Largest": "largest"}  # components of the surface
+LEVELS = (0.02, 0.9)  # of opacity, that the slider has
+LOOKED_AT_EVERY_S, PARTING_S = 0.1, 5.0
+
+
+class ExportHost(Host, Protocol):
+    """What an export asks of the program around it: a path from the user as well."""
+
+    file_request: FileRequest | None
+
+
+@dataclass
+class ExportPlan:
+    """What to write: options of snerg-pack export. crop: whether only what is in the crop box. scale: of all lengths."""
+
+    kind: Kind = "mesh"
+    level: float = 0.15
+    faces: str = "500,000"
+    spacing: str = "Usual"
+    keep: str = "Large"
+    smooth: bool = True
+    world: bool = False
+    crop: bool = True
+    scale: float = 1.0
+
+    def arguments(self, pack: Path, file: Path, crop: Corners | None) -> list[str]:
+        """Of `snerg-pack`. crop: the box that is shown, if there is one."""
+        words = [
+            "export",
+            str(pack),
+            "--to",
+            str(file),
+            "--kind",
+            self.kind,
+            "--frame",
+            "world" if self.world else "grid",
+        ]
+        if self.kind != "gaussians":
+            words += ["--level", f"{self.level:g}", "--keep", KEPT[self.keep]]
+            words += [] if self.smooth else ["--smooth", "0"]
+        words += ["--scale", f"{self.scale:.9g}"] * (self.scale != 1.0)
+        words += ["--faces", str(FACES[self.faces])] * (self.kind == "mesh")
+        words += ["--spacing", f"{SPACINGS[self.spacing]:g}"] * (self.kind == "points")
+        if crop is not None and self.crop:
+            words.append("--crop=" + ",".join(f"{number:.9g}" for corner in crop for number in corner))
+        return words
+
+
+@dataclass
+class Writing:
+    """A process at work. file: what it writes. report: its last word."""
+
+    child: Child
+    file: Path
+    folder: Path  # of its log
+    report: Report | None = None
+
+
+@dataclass
+class Exporting:
+    """asking: the dialog is open. plan: its choices, which stay. writing: what is being written."""
+
+    asking: bool = False
+    plan: ExportPlan = field(default_factory=ExportPlan)
+    writing: Writing | None = None
+    _looked: float = 0.0
+
+    def ask(self, host: Host, scale: float = 1.0) -> None:
+        """Opens the dialog. scale: units that were set, per unit of the grid.
+
+        UserError where the scene is no pack on disk, or something is being written.
+        """
+        if self.writing is not None:
+            raise UserError("another export is still running", remedy="cancel it or wait for it")
+        if host.scene is None:
+            return
+        if kind_of(host.scene.path) != "pack":
+            raise UserError("is not a pack on disk", where=host.scene.path, remedy="open a pack, then export it")
+        self.plan = replace(self.plan, crop=True, scale=scale)
+        self.asking = True
+
+    def dismiss(self) -> None:
+        """Closes the dialog."""
+        self.asking = False
+
+    def choose_file(self, host: ExportHost) -> None:
+        """Asks where to write, then begins."""
+        assert host.scene is not None
+        self.asking = False
+        suffixes = SUFFIXES[self.plan.kind]
+        name = f"{host.scene.name}-{self.plan.kind}{suffixes[0]}"
+        host.file_request = FileRequest("Export the scene", "save", lambda path: self.begin(host, path), suffixes, name)
+
+    def begin(self, host: Host, file: Path) -> None:
+        """Starts to write `file` in a process of its own. UserError where it cannot be started."""
+        if host.scene is None:
+            return
+        words = self.plan.arguments(host.scene.path.resolve(), file.absolute(), host.settings.crop)
+        folder = Path(tempfile.mkdtemp(prefix="snerg-export-"))
+        try:
+            child = Child([sys.executable, "-m", "baker.commands.pack", *words], folder / "log.txt")
+        except UserError:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+        self.writing = Writing(child, file, folder)
+        host.touch()
+
+    def cancel(self) -> None:
+        """Asks the process to end; nothing of the file is left."""
+        if self.writing is not None:
+            self.writing.child.kill() if self.writing.child.stopping else self.writing.child.stop()
+
+    def end(self) -> None:
+        """The program ends: the process as well."""
+        if self.writing is not None:
+            self.writing.child.end(PARTING_S)
+            self._forget(self.writing)
+
+    def tick(self, host: Host) -> None:
+        """Time passes: looks at what the process is doing."""
+        writing, now = self.writing, time.monotonic()
+        if writing is None or now - self._looked < LOOKED_AT_EVERY_S:
+            return
+        self._looked = now
+        host.touch(1)
+        status = writing.child.poll()
+        writing.report = writing.child.report() or writing.report
+        if status is None:
+            return
+        self._forget(writing)
+        if status == 0:
+            host.messages.say(f"Saved {writing.file}")
+        elif writing.child.stopping:
+            host.messages.say("The export was cancelled")
+        else:
+            host.messages.fail(f"{writing.file.name} was not written", said(writing.child))
+
+    def _forget(self, writing: Writing) -> None:
+        self.writing = None
+        if writing.child.poll() is not None:
+            shutil.rmtree(writing.folder, ignore_errors=True)
+
+
+def said(child: Child) -> str:
+    """Why it failed, without the name of the command before it."""
+    return child.error_line().removeprefix("snerg-pack: ")

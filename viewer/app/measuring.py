@@ -1,0 +1,232 @@
+"""The ruler: points on the scene's surfaces, lengths between them, angles, and the scale that gives them a unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import dist
+from pathlib import Path
+from typing import Literal, Protocol, get_args
+
+from console import UserError
+from console.atomic import write_file
+from viewer.app.host import Host
+from viewer.app.marking import Marking
+from viewer.app.marks import LEAST_POINTS, MOST_MARKS, MOST_POINTS, SCALES, Measurement, Point, Scale, Unit
+from viewer.app.measured import Words, as_csv, as_text
+from viewer.app.pose import triple
+from viewer.app.state import Clipboard, Interface
+from viewer.app.surface import Hit, surface_at
+
+Tool = Literal["", "point", "line", "angle", "scale"]
+TOOLS: tuple[Tool, ...] = get_args(Tool)
+PAGE = "measure"
+
+
+class MeasuringHost(Host, Protocol):
+    """Whose scene is measured."""
+
+    marking: Marking
+    clipboard: Clipboard
+    interface: Interface
+
+
+@dataclass
+class Measuring:
+    """tool: what a click in the picture places; "" leaves it to the camera. draft: points placed so far.
+
+    selected: index of a measurement. shown: measurements stay in the picture while their page is closed. known, known_unit:
+    the length that the scale is set by, as it is being typed. cursor: what is under the mouse; None for nothing.
+    """
+
+    tool: Tool = ""
+    draft: tuple[Point, ...] = ()
+    selected: int | None = None
+    shown: bool = False
+    known: float = 1.0
+    known_unit: Unit = "m"
+    cursor: Hit | None = None
+    _looked: tuple[object, ...] = ()
+
+    def drop(self) -> None:
+        """Another scene is shown."""
+        self.tool, self.draft, self.selected, self.cursor, self._looked = "", (), None, None, ()
+
+    # Looking
+
+    def look_at(self, host: MeasuringHost, x: float, y: float) -> Hit | None:
+        """What is under a point of the viewport (window units from its corner), found once for each place and view."""
+        camera = host.viewport.camera
+        if host.scene is None or camera is None:
+            return None
+        scale, settings = host.viewport.pixels_per_unit, host.settings
+        view = (
+            camera.grid_T_camera.tobytes(),
+            camera.fx,
+            camera.width,
+            camera.orthographic,
+            camera.height,
+            settings.crop,
+            settings.near,
+        )
+        key = (id(host.scene.pack), x, y, scale, *view)
+        if key != self._looked:
+            self._looked = key
+            self.cursor = surface_at(host.scene.pack, camera, settings, x * scale, y * scale)
+        return self.cursor
+
+    def look_away(self) -> None:
+        """The mouse is elsewhere."""
+        self.cursor, self._looked = None, ()
+
+    # Placing
+
+    def choose(self, host: MeasuringHost, tool: Tool) -> None:
+        """Takes another tool; a draft of the last one is dropped."""
+        if host.scene is None:
+            return
+        if self.draft:
+            host.scene.rig.remember()
+        self.tool, self.draft = tool, ()
+        host.touch()
+
+    def toggle(self, host: MeasuringHost) -> None:
+        """Takes the ruler, with its page, or puts it away."""
+        self.choose(host, "" if self.tool else "line")
+        if self.tool:
+            host.interface.opens(PAGE)
+
+    def click(self, host: MeasuringHost, x: float, y: float) -> None:
+        """Places a point on the surface under a point of the viewport, if there is one."""
+        hit = self.look_at(host, x, y)
+        if not self.tool or host.scene is None:
+            return
+        if hit is None:
+            host.messages.say("There is no surface under the cursor")
+        else:
+            self._place(host, triple(hit.point))
+
+    def click_point(self, host: MeasuringHost, index: int, point: int) -> None:
+        """Places a point exactly where one of a measurement is; without a tool, selects that measurement."""
+        if self.tool:
+            self._place(host, host.marking.marks.measurements[index].points[point])
+        else:
+            self.selected = index
+            host.touch()
+
+    def _place(self, host: MeasuringHost, point: Point) -> None:
+        if host.scene is None or self.draft[-1:] == (point,):  # a double click
+            return
+        if self.tool == "scale" and len(self.draft) == 2:
+            self.draft = ()  # two others
+        if len(self.draft) >= MOST_POINTS:
+            return
+        host.scene.rig.remember()
+        self.draft = (*self.draft, point)
+        if self.tool in ("point", "angle") and len(self.draft) == LEAST_POINTS[self.tool]:
+            self._keep(host)
+        host.touch()
+
+    def finish(self, host: MeasuringHost) -> bool:
+        """Ends the line that is being drawn; False where there is none yet."""
+        if self.tool != "line" or len(self.draft) < 2 or host.scene is None:
+            return False
+        host.scene.rig.remember()
+        self._keep(host)
+        host.touch()
+        return True
+
+    def _keep(self, host: MeasuringHost) -> None:
+        """Makes the draft a measurement, in the same step to be undone as its last point."""
+        marks = host.marking.marks
+        if self.tool in ("point", "line", "angle") and len(marks.measurements) < MOST_MARKS:
+            self.selected = len(marks.measurements)
+            host.marking.marks = marks.with_measurement(self.selected, Measurement(self.tool, self.draft))
+        self.draft = ()
+
+    def back(self, host: MeasuringHost) -> None:
+        """Takes the last point back; without a draft, removes the measurement that is selected."""
+        if host.scene is None:
+            return
+        if self.draft:
+            host.scene.rig.remember()
+            self.draft = self.draft[:-1]
+            host.touch()
+        elif self.selected is not None:
+            self.remove(host, self.selected)
+
+    def escape(self, host: MeasuringHost) -> bool:
+        """Drops the draft; without one, puts the tool away. False where there was neither."""
+        if not self.tool:
+            return False
+        self.choose(host, self.tool if self.draft else "")
+        return True
+
+    # What is there already
+
+    def move_point(self, host: MeasuringHost, index: int, point: int, x: float, y: float) -> None:
+        """Puts a point of a measurement on the surface under a point of the viewport; remember() beforehand."""
+        hit, marks = self.look_at(host, x, y), host.marking.marks
+        if hit is None or not 0 <= index < len(marks.measurements):
+            return
+        moved = list(marks.measurements[index].points)
+        moved[point] = triple(hit.point)
+        host.marking.marks = marks.with_measurement(index, replace(marks.measurements[index], points=tuple(moved)))
+        host.touch()
+
+    def remove(self, host: MeasuringHost, index: int) -> None:
+        """Takes a measurement away."""
+        marks = host.marking.marks
+        if 0 <= index < len(marks.measurements):
+            host.marking.change(host, marks.with_measurement(index, None))
+        self.selected = None
+
+    def clear(self, host: MeasuringHost) -> None:
+        """Takes all of them away."""
+        host.marking.change(host, replace(host.marking.marks, measurements=()))
+        self.selected = None
+
+    # The scale
+
+    def set_scale(self, host: MeasuringHost) -> None:
+        """Says how far apart the two points of the draft are: `known`, in `known_unit`."""
+        if len(self.draft) != 2 or host.scene is None:
+            return
+        between = dist(*self.draft)
+        factor = self.known / between if between > 0 else 0.0
+        if not SCALES[0] <= factor <= SCALES[1]:
+            raise UserError("no scale follows from these points", expected="two places and a length above 0")
+        self._use(host, Scale(factor, self.known_unit))
+        self.tool, self.draft = "line", ()
+        host.messages.say(f"1 grid unit is {factor:.6g} {self.known_unit}".rstrip())
+
+    def show_in(self, host: MeasuringHost, unit: Unit) -> None:
+        """Shows lengths in another unit."""
+        self._use(host, host.marking.marks.scale.shown_in(unit))
+
+    def forget_scale(self, host: MeasuringHost) -> None:
+        """Back to grid units."""
+        self._use(host, Scale())
+
+    @staticmethod
+    def _use(host: MeasuringHost, scale: Scale) -> None:
+        host.marking.change(host, replace(host.marking.marks, scale=scale))
+
+    # Out of the window
+
+    def words(self, host: MeasuringHost) -> Words | None:
+        """How lengths of the open pack are told."""
+        return None if host.scene is None else Words(host.scene.pack, host.marking.marks.scale)
+
+    def copy(self, host: MeasuringHost) -> None:
+        """Puts all measurements on the clipboard, as text."""
+        marks = host.marking.marks
+        if host.scene is not None and marks.measurements:
+            host.clipboard.set(as_text(host.scene.pack, marks))
+            count = len(marks.measurements)
+            host.messages.say(f"{count} measurement{'s' * (count > 1)} on the clipboard")
+
+    def save_table(self, host: MeasuringHost, file: Path) -> None:
+        """Writes all measurements as CSV. OSError where it cannot."""
+        if host.scene is not None:
+            write_file(file, as_csv(host.scene.pack, host.marking.marks))
+            host.messages.say(f"Saved {file}")

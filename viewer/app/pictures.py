@@ -1,0 +1,171 @@
+"""Which pictures of a view are asked for, and their files: PNG (8 bit, straight alpha) and OpenEXR (float32, premultiplied).
+
+One view may be shown in several modes. As PNG each mode is a file of its own; one OpenEXR file holds all of them as channels.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from PIL import Image
+
+from console import UserError
+from console.atomic import replacing
+from scenepack.pack import Pack
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.layers import depth_along_axis, linear_rgb, straight_rgba, unit_normals
+from viewer.rendering.renderer import MODES_OVER_BACKGROUND
+from viewer.rendering.settings import MODES, Mode, RenderSettings
+
+PICTURE = "rgb"  # what the mode `normal` is called in lists and file names
+COUNTED = ("samples", "jumps")  # modes whose numbers come from RenderSettings.counts, in this order
+EXR, PNG = ".exr", ".png"
+DEPTH_MEANS = "z-depth: distance along the optical axis, in units of the grid frame; 0 where there is nothing"
+NORMALS_MEAN = "unit vectors in the grid frame (y up), away from the surface; 0 where there is nothing"
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One drawing of a view. name: of the mode, rgb for the picture. floats: four float32 a pixel, else RGB of 8 bits."""
+
+    name: str
+    settings: RenderSettings
+    floats: bool
+
+    def blank(self, height: int, width: int) -> np.ndarray:
+        """An array for what it draws, [height, width, 4] or [height, width, 3]."""
+        return np.zeros((height, width, 4), np.float32) if self.floats else np.zeros((height, width, 3), np.uint8)
+
+
+def parse_modes(text: str, where: str = "--mode") -> tuple[Mode, ...]:
+    """Display modes named with commas between; rgb is the picture, and beside it `normal` is normals. UserError for others."""
+    words = [word.strip() for word in text.split(",")]
+    if PICTURE in words:
+        words = ["normals" if word == "normal" else word for word in words]
+    modes = ["normal" if word == PICTURE else word for word in words]
+    for mode, word in zip(modes, words, strict=True):
+        if mode not in MODES:
+            expected = ", ".join((PICTURE, *MODES[1:]))
+            raise UserError("is no display mode", where=where, expected=expected, found=repr(word))
+    if len(set(modes)) < len(modes):
+        raise UserError("names a mode twice", where=where, found=repr(text))
+    return cast("tuple[Mode, ...]", tuple(modes))
+
+
+def passes_for(
+    modes: Sequence[Mode], settings: RenderSettings, *, transparent: bool = False, exr: bool = False
+) -> list[Pass]:
+    """What must be drawn. settings: all else that counts; exr: for an OpenEXR file.
+
+    transparent: without the background, whose colour still goes into the view MLP. An OpenEXR file that holds opacity holds
+    colours without background as well, as the format means it.
+    """
+    transparent = transparent or (exr and "alpha" in modes)
+    passes = []
+    for mode in modes:
+        of_mode, name = replace(settings, mode=mode), PICTURE if mode == "normal" else mode
+        over = mode in MODES_OVER_BACKGROUND
+        if exr and mode in COUNTED:
+            passes.append(Pass(name, replace(of_mode, counts=True, samples=1), True))
+        elif (transparent and over) or (exr and not over):
+            passes.append(Pass(name, replace(of_mode, raw=True), True))
+        else:
+            passes.append(Pass(name, of_mode, exr))
+    return passes
+
+
+def write_pngs(
+    path: Path, passes: Sequence[Pass], pictures: Sequence[np.ndarray], compress_level: int = 6
+) -> list[Path]:
+    """Writes what was drawn: one pass to `path`, several beside one another as NAME_MODE.png. Returns the files."""
+    written = []
+    for each, pixels in zip(passes, pictures, strict=True):
+        file = path if len(passes) == 1 else path.with_name(f"{path.stem}_{each.name}{path.suffix or PNG}")
+        with replacing(file) as new:
+            save_png(new, pixels, compress_level)
+        written.append(file)
+    return written
+
+
+def save_png(file: Path, pixels: np.ndarray, compress_level: int = 6) -> None:
+    """Writes uint8 [h, w, 3], or a raw picture (viewer.rendering.layers) as RGBA with straight alpha."""
+    picture = straight_rgba(pixels) if pixels.dtype == np.float32 else pixels
+    Image.fromarray(picture).save(file, format="PNG", compress_level=compress_level)
+
+
+def exr_possible() -> bool:
+    """Whether OpenEXR is installed."""
+    return importlib.util.find_spec("OpenEXR") is not None
+
+
+def require_exr() -> None:
+    """UserError, with the remedy, where OpenEXR is not installed."""
+    if not exr_possible():
+        raise UserError("writing an .exr needs OpenEXR", remedy="pip install 'snerg[export]', or write PNG")
+
+
+def write_exr(
+    file: Path, passes: Sequence[Pass], pictures: Sequence[np.ndarray], camera: ViewCamera, pack: Pack
+) -> None:
+    """Writes what was drawn into one OpenEXR file, float32, ZIP. UserError where OpenEXR is not installed.
+
+    Channels: R, G, B (linear light, times opacity), A, Z, N.X, N.Y, N.Z; other modes as MODE.R, MODE.G, MODE.B, and the costs as
+    `samples` and `jumps`. The header's `snerg` says what they mean, with the camera, as JSON.
+    """
+    require_exr()
+    import OpenEXR
+
+    channels: dict[str, np.ndarray] = {}
+    for each, pixels in zip(passes, pictures, strict=True):
+        channels |= exr_channels(each, pixels, camera, pack)
+    channels = {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "snerg": json.dumps(_said(passes, camera)),
+        # OpenEXR's matrices act on row vectors.
+        "worldToCamera": np.ascontiguousarray(np.linalg.inv(camera.grid_T_camera).T, np.float32),
+    }
+    with replacing(file) as new:
+        OpenEXR.File(header, channels).write(str(new))
+
+
+def exr_channels(each: Pass, pixels: np.ndarray, camera: ViewCamera, pack: Pack) -> Mapping[str, np.ndarray]:
+    """Channels [h, w] by name of one pass; pixels: float32 [h, w, 4]."""
+    if each.name in COUNTED:
+        return {each.name: pixels[..., COUNTED.index(each.name)]}
+    if each.name == "alpha":
+        return {"A": pixels[..., 3]}
+    if each.name == "depth":
+        return {"Z": depth_along_axis(pixels, camera, pack)}
+    prefix, names = ("", "RGB") if each.name == PICTURE else (f"{each.name}.", "RGB")
+    if each.name == "normals":
+        prefix, names, values = "N.", "XYZ", unit_normals(pixels)
+    else:
+        values = linear_rgb(pixels) if each.name in (PICTURE, "diffuse") else pixels[..., :3]
+    channels = {f"{prefix}{name}": values[..., i] for i, name in enumerate(names)}
+    return channels | ({"A": pixels[..., 3]} if each.name == PICTURE and each.settings.raw else {})
+
+
+def _said(passes: Sequence[Pass], camera: ViewCamera) -> dict[str, object]:
+    said: dict[str, object] = {
+        "grid_T_camera": camera.grid_T_camera.tolist(),
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+    }
+    names = {each.name for each in passes}
+    said |= {"Z": DEPTH_MEANS} if "depth" in names else {}
+    said |= {"N": NORMALS_MEAN} if "normals" in names else {}
+    if PICTURE in names:
+        background = next(each.settings for each in passes if each.name == PICTURE)
+        over = "without background, times A" if background.raw else f"over the background {list(background.background)}"
+        said["RGB"] = f"linear light, decoded from sRGB; {over}"
+    return said

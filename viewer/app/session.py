@@ -1,0 +1,339 @@
+"""Sessions: what is open, from where it is seen, what is cut off, and its marks, in a small file that brings all of it back.
+
+The file is JSON. A pack that lies beside or below the file is named relative to it, so that both can be moved or shared together.
+Marks are added to those that are kept with a pack, and take none of them away.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol, get_args
+
+import platformdirs
+
+from console import UserError
+from console.atomic import write_file
+from console.json_text import read_json_file
+from viewer.app.bookmarks import bookmark_of, pose_of
+from viewer.app.comparison import Comparison, How
+from viewer.app.crop import Box
+from viewer.app.files import SESSION_SUFFIX
+from viewer.app.host import Host
+from viewer.app.loading import Loading
+from viewer.app.marking import Marking
+from viewer.app.marks import (
+    Bookmark,
+    Marks,
+    Scale,
+    bookmark_from_json,
+    bookmark_to_json,
+    marks_from_json,
+    marks_to_json,
+    number_from_json,
+    point_from_json,
+)
+from viewer.app.pose import FARTHEST
+from viewer.app.rig import CameraRig
+from viewer.app.shelf import Shelf
+from viewer.app.state import Interface, OpenScene
+
+VERSION = 1
+MOST_PACKS = 32
+REST_S = 3.0  # without a change, before the last session is written
+HOWS: tuple[How, ...] = get_args(How)
+
+
+def default_file() -> Path:
+    """Where the last session lies on this machine."""
+    return platformdirs.user_data_path("snerg", appauthor=False) / f"last{SESSION_SUFFIX}"
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One open pack. camera: where it is seen from; its name is the pack's. orthographic: with parallel rays. crop, near: as in
+    RenderSettings.
+    """
+
+    path: Path
+    camera: Bookmark
+    orthographic: bool = False
+    crop: Box | None = None
+    near: float = 0.0
+    marks: Marks = field(default_factory=Marks)
+
+
+@dataclass(frozen=True)
+class Session:
+    """packs: the one that is shown comes first, the others as Ctrl+Tab comes to them. compare: another pack, and how.
+
+    page: that is open; "" for none.
+    """
+
+    packs: tuple[Seen, ...]
+    compare: tuple[Path, How] | None = None
+    page: str = ""
+
+    @property
+    def title(self) -> str:
+        """What is in it, in a few words."""
+        names = [seen.camera.name for seen in self.packs]
+        return ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
+
+
+class SessionHost(Host, Protocol):
+    """Whose session it is."""
+
+    marking: Marking
+    comparison: Comparison
+    shelf: Shelf
+    interface: Interface
+
+    @property
+    def loading(self) -> Loading | None:
+        """The pack that is being read."""
+        ...
+
+    def open(self, path: Path, *, other: bool = False, then: Callable[[], None] | None = None) -> None:
+        """Starts to read a pack. then: called once it is shown."""
+
+    def set(self, **fields: object) -> None:
+        """Changes render settings."""
+
+
+def session_of(host: SessionHost) -> Session | None:
+    """What is open now; None where that is nothing that could be opened again."""
+
+    def seen(scene: OpenScene, crop: Box | None, near: float, marks: Marks) -> Seen:
+        view = bookmark_of(scene.rig, scene.rig.fov, scene.name)
+        return Seen(scene.path.resolve(), view, scene.rig.orthographic, crop, near, marks)
+
+    scene = host.scene
+    if scene is None or not scene.whole or not scene.stays or not scene.path.exists():
+        return None
+    first = seen(scene, host.settings.crop, host.settings.near, host.marking.marks)
+    others = (seen(each.scene, each.crop, each.near, each.marks or Marks()) for each in host.shelf.packs)
+    compare, path = host.comparison, host.comparison.other_path
+    against = (path.resolve(), compare.how) if compare.against == "pack" and path is not None else None
+    return Session((first, *others), against, host.interface.page)
+
+
+# The file
+
+
+def session_to_json(session: Session, folder: Path) -> dict[str, Any]:
+    """What session_from_json reads, with paths relative to `folder` where they lead into it."""
+    packs = [
+        {
+            "path": _relative(seen.path, folder),
+            "camera": {**bookmark_to_json(seen.camera), "orthographic": seen.orthographic},
+            "crop": None if seen.crop is None else [list(corner) for corner in seen.crop],
+            "near": seen.near,
+            "marks": marks_to_json(seen.marks),
+        }
+        for seen in session.packs
+    ]
+    against = session.compare
+    compare = None if against is None else {"path": _relative(against[0], folder), "how": against[1]}
+    return {"snerg_session": VERSION, "packs": packs, "compare": compare, "page": session.page}
+
+
+def load_session(file: Path) -> Session:
+    """Reads a session. UserError, in one line, where it cannot be read or is none."""
+    try:
+        return session_from_json(read_json_file(file), file.resolve().parent)
+    except OSError as error:
+        raise UserError("cannot be read", where=file, found=error.strerror) from error
+    except ValueError as error:
+        raise UserError("is not a session", where=file, expected="a file that snerg-view saved", found=error) from error
+
+
+def save_session(session: Session, file: Path) -> None:
+    """Writes a session. OSError where it cannot."""
+    write_file(file, json.dumps(session_to_json(session, file.resolve().parent), indent=1))
+
+
+def session_from_json(document: Any, folder: Path) -> Session:
+    """A session whose relative paths begin in `folder`. ValueError, in words, for what makes no sense."""
+    entries = _object(document, "an object")
+    version, packs = entries.get("snerg_session"), entries.get("packs")
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise ValueError("no snerg_session")
+    if version > VERSION:
+        raise ValueError(f"a session of a newer version ({version})")
+    if not isinstance(packs, list) or not 1 <= len(packs) <= MOST_PACKS:
+        raise ValueError(f"packs: expected from 1 to {MOST_PACKS}")
+    page, compare = entries.get("page", ""), entries.get("compare")
+    if not isinstance(page, str):
+        raise ValueError("page: expected a name")
+    return Session(tuple(_seen(pack, folder) for pack in packs), _compare(compare, folder), page[:40])
+
+
+def _seen(value: Any, folder: Path) -> Seen:
+    entries = _object(value, "a pack")
+    camera, crop = _object(entries.get("camera"), "a camera"), entries.get("crop")
+    if crop is not None:
+        if not isinstance(crop, list) or len(crop) != 2:
+            raise ValueError("crop: expected two corners")
+        low, high = (point_from_json(corner, "crop") for corner in crop)
+        if any(a >= b for a, b in zip(low, high, strict=True)):
+            raise ValueError("crop: its corners are in the wrong order")
+        crop = low, high
+    near = number_from_json(entries.get("near", 0.0), 0.0, FARTHEST, "near")
+    view, flat = bookmark_from_json(dict(camera)), camera.get("orthographic") is True
+    return Seen(_path(entries.get("path"), folder), view, flat, crop, near, marks_from_json(entries.get("marks", {})))
+
+
+def _compare(value: Any, folder: Path) -> tuple[Path, How] | None:
+    if value is None:
+        return None
+    entries = _object(value, "compare")
+    how = entries.get("how", "wipe")
+    if not isinstance(how, str) or how not in HOWS:
+        raise ValueError(f"compare: expected one of {', '.join(HOWS)}")
+    return _path(entries.get("path"), folder), how
+
+
+def _object(value: Any, what: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"expected {what}")
+    return value
+
+
+def _path(value: Any, folder: Path) -> Path:
+    if not isinstance(value, str) or not value or len(value) > 4096 or not value.isprintable():
+        raise ValueError("a pack's path: expected a name")
+    return folder / value
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else str(path)
+
+
+# Opening one
+
+
+def restore(host: SessionHost, session: Session) -> None:
+    """Opens what a session names, one pack after the other, the one that is shown last. What fails is a dialog, and the end."""
+    order = [*session.packs[1:], session.packs[0]]
+
+    def next_one(index: int) -> None:
+        host.open(order[index].path, then=lambda: arrived(index))
+
+    def arrived(index: int) -> None:
+        _apply(host, order[index])
+        if index + 1 < len(order):
+            next_one(index + 1)
+            return
+        if session.page:
+            host.interface.opens(session.page)
+        if session.compare is not None:
+            path, host.comparison.how = session.compare
+            host.open(path, other=True)
+
+    next_one(0)
+
+
+def _apply(host: SessionHost, seen: Seen) -> None:
+    assert host.scene is not None
+    place(host.scene.rig, seen.camera, orthographic=seen.orthographic)
+    host.set(crop=None if host.scene.rig.bounded else seen.crop, near=seen.near)
+    host.marking.marks = joined(host.marking.marks, seen.marks)
+    host.touch()
+
+
+def place(rig: CameraRig, view: Bookmark, *, orthographic: bool) -> None:
+    """Puts a rig where a view is, at once."""
+    rig.held, rig.fov = None, view.fov
+    rig.table = replace(rig.table, up=view.up)
+    rig.orthographic = orthographic and not rig.bounded
+    rig.go(pose_of(view, rig.table), remember=False)
+    rig.shown = rig.goal
+
+
+def joined(own: Marks, other: Marks) -> Marks:
+    """Marks of both; the scale is `own` where that says anything."""
+    scale = own.scale if own.scale != Scale() else other.scale
+    measurements = tuple(each for each in other.measurements if each not in own.measurements)
+    bookmarks = tuple(each for each in other.bookmarks if each not in own.bookmarks)
+    return Marks(scale, own.measurements + measurements, own.bookmarks + bookmarks)
+
+
+# The one that was open last
+
+
+@dataclass
+class Sessions:
+    """file: of the last session; None where none is kept, as in scripts. last: what it held when the program began."""
+
+    file: Path | None = None
+    last: Session | None = None
+    _seen: Session | None = None
+    _written: Session | None = None
+    _since: float = 0.0
+    _thread: threading.Thread | None = field(default=None)
+
+    def begin(self, file: Path) -> None:
+        """Keeps the last session in `file` from now on, and offers what lies there. What is broken is not offered."""
+        self.file = file
+        try:
+            session = load_session(file)
+        except UserError:
+            return
+        self.last = session if session.packs[0].path.exists() else None
+
+    def open(self, host: SessionHost, file: Path) -> None:
+        """Opens a session. UserError where it is none."""
+        restore(host, load_session(file))
+
+    def open_last(self, host: SessionHost) -> None:
+        """Goes on where the program was left."""
+        if self.last is not None:
+            restore(host, self.last)
+
+    def save(self, host: SessionHost, file: Path) -> None:
+        """Writes what is open now. UserError where that is nothing, OSError where it cannot."""
+        session = session_of(host)
+        if session is None:
+            raise UserError("there is no pack to save a session of", remedy="open one, and wait until it is complete")
+        save_session(session, file)
+        host.messages.say(f"Saved {file}")
+
+    def tick(self, host: SessionHost) -> None:
+        """Time passes: what has not changed for a moment is written as the last session; not while packs are on their way."""
+        if self.file is None or host.loading is not None or (self._thread is not None and self._thread.is_alive()):
+            return
+        now, session = time.monotonic(), session_of(host)
+        if session != self._seen:
+            self._seen, self._since = session, now
+        elif session is not None and session != self._written and now - self._since >= REST_S:
+            self._write(session)
+
+    def finish(self, host: SessionHost) -> None:
+        """The program ends: what is open now is the last session."""
+        session = session_of(host) if self.file is not None else None
+        if self._thread is not None:
+            self._thread.join()
+        if session is not None and session != self._written:
+            self._write(session)
+            assert self._thread is not None
+            self._thread.join()
+        self.file = None
+
+    def _write(self, session: Session) -> None:
+        self._written, file = session, self.file
+        assert file is not None
+
+        def write() -> None:
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                save_session(session, file)
+            except OSError:  # it is a convenience: nobody is asked to do something about it
+                return
+
+        self._thread = threading.Thread(target=write, name="snerg-session")  # not a daemon: it is let finish
+        self._thread.start()

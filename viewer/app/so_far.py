@@ -1,0 +1,72 @@
+"""What is trained so far, as a small pack that the child writes now and then (baker.baking.preview): read beside the window.
+
+The file is replaced by a rename, so that one that is being read stays whole.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from scenepack.pack import Pack
+from scenepack.reader import load_pack
+from viewer.rendering.skip_grid import skip_grid_of
+
+FILE = "preview.zip"  # in the folder for the results; baker.baking.preview.NAME
+EVERY_S = 30  # what the child is asked for
+
+
+@dataclass(frozen=True)
+class SoFar:
+    """pack: the field after so many steps, of so many in all (0: not known)."""
+
+    pack: Pack
+    steps: int
+    of_steps: int
+
+    @property
+    def words(self) -> str:
+        """What is shown, in words."""
+        return f"preview after {self.steps:,} steps"
+
+
+class SoFarFile:
+    """The file, and the thread that reads it. Ask `look` now and then."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self._seen: tuple[int, int] | None = None  # inode and time of the file that was read last
+        self._read: SoFar | None = None
+        self._thread: threading.Thread | None = None
+
+    def look(self) -> SoFar | None:
+        """What was read since this was asked last, if anything. Never waits: what is new on the disk is begun to be read."""
+        if self._thread is not None and self._thread.is_alive():
+            return None
+        self._thread = None
+        read, self._read = self._read, None
+        if read is not None:
+            return read
+        try:
+            there = self.file.stat()
+        except OSError:  # none yet, or no more
+            return None
+        if self._seen != (there.st_ino, there.st_mtime_ns):
+            self._seen = there.st_ino, there.st_mtime_ns
+            self._thread = threading.Thread(target=self._run, name="snerg-so-far", daemon=True)
+            self._thread.start()
+        return None
+
+    def _run(self) -> None:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                pack = load_pack(self.file)
+            made: Any = pack.metadata.get("provenance")
+            skip_grid_of(pack)  # here, so that the window need not wait for it
+            self._read = SoFar(pack, int(made["steps"]), int(made.get("of_steps", 0)))
+        except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
+            return

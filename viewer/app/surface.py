@@ -1,0 +1,154 @@
+"""Where a ray meets the scene: read from the pack itself, without the card, for one pixel at a time.
+
+Notation: u, distance along a ray in voxels (of the warped space in forward-facing packs); alpha(u), the opacity per voxel that
+the renderer interpolates there; T, what is left of the light. The renderer's depth is the mean over all that a ray meets, which
+lies half a voxel behind a hard face. Where T has lost half of what the ray loses in all, the ray is in what is seen; the
+surface is where alpha first reaches half of the highest that it has in there. On a hard face, that is the face itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, NDC_NEAR
+from scenepack.pack import Pack
+from viewer.app.projection import ray_through
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.ray_frame import RayFrame, lens_reach
+from viewer.rendering.settings import RenderSettings
+
+STEPS = 4  # per voxel
+LEAST_SEEN = 0.1  # of a ray's light that a surface takes
+BEYOND = 8 * STEPS  # how far behind the middle the highest opacity is looked for: rays that graze a face find it soft
+
+
+@dataclass(frozen=True)
+class Hit:
+    """point: float64 [3], grid frame (in forward-facing packs: before the warp). distance: from the camera, grid units (from the
+    plane of the picture, where rays are parallel).
+    """
+
+    point: np.ndarray
+    distance: float
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A ray as a straight line through the voxels: origin and unit direction (float64 [3], voxels), and u where it begins.
+
+    shift, bend, slope: of a forward-facing pack, from u back to the distance before the warp; see `distance`.
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    first: float
+    unit: float = 1.0  # grid units per voxel
+    shift: float = 0.0
+    bend: float = 0.0  # length of the whole warped ray, voxels; 0 where nothing is warped
+    slope: float = 0.0
+
+    def distance(self, u: float) -> float:
+        """Grid units from the camera."""
+        if not self.bend:
+            return u * self.unit
+        share = u / self.bend
+        return self.shift + share / (1.0 - share) * self.slope
+
+
+def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> Hit | None:
+    """What is seen at a point of the picture (pixels from its corner); None where there is nothing.
+
+    settings: its crop box and near plane hide what they hide in the picture.
+    """
+    frame = RayFrame(pack)
+    origin, direction = ray_through(camera, x, y)
+    ahead = float(direction @ -camera.grid_T_camera[:3, 2])
+    if any(camera.distortion) and (1.0 / ahead**2 - 1.0) ** 0.5 >= lens_reach(camera.distortion):
+        return None
+    near = max(max(camera.near, settings.near) / ahead, camera.ray_near)
+    line = _warped(frame, origin, direction, near) if pack.ndc else _straight(pack, origin, direction, near)
+    if line is None:
+        return None
+    u = _met(pack, line, *frame.box(settings))
+    if u is None:
+        return None
+    distance = line.distance(u)
+    return Hit(origin + distance * direction, distance)
+
+
+def _straight(pack: Pack, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line:
+    return _Line((origin - pack.min_xyz) / pack.voxel_size, direction, near / pack.voxel_size, pack.voxel_size)
+
+
+def _warped(frame: RayFrame, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line | None:
+    """As ndc_ray of shaders/ray.glsl: NeRF, appendix C; None where the ray runs away from the scene."""
+    ahead = frame.training_T_grid[:3, :3] @ direction
+    eye = frame.training_T_grid[:3, :3] @ origin + frame.training_T_grid[:3, 3]
+    if ahead[2] > -1e-8:
+        return None
+    scale = np.asarray(frame.ndc["ndc_scale"])
+    shift = -(NDC_NEAR + eye[2]) / ahead[2]
+    o = eye + shift * ahead
+    slope = ahead / ahead[2]
+    start = np.array([*(-scale * o[:2] / o[2]), 1.0 + 2.0 * NDC_NEAR / o[2]])
+    warped = np.array([*(-scale * (slope[:2] - o[:2] / o[2])), -2.0 * NDC_NEAR / o[2]])
+    rotation = np.asarray(frame.ndc["voxel_R_ndc"])
+    start, warped = rotation @ start + np.asarray(frame.ndc["voxel_t_ndc"]), rotation @ warped
+    bend = float(np.linalg.norm(warped))
+    beyond = max(near - shift, 0.0) * ahead[2]
+    first = bend * beyond / (o[2] + beyond)
+    return _Line(start, warped / bend, float(first), 1.0, float(shift), bend, float(o[2] / ahead[2]))
+
+
+def _met(pack: Pack, line: _Line, low: np.ndarray, high: np.ndarray) -> float | None:
+    """u where the line meets a surface within a box (voxels)."""
+    direction = np.where(np.abs(line.direction) < 1e-8, 1e-8, line.direction)
+    a, b = (low - line.origin) / direction, (high - line.origin) / direction
+    start, leave = max(float(np.minimum(a, b).max()), line.first), float(np.maximum(a, b).min())
+    if line.bend:
+        leave = min(leave, line.bend * (1.0 - 1e-6))
+    if leave <= start:
+        return None
+    u = start + np.arange(int((leave - start) * STEPS) + 1) / STEPS
+    alpha = opacities(pack, line.origin + u[:, None] * line.direction)
+    alpha = np.where(alpha > ALPHA_CONTRIBUTES, alpha, 0.0)
+    left = np.cumprod((1.0 - np.minimum(alpha, 1.0 - 1e-9)) ** (1.0 / STEPS))
+    taken = 1.0 - left
+    if taken[-1] < LEAST_SEEN:
+        return None
+    middle = int(np.searchsorted(taken, 0.5 * taken[-1]))
+    empty = np.flatnonzero(alpha == 0.0)
+    before, behind = empty[empty < middle], empty[empty > middle]
+    begin = int(before[-1]) if len(before) else 0
+    end = min(int(behind[0]) if len(behind) else len(alpha), middle + BEYOND)
+    half = 0.5 * float(alpha[begin:end].max())
+    at = begin + int(np.argmax(alpha[begin:end] >= half))
+    if at == begin or alpha[at] <= alpha[at - 1]:
+        return float(u[at])
+    share = (half - alpha[at - 1]) / (alpha[at] - alpha[at - 1])
+    return float(u[at - 1] + np.clip(share, 0.0, 1.0) / STEPS)
+
+
+def opacities(pack: Pack, places: np.ndarray) -> np.ndarray:
+    """The opacity that the renderer interpolates at places (float [n, 3], voxels), float64 [n] in 0 … 1; 0 outside."""
+    found = np.zeros(len(places))
+    inside = ((places >= 0) & (places < np.asarray(pack.grid_size))).all(axis=1)
+    blocks = np.zeros((len(places), 3), int)
+    blocks[inside] = np.floor(places[inside]).astype(int) // pack.block_size
+    slots = pack.atlas_indices[blocks[:, 2], blocks[:, 1], blocks[:, 0]].astype(int)
+    held = np.flatnonzero(inside & (slots[:, 0] != EMPTY_BLOCK))
+    if not len(held):
+        return found
+    local = places[held] - blocks[held] * pack.block_size + 0.5  # voxel centres of the padded copy are at whole numbers
+    base = np.floor(local).astype(int)
+    share = local - base
+    base += slots[held] * pack.padded_block_size
+    total = np.zeros(len(held))
+    for corner in np.ndindex(2, 2, 2):
+        weight = np.prod(np.where(corner, share, 1.0 - share), axis=1)
+        x, y, z = (base + corner).T
+        total += weight * pack.atlas_rgba[z, y, x, 3]
+    found[held] = total / 255.0
+    return found

@@ -1,0 +1,115 @@
+"""The question what to export the scene as, and the card that shows how far it is."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from console.progress import duration
+from viewer.app.application import App
+from viewer.app.exporting import FACES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
+from viewer.panels import layout, theme
+from viewer.panels.corner_card import corner_card
+from viewer.panels.dialogs import pressed_here
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import begin_modal, coloured, font, hint, label, main_button, px, segments, switch, tip
+
+NAME, WIDTH, PADDING, LABELS = "##export", 480.0, 26.0, 130.0
+HINTS = {
+    "mesh": "Triangles with vertex colours: a .glb or .ply file.",
+    "points": "Points on the surface with normals and colours: a .ply file.",
+    "gaussians": "A Gaussian for each voxel: a .ply file for splat viewers, without highlights.",
+}
+
+
+def show(app: App, size: ImVec2, fonts: Fonts) -> None:
+    """Draws the question while there is one; file dialogs and messages come before it."""
+    exporting = app.exporting
+    if not exporting.asking or app.scene is None or app.file_request is not None or app.messages.dialogs:
+        return
+    if not begin_modal(NAME, size, WIDTH, 0.47, padding=(PADDING, 22)):
+        return
+    with font(fonts.bold, theme.LARGE):
+        with coloured(text=theme.ACCENT):
+            imgui.text_unformatted(fa.ICON_FA_CUBE)
+        imgui.same_line(0, px(12))
+        imgui.text_unformatted(f"Export {app.scene.name}")
+    imgui.dummy(ImVec2(0, px(4)))
+    _choices(app, exporting.plan)
+    imgui.dummy(ImVec2(0, px(8)))
+    _answer(app)
+    imgui.end_popup()
+
+
+def _choices(app: App, plan: ExportPlan) -> None:
+    label("As", LABELS)
+    picked = segments("kind", list(KINDS), plan.kind, {kind: title for kind, title in KINDS.items()})
+    if picked in KINDS:
+        plan.kind = picked  # type: ignore[assignment]
+    hint(HINTS[plan.kind])
+    if plan.kind != "gaussians":
+        label("Opacity level", LABELS)
+        imgui.set_next_item_width(-1)
+        plan.level = imgui.slider_float("##level", plan.level, *LEVELS, "%.2f")[1]
+        tip("Where the surface lies. Lower includes thinner mist.")
+        label("Parts", LABELS)
+        plan.keep = segments("keep", list(KEPT), plan.keep) or plan.keep
+        label("Smooth", LABELS)
+        plan.smooth = switch("smooth", plan.smooth)
+    if plan.kind == "mesh":
+        label("Triangles", LABELS)
+        plan.faces = segments("faces", list(FACES), plan.faces) or plan.faces
+    elif plan.kind == "points":
+        label("Density", LABELS)
+        plan.spacing = segments("spacing", list(SPACINGS), plan.spacing) or plan.spacing
+    label("Training frame", LABELS)
+    plan.world = switch("world", plan.world)
+    tip("The frame of the photographs' poses, instead of the grid's (y up)")
+    if plan.scale != 1.0:
+        hint(f"Lengths are in {app.marking.marks.scale.unit}.")
+    if app.settings.crop is not None:
+        label("Crop box only", LABELS)
+        plan.crop = switch("cropped", plan.crop)
+
+
+def _answer(app: App) -> None:
+    width = px(112)
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - 2 * width - px(8))
+    cancelled = imgui.button("Cancel", ImVec2(width, px(34))) or pressed_here(imgui.Key.escape)
+    imgui.same_line()
+    wanted = main_button("Export…", width) or pressed_here(imgui.Key.enter)
+    if cancelled or wanted:
+        imgui.close_current_popup()
+    if cancelled:
+        app.exporting.dismiss()
+    elif wanted:
+        app.exporting.choose_file(app)
+
+
+def show_card(app: App, box: layout.Box, fonts: Fonts) -> None:
+    """How far it is, at the lower left of the viewport's box; not while a scene is being made, whose card is there."""
+    writing = app.exporting.writing
+    if writing is None or app.making.job is not None:
+        return
+    with corner_card("##exporting", box):
+        width = px(86)
+        imgui.align_text_to_frame_padding()
+        with font(fonts.bold, 16.0):
+            imgui.text_unformatted(writing.file.name)
+        imgui.same_line()
+        imgui.set_cursor_pos_x(imgui.get_window_width() - px(16) - width)
+        if imgui.button("Cancel##export", ImVec2(width, 0)):
+            app.exporting.cancel()
+        report = writing.report
+        imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
+        hint(_told(writing.child.stopping, report))
+
+
+def _told(stopping: bool, report) -> str:
+    if stopping or report is None:
+        return "Stopping…" if stopping else "Starting…"
+    words = report.note or report.title
+    parts = [f"{words[:1].upper()}{words[1:]}, {100 * report.share:.0f} %"]
+    if report.seconds_left is not None and report.share < 1:
+        parts.append(f"{duration(report.seconds_left)} left")
+    return "   ·   ".join(parts)

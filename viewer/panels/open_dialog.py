@@ -1,0 +1,147 @@
+"""Open: a line to type or paste a path into, what was opened lately, and the system's own dialogs where it has some."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.choosing import Choosing
+from viewer.app.commands import browse, choose
+from viewer.panels import theme
+from viewer.panels.theme import Fonts
+from viewer.panels.widgets import begin_modal, coloured, elided, font, hint, main_button, px
+
+NAME, FIELD = "##open", "##open path"
+TO_END = 3
+WIDTH, LINE, BUTTON = 600.0, 30.0, 104.0
+ICONS = {
+    "pack": fa.ICON_FA_CUBE,
+    "run": fa.ICON_FA_GEARS,
+    "scene": fa.ICON_FA_IMAGES,
+    "pictures": fa.ICON_FA_IMAGES,
+    "film": fa.ICON_FA_FILM,
+    "session": fa.ICON_FA_BOOKMARK,
+    "unknown": fa.ICON_FA_FOLDER,
+}
+TITLES = {
+    "pack": "pack",
+    "run": "training run",
+    "scene": "scene",
+    "pictures": "photographs",
+    "film": "film",
+    "session": "session",
+}
+
+
+class OpenDialog:
+    """The dialog while app.choosing is there. native: whether the system has dialogs of its own."""
+
+    def __init__(self, native: bool) -> None:
+        self.native = native
+        self._shown: Choosing | None = None
+        self._typed = ""
+        self._frames_to_end = 0  # in which the cursor is put behind the text, for a field that is entered selects all
+
+    def show(self, app: App, size: ImVec2, fonts: Fonts) -> None:
+        """Draws it, and hands over what was chosen."""
+        choosing = app.choosing
+        if choosing is None:
+            self._shown = None
+            return
+        opening = choosing is not self._shown or not imgui.is_popup_open(NAME)
+        self._shown = choosing
+        imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, 0.86 * size.y))
+        if not begin_modal(NAME, size, WIDTH, 0.12, pivot=0.0, padding=(24, 20)):
+            return
+        with font(fonts.bold, 18.0):
+            imgui.text_unformatted("Compare with" if choosing.other else "Open")
+        what = "A pack: a folder or a .zip." if choosing.other else "A pack, photographs, a film or a training run."
+        hint(f"{what} Type a path, or a part of one that you opened lately.")
+        entered = self._field(choosing, opening)
+        if choosing.problem:
+            hint(choosing.problem, theme.WARN)
+        clicked = self._lines(choosing)
+        cancelled, browsed, pressed = self._buttons()
+        if browsed:
+            browse(app, browsed, other=choosing.other)
+        elif cancelled:
+            app.choosing = None
+        elif clicked is not None or entered or pressed:
+            choose(app, clicked)
+            self._frames_to_end = TO_END
+        if app.choosing is None:
+            imgui.close_current_popup()
+        imgui.end_popup()
+
+    def _field(self, choosing: Choosing, opening: bool) -> bool:
+        """The line to type into; whether Enter was pressed in it."""
+        if opening or self._frames_to_end == TO_END:
+            imgui.set_keyboard_focus_here()
+        if self._frames_to_end:  # a folder was chosen, whose name stands there now
+            self._frames_to_end -= 1
+            state = imgui.internal.get_input_text_state(imgui.get_id(FIELD))
+            if state is not None:
+                state.reload_user_buf_and_move_to_end()
+        imgui.set_next_item_width(-1)
+        with coloured(frame_bg=theme.BASE):
+            flags = imgui.InputTextFlags_.enter_returns_true
+            entered, self._typed = imgui.input_text_with_hint(FIELD, "/path/to/scene", choosing.text, flags)
+        choosing.type(self._typed)
+        if imgui.is_item_focused() or imgui.is_item_active():
+            by = int(imgui.is_key_pressed(imgui.Key.down_arrow)) - int(imgui.is_key_pressed(imgui.Key.up_arrow))
+            if by:
+                choosing.step(by)
+        return entered
+
+    def _lines(self, choosing: Choosing) -> int | None:
+        """What is offered; the line that was clicked."""
+        clicked = None
+        if choosing.lines and not choosing.text.strip():
+            hint("RECENT", theme.MUTED)
+        for i, path in enumerate(choosing.lines):
+            if _line(choosing, path, i == choosing.picked, i):
+                clicked = i
+        imgui.dummy(ImVec2(0, px(4)))
+        return clicked
+
+    def _buttons(self) -> tuple[bool, Literal["", "open", "folder"], bool]:
+        """Cancel; "open" or "folder" for the system's dialogs; Open."""
+        browsed: Literal["", "open", "folder"] = ""
+        width = px(BUTTON)
+        if self.native:
+            if imgui.button(f"{fa.ICON_FA_FILE}  File…", ImVec2(width, px(34))):
+                browsed = "open"
+            imgui.same_line()
+            if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Folder…", ImVec2(width, px(34))):
+                browsed = "folder"
+            imgui.same_line()
+        imgui.set_cursor_pos_x(imgui.get_window_width() - px(24) - 2 * width - px(8))
+        cancelled = imgui.button("Cancel", ImVec2(width, px(34)))
+        cancelled = cancelled or (imgui.is_key_pressed(imgui.Key.escape, False) and not imgui.is_window_appearing())
+        imgui.same_line()
+        return cancelled, browsed, main_button("Open", width)
+
+
+def _line(choosing: Choosing, path: Path, picked: bool, number: int) -> bool:
+    at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
+    with coloured(header_hovered=theme.CONTROL, header_active=theme.CONTROL_HOT):
+        pressed = imgui.selectable(
+            f"##line {number}", picked, imgui.SelectableFlags_.no_auto_close_popups, ImVec2(width, px(LINE))
+        )[0]
+    kind = choosing.kind(path)
+    icon = ICONS["film"] if kind == "pictures" and path.is_file() else ICONS[kind]
+    draw, middle = imgui.get_window_draw_list(), at.y + px(6)
+    draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.FAINT if kind == "unknown" else theme.ACCENT), icon)
+    note = TITLES["film"] if icon == ICONS["film"] else TITLES.get(kind, "")
+    wide = imgui.calc_text_size(note).x
+    draw.add_text(ImVec2(at.x + width - wide - px(6), middle), theme.packed(theme.FAINT), note)
+    name = elided(path.name or str(path), width - wide - px(60))
+    draw.add_text(ImVec2(at.x + px(34), middle), theme.packed(theme.TEXT), name)
+    left = at.x + px(46) + imgui.calc_text_size(name).x
+    parent = elided(str(path.parent), at.x + width - wide - px(18) - left)
+    draw.add_text(ImVec2(left, middle), theme.packed(theme.FAINT), parent)
+    return pressed

@@ -1,0 +1,93 @@
+"""Saved views: going to them, naming and ordering them, and a film through all of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.bookmarks import pose_of
+from viewer.app.commands import run
+from viewer.app.stage import Stage
+from viewer.panels import theme
+from viewer.panels.theme import Fonts
+from viewer.panels.view_rows import HEIGHT, row
+from viewer.panels.widgets import card, coloured, hint, icon_button, label, main_button, px, tip
+
+SHOWN = 6  # rows of the list
+
+
+def show(app: App, stage: Stage, fonts: Fonts) -> None:
+    """Draws the page."""
+    if app.scene is None:
+        return
+    views = app.marking.marks.bookmarks
+    with card("bookmarks", fonts, "Bookmarks"):
+        if main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view", -1):
+            run(app, "bookmark")
+        if views:
+            _list(app, stage)
+            _chosen(app)
+        else:
+            hint(
+                "Views that you save here are kept with the pack. Ctrl+D saves one, PageUp and PageDown step through them."
+            )
+    with card("fly", fonts, "Film"):
+        imgui.begin_disabled(len(views) < 2)
+        if imgui.button(f"{fa.ICON_FA_FILM}  Film through the bookmarks", ImVec2(-1, 0)):
+            run(app, "film-bookmarks")
+        imgui.end_disabled()
+        hint("Makes them the keyframes of the camera path.")
+    with card("session", fonts, "Session"):
+        if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save the session…", ImVec2(-1, 0)):
+            run(app, "save-session")
+        tip("Ctrl+Shift+S")
+        hint("A small file with all open packs, their cameras, crops and marks. Open it like a pack.")
+
+
+def _list(app: App, stage: Stage) -> None:
+    assert app.scene is not None
+    bookmarks, table = app.bookmarks, app.scene.rig.table
+    views = app.marking.marks.bookmarks
+    rows = min(len(views), SHOWN)
+    height = rows * px(HEIGHT) + (rows - 1) * imgui.get_style().item_spacing.y + px(30)
+    with coloured(child_bg=theme.BASE):
+        imgui.begin_child("##bookmarks", ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
+    for i, view in enumerate(views):
+        turned = replace(table, up=view.up)
+        pose = pose_of(view, turned).matrix(turned)
+        if row(app, stage, f"bookmark{i}", (pose, view.fov), (view.name, ""), chosen=i == bookmarks.selected):
+            bookmarks.go(app, i)
+    imgui.end_child()
+
+
+def _chosen(app: App) -> None:
+    """What can be done with the view that was chosen last."""
+    bookmarks, views = app.bookmarks, app.marking.marks.bookmarks
+    index = bookmarks.selected
+    if index is None or index >= len(views):
+        hint("Click on one to go there.")
+        return
+    for icon, name, tooltip, action in (
+        (fa.ICON_FA_ARROW_UP, "up", "Earlier", lambda: bookmarks.move(app, index, -1)),
+        (fa.ICON_FA_ARROW_DOWN, "down", "Later", lambda: bookmarks.move(app, index, 1)),
+        (fa.ICON_FA_CAMERA, "update", "Move it to the current camera", lambda: bookmarks.update(app, index)),
+        (fa.ICON_FA_TRASH, "remove", "Remove", lambda: bookmarks.remove(app, index)),
+    ):
+        if icon_button(icon, name, tooltip):
+            action()
+            return
+        imgui.same_line(0, px(2))
+    imgui.new_line()
+    label("Name")
+    imgui.push_id(index)
+    changed, text = imgui.input_text("##name", bookmarks.naming or views[index].name)
+    if changed:
+        bookmarks.naming = text
+    if imgui.is_item_deactivated():
+        if bookmarks.naming.strip():
+            bookmarks.give_name(app, index, bookmarks.naming)
+        bookmarks.naming = ""
+    imgui.pop_id()

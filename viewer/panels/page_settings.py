@@ -1,0 +1,58 @@
+"""How the program looks, and the controllers that it hears."""
+
+from __future__ import annotations
+
+from imgui_bundle import imgui
+
+from viewer.app.application import App
+from viewer.app.commands import COMMANDS
+from viewer.app.controllers import GAMEPAD_BUTTONS, MOUSE_BUTTONS
+from viewer.app.stage import Stage
+from viewer.app.state import SCALES
+from viewer.panels.theme import THEMES, Fonts
+from viewer.panels.widgets import card, choice, figure, hint, label, segments, switch
+
+STICKS = (
+    ("Left stick", "slide; move while flying"),
+    ("Right stick", "turn; look"),
+    ("Triggers", "away, closer; down, up"),
+)
+CAP = (("Push", "slide, closer"), ("Tilt, turn", "turn the scene"))
+
+
+def show(app: App, stage: Stage, fonts: Fonts) -> None:
+    """Draws the page."""
+    interface = app.interface
+    with card("look", fonts, "Look"):
+        label("Theme")
+        picked = segments("theme", THEMES, interface.theme, {theme: theme.capitalize() for theme in THEMES})
+        if picked:
+            app.set_theme(picked)
+        label("Interface")
+        titles = {str(scale): f"{100 * scale:.0f} %" for scale in (*SCALES, interface.scale)}
+        picked = choice("scale", [str(scale) for scale in SCALES], str(interface.scale), titles)
+        if picked:
+            interface.scale = float(picked)
+            app.touch()
+        hint("Ctrl+Plus, Ctrl+Minus and Ctrl+0 do the same.")
+        label("Axes")
+        interface.axes_shown = switch("axes", interface.axes_shown)
+    with card("controllers", fonts, "Gamepad and 3D mouse"):
+        usable = [state for state in app.controllers.states if state.usable]
+        for state in usable:
+            figure(state.name, "gamepad" if state.gamepad else "3D mouse", fonts)
+        if not usable:
+            hint("None is connected. Gamepads and SpaceMouse devices are found when they are plugged in.")
+        label("Dead zone")
+        changed, value = imgui.slider_float("##dead zone", 100 * app.controllers.dead_zone, 0.0, 50.0, "%.0f %%")
+        if changed:
+            app.controllers.dead_zone = 0.01 * value
+        for rows, buttons, shown in (
+            (STICKS, GAMEPAD_BUTTONS, any(state.gamepad for state in usable)),
+            (CAP, MOUSE_BUTTONS, any(state.mouse for state in usable)),
+        ):
+            if shown:
+                for name, what in rows:
+                    figure(name, what, fonts)
+                for name, command in buttons.values():
+                    figure(name.capitalize(), COMMANDS[command].title, fonts)
