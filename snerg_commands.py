@@ -17,6 +17,7 @@ MODULES = {
     "snerg-bench": "viewer.commands.bench",
     "snerg-view": "viewer.commands.view",
     "snerg-pack": "baker.commands.pack",
+    "snerg-report": "baker.commands.report",
 }
 
 
@@ -30,4 +31,4 @@ def run(command: str) -> int:
     return main()
 
 
-make, train, bake, evaluate, render, bench, view, pack = (partial(run, command) for command in MODULES)
+make, train, bake, evaluate, render, bench, view, pack, report = (partial(run, command) for command in MODULES)

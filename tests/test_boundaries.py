@@ -17,7 +17,7 @@ MAY_IMPORT = {
     "console": set(),
     "scenepack": {"console"},
     "training": {"console", "scenepack.constants"},
-    "baker": {"console", "scenepack", "training", "viewer.rendering"},
+    "baker": {"console", "scenepack", "training", "viewer.rendering", "viewer.benchmark"},
     "viewer": {"console", "scenepack", "training.scenes"},
 }
 JAX = {"jax", "jaxlib", "optax"}

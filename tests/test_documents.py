@@ -16,6 +16,8 @@ import pytest
 from PIL import Image
 
 from snerg_commands import MODULES
+from viewer.app.pictures import PICTURE
+from viewer.rendering.settings import MODES
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")] + sorted(
@@ -269,9 +271,7 @@ def test_tables_list_all_choices_and_true_defaults() -> None:
     for name, default, _ in table_below(commands, "snerg-bake"):
         option = known["snerg-bake"][name.strip("`")]
         assert option["default"] == ("None" if default == "automatic" else default), name
-    assert names_in([row[0] for row in table_below(rendering, "Display modes")]) == set(
-        known["snerg-render"]["--mode"]["choices"]
-    )
+    assert names_in([row[0] for row in table_below(rendering, "Display modes")]) == {PICTURE, *MODES}
     assert names_in([row[0] for row in table_below(rendering, "Marchers")]) == set(
         known["snerg-render"]["--marcher"]["choices"]
     )

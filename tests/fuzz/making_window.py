@@ -8,22 +8,22 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from viewer.app import application
+from viewer.app.application import App
 from viewer.app.make_plan import Plan
 from viewer.commands import view
 
 
 def main(scene: Path, out: Path, steps: int, resolution: int) -> int:
-    start = application.App.use
+    start = view.take_over
     plan = Plan("scene", scene, out, preset="tiny", steps=steps, resolution=resolution)
 
-    def use(app: application.App, preferences) -> None:
+    def use(app: App, preferences) -> None:
         start(app, preferences)
         app.making.plan = plan
         app.making.start(app)
         app.making.quit_after = True
 
-    application.App.use = use
+    view.take_over = use
     status = view.main([])
     if status == 0 and not (out / "pack").is_dir():
         print(plan.log.read_text() if plan.log.exists() else "nothing was begun", file=sys.stderr)

@@ -10,12 +10,17 @@ import numpy as np
 
 from console import UserError
 from console.driven import Report, read_report
+from console.json_text import read_json_file
 from viewer.app import preferences
+from viewer.app.marks import Bookmark, Marks, Measurement, Scale, marks_from_json, marks_to_json
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path
 from viewer.app.pose import pose_from_text, pose_to_text
+from viewer.app.session import Seen, Session, load_session, save_session
 
-BASES = ("preferences", "path", "older-path", "pose", "progress")
+BASES = ("preferences", "path", "older-path", "pose", "progress", "session", "marks")
 FILE = "file.json"
+VIEW = Bookmark("The door", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0))
+MARKS = Marks(Scale(2.0, "m"), (Measurement("line", ((0.0,) * 3, (1.0, 2.0, 3.0))),), (VIEW,))
 MOST_SECONDS = 1e6
 
 
@@ -35,6 +40,10 @@ def write_base(name: str, folder: Path) -> None:
         file.write_text(json.dumps({"keyframes": keys, "default_transition_sec": 2.0, "is_cycle": False}))
     elif name == "pose":
         file.write_text(pose_to_text(pose, 40.0))
+    elif name == "session":
+        save_session(Session((Seen(folder / "pack", VIEW, crop=((0.0,) * 3, (1.0,) * 3), marks=MARKS),)), file)
+    elif name == "marks":
+        file.write_text(json.dumps(marks_to_json(MARKS)))
     else:
         report = Report("training", 1.0, 2.0, "PSNR", 3.0, "training", {"psnr": 20.0})
         file.write_text(json.dumps(dataclasses.asdict(report)))
@@ -56,6 +65,18 @@ def open_it(path: Path, base: str) -> None:
         report = read_report(file)
         if report is not None and not (0 <= report.share <= 1):
             raise AssertionError("no share of the work")
+    elif base == "session":
+        found = load_session(file)
+        save_session(found, path / "again.json")
+        if load_session(path / "again.json") != found:
+            raise AssertionError("it is another session when it is saved again")
+    elif base == "marks":
+        try:
+            marks = marks_from_json(read_json_file(file), lambda note: None)
+        except (OSError, ValueError) as error:
+            raise UserError(str(error)) from None
+        if marks_from_json(json.loads(json.dumps(marks_to_json(marks)))) != marks:
+            raise AssertionError("what was taken is not taken again")
     elif base == "pose":
         try:
             matrix, _ = pose_from_text(file.read_text(encoding="utf-8", errors="replace") if file.is_file() else "")

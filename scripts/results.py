@@ -1,0 +1,150 @@
+"""`make results`: writes docs/results.md from docs/results/page.md and the figures in docs/results/*.json beside it.
+
+No figure is typed into the page. page.md names them:
+
+    {{lego-800.webp_mb}}            figures["webp_mb"] of docs/results/lego-800.json
+    {{lego-800.steps:,.0f}}         the same, written in this format of Python's
+    {{lego-800.device}}             another text of that file: of, commit, device
+    {{lego-800.commands}}           its command lines, as a block of code (a line of its own, as are the next two)
+    {{lego-800.table:packs}}        tables["packs"]: columns, formats (None: as it is), rows, and bold, a list of [row, column]
+    {{reports}}                     what docs/results/reports/*.json hold, each the report.json of a snerg-report
+    {{published.field:.2f}}         what the release prints of lego
+
+`python scripts/results.py --check` exits with status 1 where docs/results.md is not what it would write.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+from baker.reports import published  # noqa: E402
+from baker.reports.pages import SECTIONS  # noqa: E402
+
+DOCS = ROOT / "docs"
+MARK = re.compile(r"\{\{([\w-]+)(?:\.(\w+))?(?::([^}]+))?\}\}")
+NO_REPORTS = (
+    "These tables have not been measured at full size yet. The figures on this page come from the single commands."
+)
+
+
+def page(docs: Path = DOCS) -> str:
+    """The text of docs/results.md. KeyError where page.md names what no file holds."""
+    figures = {
+        path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted((docs / "results").glob("*.json"))
+    }
+    figures["published"] = {"figures": _published()}
+    template = (docs / "results/page.md").read_text(encoding="utf-8")
+
+    def fill(mark: re.Match[str]) -> str:
+        name, key, how = mark.groups()
+        if name == "reports":
+            return reports_text(docs / "results/reports")
+        file = figures[name]
+        if key == "table":
+            return table_text(file["tables"][how])
+        if key in file["figures"]:
+            value = file["figures"][key]
+            return str(value) if how is None else format(value, how)
+        value = file[key]
+        return "\n".join(f"    {line}".rstrip() for line in value) if isinstance(value, list) else str(value)
+
+    return MARK.sub(fill, template)
+
+
+@cache
+def _published() -> dict[str, float | None]:
+    rows = {"field": ("synthetic", "lego", "deferred"), "pack": ("synthetic", "lego", "snerg"),
+            "fern_field": ("forward", "fern", "deferred"), "fern_pack": ("forward", "fern", "snerg")}  # fmt: skip
+    return {name: published.release(*row) for name, row in rows.items()}  # type: ignore[arg-type]
+
+
+def table_text(table: Mapping[str, Any]) -> str:
+    """A table of Markdown."""
+    columns, formats = table["columns"], table["formats"]
+    bold = {tuple(place) for place in table.get("bold", ())}
+    rule = "|" + "---|" * len(columns) if table.get("tight") else "| " + " | ".join(["---"] * len(columns)) + " |"
+    lines = [_line(columns), rule]
+    for r, row in enumerate(table["rows"]):
+        cells = []
+        for c, (value, how) in enumerate(zip(row, formats, strict=True)):
+            text = "" if value is None else str(value) if how is None else format(value, how).replace("-", "−")
+            cells.append(f"**{text}**" if (r, c) in bold else text)
+        lines.append(_line(cells))
+    return "\n".join(lines)
+
+
+def _line(cells: list[str]) -> str:
+    return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|"
+
+
+def reports_text(folder: Path) -> str:
+    """The tables of all reports in a folder; without their pictures, which are not kept there."""
+    files = sorted(folder.glob("*.json"))
+    if not files:
+        return NO_REPORTS
+    lines = [
+        "Columns in *italics* are not ours: they are the paper's and its release's own figures, measured on their machines."
+    ]
+    for file in files:
+        document = json.loads(file.read_text(encoding="utf-8"))
+        about = document["about"]
+        lines += ["", f"### The tables of {about['name']}", ""]
+        lines.append(
+            f"{about['step']:,} steps; means of {about['views']} {about['split']} photographs of {about['width']} × "
+            f"{about['height']}. The paper's figures are of {about['theirs']}."
+        )
+        for name, (title, section) in SECTIONS.items():
+            if name in document["tables"]:
+                lines += ["", f"#### {title}: {about['name']}", *_made(document.get("made", {}).get(name)), ""]
+                lines += _without_pictures(section(document["tables"][name], about))
+        text = "\n".join(lines)
+        for path, word in sorted(
+            ((about["out"], "DIR"), (about["run"], "RUN"), (about["scene"], "SCENE")), reverse=True
+        ):
+            text = text.replace(path, word)
+        lines = text.split("\n")
+    return "\n".join(lines)
+
+
+def _made(made: Mapping[str, Any] | None) -> list[str]:
+    if made is None:
+        return []
+    return ["", f"    {made['command']}", "", f"Commit {made['commit']}; {made['device']}."]
+
+
+def _without_pictures(lines: list[str]) -> list[str]:
+    kept: list[str] = []
+    for line in lines:
+        if line.startswith("!["):
+            continue
+        if not (line == "" and kept and kept[-1] == ""):
+            kept.append(line)
+    while kept and kept[-1] == "":
+        kept.pop()
+    return kept
+
+
+def main(words: list[str]) -> int:
+    """Writes the page, or says whether it is as it would be written."""
+    text, path = page(), DOCS / "results.md"
+    if "--check" in words:
+        if path.read_text(encoding="utf-8") == text:
+            return 0
+        print(f"{path} is not what its figures give: make results", file=sys.stderr)
+        return 1
+    path.write_text(text, encoding="utf-8")
+    print(path)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
