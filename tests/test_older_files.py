@@ -87,6 +87,9 @@ def test_an_older_pack_is_drawn_as_it_was_after_it_is_saved_again(tmp_path: Path
 def test_the_field_of_an_older_run_is_drawn_as_it_was(name: str, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(OLDER / name, run)
+    config = run / "config.json"
+    description = json.loads(config.read_text(encoding="utf-8"))
+    config.write_text(json.dumps(description | {"scene": str(tmp_path / "gone")}), encoding="utf-8")  # on any machine
     report, pictures = tmp_path / "report.json", tmp_path / "pictures"
     line = [str(run), "--scene", str(SCENE), "--json", str(report), "--images", str(pictures)]
     assert snerg_eval(line) == 0

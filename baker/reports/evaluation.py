@@ -80,8 +80,8 @@ def evaluate(
         raise UserError("no photographs in this split", where="--split", expected=", ".join(scene.splits), found=split)
     scores = []
     with ExitStack() as stack:
-        drawn = stack.enter_context(shown_by(subject, allow_half))
-        mask = drawn if mask_of is None else stack.enter_context(shown_by(mask_of, allow_half))
+        drawn = stack.enter_context(shown_by(subject, allow_half, scene.path))
+        mask = drawn if mask_of is None else stack.enter_context(shown_by(mask_of, allow_half, scene.path))
         bar = stack.enter_context(progress("evaluating", len(photographs)))
         for photograph, name in zip(photographs, picture_stems(photographs), strict=True):
             photographed = photograph.load()
@@ -133,13 +133,20 @@ def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray, seen: 
 
 
 @contextmanager
-def shown_by(subject: Path | Run | Drawn, allow_half: bool = False) -> Iterator[Drawn]:
-    """What draws the subject: the field itself for a run, the OpenGL renderer for a pack."""
+def shown_by(subject: Path | Run | Drawn, allow_half: bool = False, photographs: Path | None = None) -> Iterator[Drawn]:
+    """What draws the subject: the field itself for a run, the OpenGL renderer for a pack.
+
+    photographs: where a run's scene is if it is no longer where the run was trained.
+    """
     if isinstance(subject, Drawn):
         yield subject
         return
-    if isinstance(subject, Run) or is_run(subject):
-        yield Drawn(_field_pictures(subject if isinstance(subject, Run) else load_run(subject)))
+    if isinstance(subject, Run):
+        yield Drawn(_field_pictures(subject))
+        return
+    if is_run(subject):
+        moved = not Path(read_description(subject).scene).exists()
+        yield Drawn(_field_pictures(load_run(subject, scene_path=photographs if moved else None)))
         return
     from viewer.rendering.offscreen import OffscreenRenderer
 

@@ -32,7 +32,7 @@ def showing(scene: Scene, width: Callable[[str], int], spoil: Spoil = lambda rig
     held_out = {id(p.camera): p.load() for p in scene.splits["test"]}
 
     @contextmanager
-    def shown_by(subject: Path, allow_half: bool):
+    def shown_by(subject: Path, allow_half: bool, photographs: Path):
         def show(camera, mode):
             rgba = held_out[id(camera)]
             opaque = np.zeros(rgba.shape[:2], np.float32)
@@ -141,7 +141,7 @@ def test_pictures_of_photographs_of_one_name_are_all_kept(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     @contextmanager
-    def shown_by(subject: Path, allow_half: bool):
+    def shown_by(subject: Path, allow_half: bool, photographs: Path):
         yield evaluation.Drawn(lambda camera, mode: np.ones((camera.height, camera.width, 3), np.float32))
 
     monkeypatch.setattr(evaluation, "shown_by", shown_by)
