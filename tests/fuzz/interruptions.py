@@ -287,7 +287,11 @@ def campaign(names: list[str], times: int, disks: int, seed: int) -> tuple[str, 
                 continue
             writer.measure(place)
             size = sum(f.stat().st_size for f in [place / writer.out, *place.rglob("*")] if f.is_file())
-            kills = Counter(writer.kill(place, moments.uniform(0.25, 1.05)) for _ in range(times))
+            kills: Counter[str] = Counter()
+            for number in range(times):
+                kills[writer.kill(place, moments.uniform(0.25, 1.05))] += 1
+                if number % 10 == 9:
+                    print(f"{writer.name}: {number + 1} kills, {len(writer.problems)} problems", flush=True)
             with small_disk(disk) as mounted:
                 count = disks if mounted else 0
                 fits = Counter(writer.fill(disk, int(moments.uniform(0, 1.1) * size)) for _ in range(count))
