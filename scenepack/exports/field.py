@@ -28,6 +28,7 @@ class Field:
         self.pack, self.coarser = pack, coarser
         self.side = pack.block_size // coarser  # of a macroblock, in cells
         self._low, self._high = np.zeros(3, int), np.asarray(pack.grid_size[::-1])
+        self._coarse: dict[Place, np.ndarray] = {}  # small, and each is asked for up to eight times
         if crop is not None:
             corners = (np.sort(np.asarray(crop, np.float64), axis=0) - pack.min_xyz) / pack.voxel_size
             inside = np.ceil(corners - 0.5).astype(np.int64)[:, ::-1]
@@ -46,6 +47,8 @@ class Field:
         blocks = self.pack.occupied
         if any(not 0 <= i < n for i, n in zip(place, blocks.shape, strict=True)) or not blocks[place]:
             return None
+        if place in self._coarse:
+            return self._coarse[place]
         voxels = block_copy(self.pack, self.pack.atlas_rgba, place)[1:-1, 1:-1, 1:-1].astype(np.float32) / 255.0
         size, f = self.pack.block_size, self.coarser
         for axis in range(3):
@@ -55,10 +58,13 @@ class Field:
                 voxels[(slice(None),) * axis + (outside,)] = 0.0
         if f == 1:
             return voxels
-        mean = voxels.reshape(self.side, f, self.side, f, self.side, f, 4).mean(axis=(1, 3, 5))
+        mean = voxels / f**3
+        for axis in range(3):  # strided sums are several times as fast as a mean over three axes
+            mean = np.add.reduce([mean[(slice(None),) * axis + (slice(i, None, f),)] for i in range(f)])
         alpha = mean[..., 3:]
         grown = np.rint(255.0 * (1.0 - (1.0 - np.minimum(alpha, 1.0)) ** f)) / 255.0
-        return (mean * grown / np.maximum(alpha, 1e-9)).astype(np.float32)
+        self._coarse[place] = (mean * grown / np.maximum(alpha, 1e-9)).astype(np.float32)
+        return self._coarse[place]
 
     def with_next(self, place: Place) -> np.ndarray | None:
         """The macroblock's cells and one more on its far sides, float32 [side + 1, ...]; None where all of them are empty."""

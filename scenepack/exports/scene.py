@@ -153,31 +153,36 @@ def _gaussians(field: Field, export: Export, placing: Placing, tell: Told) -> tu
     positions, rgba = voxels_of(field, LEAST_OPACITY)
     near = placing.near_enough(positions)
     positions, rgba = positions[near], rgba[near]
-    _require_some(len(positions), export)
+    require_some(len(positions), export)
     tell(0.5, f"{len(positions):,} Gaussians")
     values = gaussian_values(positions, rgba, field, placing)
     return ply_parts(COLUMNS, values), Written(len(positions), 0, field.coarser)
 
 
-def _surface(field: Field, export: Export, placing: Placing, file: Path, tell: Told) -> tuple[list[bytes], Written]:
+def surface_of(field: Field, export: Export, placing: Placing, tell: Told = lambda share, note: None) -> Surface:
+    """The surface without floaters, smoothed, in voxels of the pack's grid. UserError where nothing would be in it."""
     surface = extract(field, export.level, lambda share: tell(0.6 * share, "finding the surface"))
     tell(0.6, "removing floaters")
     surface = without_floaters(surface, export.keep)
     near = placing.near_enough(surface.vertices)
     if not near.all():
         surface = surface.only(np.all(near[surface.faces], axis=1))
-    _require_some(len(surface.faces), export)
+    require_some(len(surface.faces), export)
     tell(0.7, "smoothing")
-    surface = smoothed(surface, export.smooth)
+    return smoothed(surface, export.smooth)
+
+
+def _surface(field: Field, export: Export, placing: Placing, file: Path, tell: Told) -> tuple[list[bytes], Written]:
+    surface = surface_of(field, export, placing, tell)
     said = [f"frame {export.frame}, lengths times {export.scale:g}", "colours are diffuse, sRGB"]
     if export.kind == "points":
-        placed, normals, colours = _scattered(surface, export, placing)
-        return ply_parts(POINT, [placed, normals, colours], comments=said), Written(len(placed), 0, field.coarser)
+        points, normals, colours = scattered(surface, export, placing)
+        return ply_parts(POINT, [points, normals, colours], comments=said), Written(len(points), 0, field.coarser)
     if export.faces is not None:
         tell(0.8, "removing triangles")
         surface = decimated(surface, export.faces)
     tell(0.9, f"{len(surface.faces):,} triangles")
-    surface = _placed(surface, placing)
+    surface = placed(surface, placing)
     normals = vertex_normals(surface)
     written = Written(len(surface.vertices), len(surface.faces), field.coarser)
     if file.suffix.lower() == ".glb":
@@ -185,12 +190,13 @@ def _surface(field: Field, export: Export, placing: Placing, file: Path, tell: T
     return ply_parts(POINT, [surface.vertices, normals, surface.colours], surface.faces, said), written
 
 
-def _placed(surface: Surface, placing: Placing) -> Surface:
+def placed(surface: Surface, placing: Placing) -> Surface:
+    """The surface in the frame in which the file shall be; faces are counter-clockwise from outside there, too."""
     faces = surface.faces[:, ::-1] if placing.mirrors else surface.faces
     return Surface(placing.points(surface.vertices).astype(np.float32), faces, surface.colours)
 
 
-def _scattered(surface: Surface, export: Export, placing: Placing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scattered(surface: Surface, export: Export, placing: Placing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points float32, normals float32 and colours uint8, [n, 3] each: evenly by area, one to a square of `spacing` voxels."""
     sums = np.cumsum(face_areas(surface)) / export.spacing**2
     count = max(int(sums[-1]), 1)
@@ -208,15 +214,16 @@ def _scattered(surface: Surface, export: Export, placing: Placing) -> tuple[np.n
     weights = np.stack([np.where(over, 1 - u, u), np.where(over, 1 - v, v)], axis=1)
     weights = np.concatenate([1 - weights.sum(axis=1, keepdims=True), weights], axis=1)[..., None]
     corners = surface.faces[chosen]
-    placed = _placed(surface, placing)
-    points = (placed.vertices[corners] * weights).sum(axis=1)
-    normals = (vertex_normals(placed)[corners] * weights).sum(axis=1)
+    there = placed(surface, placing)
+    points = (there.vertices[corners] * weights).sum(axis=1)
+    normals = (vertex_normals(there)[corners] * weights).sum(axis=1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     colours = np.rint((surface.colours[corners] * weights).sum(axis=1)).astype(np.uint8)
     return points, normals, colours
 
 
-def _require_some(count: int, export: Export) -> None:
+def require_some(count: int, export: Export) -> None:
+    """UserError where there are none."""
     if not count:
         where = "--crop" if export.crop is not None else None
         raise UserError("there is nothing to export", where=where, remedy="choose a larger box or a lower --level")

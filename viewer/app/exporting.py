@@ -8,13 +8,17 @@ import tempfile
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from console import UserError
 from console.driven import Report
 from viewer.app.child import Child
+from viewer.app.export_preview import ExportPreview
 from viewer.app.files import FileRequest, kind_of
 from viewer.app.host import Host
+
+if TYPE_CHECKING:
+    from scenepack.exports.scene import Export
 
 Kind = Literal["mesh", "points", "gaussians"]
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -69,6 +73,22 @@ class ExportPlan:
             words.append("--crop=" + ",".join(f"{number:.9g}" for corner in crop for number in corner))
         return words
 
+    def export(self, crop: Corners | None) -> Export:
+        """The same as `arguments`, for a preview: in the grid's frame and unscaled."""
+        from scenepack.exports.scene import Export
+
+        usual = Export(self.kind)
+        kept = KEPT[self.keep]
+        return replace(
+            usual,
+            level=self.level,
+            keep=kept if kept in ("all", "largest") else float(kept),
+            smooth=usual.smooth if self.smooth else 0,
+            faces=FACES[self.faces] or None,
+            spacing=SPACINGS[self.spacing],
+            crop=crop if self.crop else None,
+        )
+
 
 @dataclass
 class Writing:
@@ -82,10 +102,11 @@ class Writing:
 
 @dataclass
 class Exporting:
-    """asking: the dialog is open. plan: its choices, which stay. writing: what is being written."""
+    """asking: the dialog is open. plan: its choices, which stay. preview: of these. writing: what is being written."""
 
     asking: bool = False
     plan: ExportPlan = field(default_factory=ExportPlan)
+    preview: ExportPreview | None = None
     writing: Writing | None = None
     _looked: float = 0.0
 
@@ -101,16 +122,19 @@ class Exporting:
         if kind_of(host.scene.path) != "pack":
             raise UserError("is not a pack on disk", where=host.scene.path, remedy="open a pack, then export it")
         self.plan = replace(self.plan, crop=True, scale=scale)
-        self.asking = True
+        self.asking, self.preview = True, ExportPreview()
 
     def dismiss(self) -> None:
         """Closes the dialog."""
         self.asking = False
+        if self.preview is not None:
+            self.preview.close()
+        self.preview = None
 
     def choose_file(self, host: ExportHost) -> None:
         """Asks where to write, then begins."""
         assert host.scene is not None
-        self.asking = False
+        self.dismiss()
         suffixes = SUFFIXES[self.plan.kind]
         name = f"{host.scene.name}-{self.plan.kind}{suffixes[0]}"
         host.file_request = FileRequest("Export the scene", "save", lambda path: self.begin(host, path), suffixes, name)
@@ -136,12 +160,17 @@ class Exporting:
 
     def end(self) -> None:
         """The program ends: the process as well."""
+        self.dismiss()
         if self.writing is not None:
             self.writing.child.end(PARTING_S)
             self._forget(self.writing)
 
     def tick(self, host: Host) -> None:
-        """Time passes: looks at what the process is doing."""
+        """Time passes: looks at what the process is doing, and at the preview."""
+        if self.preview is not None and host.scene is not None:
+            self.preview.follow(host.scene.pack, self.plan.export(host.settings.crop))
+            if self.preview.news():
+                host.touch(1)
         writing, now = self.writing, time.monotonic()
         if writing is None or now - self._looked < LOOKED_AT_EVERY_S:
             return

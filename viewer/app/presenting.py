@@ -94,4 +94,6 @@ def awaited(app: App) -> bool:
     """Whether a thread is at work on something that will be seen."""
     thumbnails = app.gallery.thumbnails
     asked_about = app.making.plan is not None and app.making.busy
-    return app.loading is not None or asked_about or (thumbnails is not None and thumbnails.coming)
+    preview = app.exporting.preview
+    coming = (thumbnails is not None and thumbnails.coming) or (preview is not None and preview.working)
+    return app.loading is not None or asked_about or coming

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.rendering.settings import RenderSettings
+
+if TYPE_CHECKING:
+    from scenepack.exports.sketch import Sketch
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,13 @@ class Stage(Picture, Protocol):
 
     def drop_image(self, name: str) -> None:
         """Frees such a texture, if there is one."""
+
+    def sketch(self, sketch: Sketch, camera: ViewCamera, ground: tuple[float, float, float]) -> np.ndarray:
+        """What an export would write, uint8 [height, width, 3], before the colour `ground` (sRGB, 0 … 1)."""
+        ...
+
+    def drop_sketch(self) -> None:
+        """Frees what is kept on the card for `sketch`."""
 
     def sheet(self, sheet: Sheet) -> int:
         """OpenGL name of the texture with all that has arrived on a sheet."""

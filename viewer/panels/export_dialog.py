@@ -1,4 +1,4 @@
-"""The question what to export the scene as, and the card that shows how far it is."""
+"""The question what to export the scene as, with a preview of it, and the card that shows how far it is."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from console.progress import duration
 from viewer.app.application import App
 from viewer.app.exporting import FACES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
+from viewer.app.stage import Stage
 from viewer.panels import layout, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.dialogs import pressed_here
+from viewer.panels.export_preview import PreviewPane
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import begin_modal, coloured, font, hint, label, main_button, px, segments, switch, tip
 
 NAME, WIDTH, PADDING, LABELS = "##export", 480.0, 26.0, 130.0
+CHOICES, GAP, WIDEST_PREVIEW, NARROWEST_PREVIEW = 428.0, 22.0, 460.0, 220.0
+ROWS_HIGH = 262.0  # of the preview: as high as the most choices
 HINTS = {
     "mesh": "Triangles with vertex colours: a .glb or .ply file.",
     "points": "Points on the surface with normals and colours: a .ply file.",
@@ -22,12 +26,17 @@ HINTS = {
 }
 
 
-def show(app: App, size: ImVec2, fonts: Fonts) -> None:
-    """Draws the question while there is one; file dialogs and messages come before it."""
+def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts, pane: PreviewPane) -> None:
+    """Draws the question while there is one; file dialogs and messages come before it. pane: the same one each time."""
     exporting = app.exporting
+    if exporting.preview is None:
+        pane.drop(stage)
     if not exporting.asking or app.scene is None or app.file_request is not None or app.messages.dialogs:
         return
-    if not begin_modal(NAME, size, WIDTH, 0.47, padding=(PADDING, 22)):
+    room = size.x / px(1) - 32 - CHOICES - GAP - 2 * PADDING  # in a small window there is no preview
+    beside = min(room, WIDEST_PREVIEW) if room >= NARROWEST_PREVIEW else 0.0
+    width = CHOICES + GAP + beside + 2 * PADDING if beside else WIDTH
+    if not begin_modal(NAME, size, width, 0.47, padding=(PADDING, 22)):
         return
     with font(fonts.bold, theme.LARGE):
         with coloured(text=theme.ACCENT):
@@ -35,7 +44,16 @@ def show(app: App, size: ImVec2, fonts: Fonts) -> None:
         imgui.same_line(0, px(12))
         imgui.text_unformatted(f"Export {app.scene.name}")
     imgui.dummy(ImVec2(0, px(4)))
-    _choices(app, exporting.plan)
+    if beside:
+        imgui.begin_child("##choices", ImVec2(px(CHOICES), 0), imgui.ChildFlags_.auto_resize_y)
+        _choices(app, exporting.plan)
+        imgui.end_child()
+        imgui.same_line(0, px(GAP))
+        imgui.begin_group()
+        pane.show(app, stage, px(beside), px(ROWS_HIGH))
+        imgui.end_group()
+    else:
+        _choices(app, exporting.plan)
     imgui.dummy(ImVec2(0, px(8)))
     _answer(app)
     imgui.end_popup()

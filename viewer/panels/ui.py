@@ -26,6 +26,7 @@ from viewer.panels import (
 )
 from viewer.panels.axis_gizmo import AxisGizmo
 from viewer.panels.crop_gizmo import CropGizmo
+from viewer.panels.export_preview import PreviewPane
 from viewer.panels.file_dialogs import FileDialogs
 from viewer.panels.open_dialog import OpenDialog
 from viewer.panels.theme import Fonts
@@ -63,7 +64,7 @@ class Ui:
         self.context.config_nav_windowing_key_next = imgui.Key.none  # Ctrl+Tab is the packs'
         self.context.config_nav_windowing_key_prev = imgui.Key.none
         self._docking = layout.docking()
-        self._gizmo, self._axes = CropGizmo(), AxisGizmo()
+        self._gizmo, self._axes, self._preview_pane = CropGizmo(), AxisGizmo(), PreviewPane()
         self.fonts = Fonts()
         self.keyboard = Keyboard()
         self._presses = keys.Presses()
@@ -145,7 +146,7 @@ class Ui:
         self.open_dialog.show(app, size, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
         make_dialog.show(app, stage, ImVec2(size.x, size.y), self.fonts)
-        export_dialog.show(app, ImVec2(size.x, size.y), self.fonts)
+        export_dialog.show(app, stage, ImVec2(size.x, size.y), self.fonts, self._preview_pane)
         dialogs.show(app, stage, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
         self.keyboard.seen()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
@@ -21,8 +22,12 @@ from viewer.rendering.gpu_clock import GpuClock
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
+from viewer.rendering.sketch_picture import SketchPicture
 from viewer.window.sheet_texture import SheetTexture
 from viewer.window.targets import MARGIN, Box, Difference, Target, unbind_framebuffers, with_margin
+
+if TYPE_CHECKING:
+    from scenepack.exports.sketch import Sketch
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun
@@ -52,6 +57,7 @@ class Canvas:
         self._difference: Difference | None = None
         self._images: dict[str, tuple[int, moderngl.Texture]] = {}
         self._sheet = SheetTexture(ctx, self._retired)
+        self._sketches: SketchPicture | None = None
         self.clock = GpuClock(ctx)
         self.rest_s, self.blend_s = REST_S, BLEND_S
         self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
@@ -158,6 +164,22 @@ class Canvas:
     def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """See Stage.ray_counts."""
         return self._floats(camera, settings)
+
+    def sketch(self, sketch: Sketch, camera: ViewCamera, ground: tuple[float, float, float]) -> np.ndarray:
+        """See Stage.sketch."""
+        if self._sketches is None:
+            self._sketches = SketchPicture(self.ctx)
+        width, height = camera.width, camera.height
+        framebuffer = self._still.fit(width, height)
+        self._sketches.draw(framebuffer, sketch, camera, ground)
+        pixels = np.frombuffer(framebuffer.read((0, 0, width, height), components=3, alignment=1), np.uint8)
+        return pixels.reshape(height, width, 3)[::-1].copy()
+
+    def drop_sketch(self) -> None:
+        """See Stage.drop_sketch."""
+        if self._sketches is not None:
+            self._sketches.release()
+        self._sketches = None
 
     def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """See Stage.raw."""
@@ -340,6 +362,7 @@ class Canvas:
         for name in list(self._images):
             self.drop_image(name)
         self._sheet.release()
+        self.drop_sketch()
         if self._difference is not None:
             self._difference.release()
         for target in (self._quick, self._full, self._still):

@@ -17,6 +17,7 @@ import pytest
 from PIL import Image
 
 from console.driven import Report
+from scenepack import save_pack
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import OffscreenUi
@@ -226,6 +227,19 @@ def test_the_questions_how_to_make_a_scene_look_as_before(ui, app, compare, phot
         plan.attempt = {"scene": "/scenes/lego", "steps": 6000}
     app.making.plan = plan
     compare(ui, f"make-{which}")
+
+
+def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(ui, app, compare, known, tmp_path):
+    save_pack(known, tmp_path / "toy")
+    app.show(known, tmp_path / "toy", "toy")
+    app.exporting.ask(app)
+    compare(ui, "export")
+    goal = app.scene.rig.goal
+    ui.drag([(730, 300), (770, 310), (800, 320)])
+    ui.settle()
+    assert app.scene.rig.goal.azimuth != goal.azimuth and app.exporting.asking
+    app.exporting.dismiss()
+    ui.frame()
 
 
 def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):

@@ -168,10 +168,10 @@ PLACES: dict[str, Prepare] = {
     "film, an export": _page("film", _export),
     "a page that floats": lambda app, _: app.interface.moved.append("camera"),
     "opening": lambda app, scenes: app.open(scenes.path),
-    "export the scene": _page("film", _near, _crop, lambda app, _: setattr(app.exporting, "asking", True)),
+    "export the scene": _page("film", _near, _crop, lambda app, _: app.exporting.ask(app)),
     "export points": lambda app, _: (
         setattr(app.exporting.plan, "kind", "points"),
-        setattr(app.exporting, "asking", True),
+        app.exporting.ask(app),
     ),
     "a scene that is being exported": lambda app, scenes: setattr(
         app.exporting,

@@ -1,0 +1,81 @@
+"""What an export would look like: the same steps, in voxels so coarse that it takes a second or two, and nothing is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scenepack.exports.field import Field
+from scenepack.exports.gaussians import voxels_of
+from scenepack.exports.mending import decimated, vertex_normals
+from scenepack.exports.placing import Placing
+from scenepack.exports.scene import (
+    LEAST_OPACITY,
+    Export,
+    Told,
+    check_export,
+    divisors,
+    placed,
+    require_some,
+    scattered,
+    surface_of,
+)
+from scenepack.pack import Pack
+
+MOST_CELLS = 256  # along the longest side of the grid
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """vertices float32 [v, 3] in the grid frame (y up; of forward-facing packs before the warp). normals float32 [v, 3], zero
+    where there is none. colours uint8 [v, 3], sRGB. faces int32 [f, 3]; none of them: these are points. size: of a point, in
+    units of the grid frame. coarser: voxels a side that became one.
+    """
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    colours: np.ndarray
+    faces: np.ndarray
+    size: float
+    coarser: int
+
+
+def sketched(pack: Pack, export: Export, tell: Told = lambda share, note: None) -> Sketch:
+    """What `export` would write of the pack, whatever its frame and scale; tell: as for export_scene, and may raise.
+
+    UserError where nothing would be in it.
+    """
+    check_export(export, pack)
+    placing = Placing(pack)
+    coarser = export.coarser or coarseness(pack)
+    field = Field(pack, coarser, export.crop)
+    no_faces = np.zeros((0, 3), np.int32)
+    if export.kind == "gaussians":
+        positions, rgba = voxels_of(field, LEAST_OPACITY)
+        near = placing.near_enough(positions)
+        positions, rgba = positions[near], rgba[near]
+        require_some(len(positions), export)
+        straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
+        points = placing.points(positions).astype(np.float32)
+        colours = np.rint(255.0 * straight).astype(np.uint8)
+        return Sketch(points, np.zeros_like(points), colours, no_faces, coarser * pack.voxel_size, coarser)
+    alike = replace(export, smooth=-(-export.smooth // coarser))  # smooths about as far
+    surface = surface_of(field, alike, placing, tell)
+    if export.kind == "points":
+        spacing = max(export.spacing, float(coarser))
+        points, normals, colours = scattered(surface, replace(export, spacing=spacing), placing)
+        return Sketch(
+            points.astype(np.float32), normals.astype(np.float32), colours, no_faces, spacing * pack.voxel_size, coarser
+        )
+    if export.faces is not None:
+        tell(0.8, "removing triangles")
+        surface = decimated(surface, export.faces)
+    there = placed(surface, placing)
+    return Sketch(there.vertices, vertex_normals(there), there.colours, there.faces, 0.0, coarser)
+
+
+def coarseness(pack: Pack) -> int:
+    """The fewest voxels a side that must become one for a sketch."""
+    longest = max(pack.grid_size)
+    return next((f for f in divisors(pack.block_size) if longest <= MOST_CELLS * f), pack.block_size)
