@@ -3,16 +3,13 @@
 After each lap nothing may be left: no file, no descriptor, no thread, no process; and over all laps memory stays flat. What
 each lap held is printed, and kept as JSON where --json names a file. The exit status is 1 where something grew.
 
-Memory is that of our own: glibc gets one arena, for each of many grows to what its fullest moment took, over a hundred laps;
-and JAX forgets after each lap what it compiled, which it keeps for as long as a program runs. Commands run once in a process.
+JAX forgets after each lap what it compiled, which it keeps for as long as a program runs: commands run once in a process.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import ctypes
-import gc
 import io
 import json
 import os
@@ -25,9 +22,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 
+from tests.fuzz.memory import resident, with_one_arena
+
 WARM_UP = 4  # laps: programs are compiled, pools filled, arenas taken
 FEWEST = 4  # laps after these
-ONE_ARENA = ("MALLOC_ARENA_MAX", "1")
 TOLERATED = (
     0.03  # of what was held after the warm-up: allocators keep some memory for later, in steps that come at any time
 )
@@ -73,13 +71,10 @@ def held(place: Path, seconds: float) -> Lap:
     import jax
 
     jax.clear_caches()
-    gc.collect()
-    with contextlib.suppress(OSError, AttributeError):  # other C libraries than glibc
-        ctypes.CDLL(None).malloc_trim(0)
     own = Path("/proc/self")
     return Lap(
         seconds,
-        int((own / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE"),
+        resident(),
         len(list((own / "fd").iterdir())),
         len(list((own / "task").iterdir())),
         sum(1 for task in (own / "task").iterdir() for _ in (task / "children").read_text().split()),
@@ -159,9 +154,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=120.0, help="how long (default 120)")
     parser.add_argument("--json", type=Path, help="file for what each lap held")
     given = parser.parse_args()
-    if ONE_ARENA not in os.environ.items():
-        os.environ[ONE_ARENA[0]] = ONE_ARENA[1]  # which is read when a program begins
-        os.execv(sys.executable, [sys.executable, "-m", "tests.fuzz.long_run", *sys.argv[1:]])
+    with_one_arena("tests.fuzz.long_run")
     if threading.active_count() > 1 or not Path("/proc/self/statm").exists():
         parser.error("this needs Linux, which tells what a process holds, and a process of its own")
 

@@ -10,7 +10,6 @@ trained: a scene that shall be made is declined. Prints JSON; status 1 for anyth
 from __future__ import annotations
 
 import argparse
-import gc
 import json
 import os
 import random
@@ -27,6 +26,7 @@ import moderngl
 from imgui_bundle import imgui
 
 from scenepack import save_pack
+from tests.fuzz.memory import resident, with_one_arena
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import PLACES, OffscreenUi
@@ -209,7 +209,6 @@ class Hour:
         app.interface.reset_layout()
         self.ui.resize(*SIZES[0])
         self.ui.settle()
-        gc.collect()
 
     def play(self, events: int) -> dict[str, Any]:
         """`events` of them, and what came of it."""
@@ -219,18 +218,13 @@ class Hour:
             if number % ROUND == 0:
                 self.close_all()
                 held.append(resident())
+                print(
+                    f"{number} events, {held[-1] / 2**20:.0f} MiB, {len(self.found)} found", file=sys.stderr, flush=True
+                )
         grown = held[-1] / held[WARM_UP] - 1 if len(held) > WARM_UP + 1 else 0.0
         if grown > TOLERATED:
             self.found.append(f"memory grew by {100 * grown:.1f} %: {[round(b / 2**20) for b in held]} MiB")
         return {"events": events, "found": self.found, "grown": grown, "held": held, "done": dict(self.done)}
-
-
-def resident() -> int:
-    """What this process holds, bytes; 0 where the system does not tell as Linux does."""
-    try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
-    except OSError:
-        return 0
 
 
 def main() -> int:
@@ -238,6 +232,7 @@ def main() -> int:
     parser.add_argument("--events", type=int, default=3000)
     parser.add_argument("--seed", type=int, default=0)
     wanted = parser.parse_args()
+    with_one_arena("tests.viewer.panels.scripted_hour")
     ctx = create_context()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # where files are saved that are given no folder
