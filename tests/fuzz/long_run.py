@@ -68,9 +68,6 @@ def verdict(laps: Sequence[Lap]) -> list[str]:
 
 def held(place: Path, seconds: float) -> Lap:
     """What this process holds now. Linux alone tells."""
-    import jax
-
-    jax.clear_caches()
     own = Path("/proc/self")
     return Lap(
         seconds,
@@ -119,6 +116,7 @@ def _remove(path: Path) -> None:
 
 def run(minutes: float, base: Path, tell: Callable[[Lap], None]) -> list[Lap]:
     """Laps until the time is over."""
+    import jax
     import moderngl
 
     from tests.viewer.offscreen_ui import OffscreenUi
@@ -144,6 +142,7 @@ def run(minutes: float, base: Path, tell: Callable[[Lap], None]) -> list[Lap]:
         began = time.monotonic()
         for training in TRAININGS:
             lap_of(scene, place, training, look)
+        jax.clear_caches()
         laps.append(held(place, time.monotonic() - began))
         tell(laps[-1])
     return laps
