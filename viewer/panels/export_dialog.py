@@ -13,6 +13,7 @@ from viewer.panels import layout, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.dialogs import pressed_here
 from viewer.panels.export_preview import PreviewPane
+from viewer.panels.modal import in_front
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import begin_modal, coloured, font, hint, label, main_button, px, segments, switch, tip
 
@@ -27,11 +28,11 @@ HINTS = {
 
 
 def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts, pane: PreviewPane) -> None:
-    """Draws the question while there is one; file dialogs and messages come before it. pane: the same one each time."""
+    """Draws the question while there is one, and nothing is in front of it. pane: the same one each time."""
     exporting = app.exporting
     if exporting.preview is None:
         pane.drop(stage)
-    if not exporting.asking or app.scene is None or app.file_request is not None or app.messages.dialogs:
+    if app.scene is None or in_front(app) != "export":
         return
     room = size.x / px(1) - 32 - CHOICES - GAP - 2 * PADDING  # in a small window there is no preview
     beside = min(room, WIDEST_PREVIEW) if room >= NARROWEST_PREVIEW else 0.0

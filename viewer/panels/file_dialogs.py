@@ -12,6 +12,7 @@ from imgui_bundle import portable_file_dialogs as pfd
 from viewer.app.application import App
 from viewer.app.files import FileRequest
 from viewer.panels import theme
+from viewer.panels.modal import in_front
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import begin_modal, coloured, font, hint, main_button, px
 
@@ -42,7 +43,7 @@ class FileDialogs:
                 result = self._dialog.result()
                 chosen = result[0] if isinstance(result, list) and result else result
                 self._end(app, str(chosen) if chosen else "")
-        else:
+        elif in_front(app) == "path":
             self._typed(app, size, fonts)
 
     def _begin(self, request: FileRequest) -> None:

@@ -14,6 +14,7 @@ from imgui_bundle import imgui
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS, run
 from viewer.app.keyboard import KeyPress
+from viewer.panels.modal import in_front
 
 REPEATING = ("Z", "Y", "Num2", "Num4", "Num6", "Num8")  # undo, redo and turning go on while they are held
 
@@ -50,13 +51,7 @@ class Presses:
 
 def busy(app: App) -> bool:
     """Whether something waits for an answer, so that keys are not the picture's."""
-    return (
-        bool(app.messages.dialogs)
-        or app.file_request is not None
-        or app.choosing is not None
-        or (app.making.plan is not None)
-        or app.exporting.asking
-    )
+    return in_front(app) != ""
 
 
 def _run(app: App, press: KeyPress) -> None:

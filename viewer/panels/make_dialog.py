@@ -15,6 +15,7 @@ from viewer.app.stage import Stage
 from viewer.panels import layout, preview_strip, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.dialogs import confirmed, pressed_here
+from viewer.panels.modal import in_front
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import begin_modal, coloured, font, hint, label, main_button, px, segments, switch, tip
 
@@ -24,9 +25,9 @@ AUTOMATIC = "Automatic"
 
 
 def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
-    """Draws the question while there is one; file dialogs and messages come before it."""
+    """Draws the question while there is one, and nothing is in front of it."""
     plan = app.making.plan
-    if plan is None or app.file_request is not None or app.messages.dialogs:
+    if plan is None or in_front(app) != "make":
         return
     if not begin_modal(NAME, size, WIDTH, 0.47, padding=(PADDING, 22)):
         return

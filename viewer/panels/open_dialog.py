@@ -12,10 +12,12 @@ from viewer.app.application import App
 from viewer.app.choosing import Choosing
 from viewer.app.commands import browse, choose
 from viewer.panels import theme
+from viewer.panels.modal import in_front
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import begin_modal, coloured, elided, font, hint, main_button, px
 
 NAME, FIELD = "##open", "##open path"
+ENTER = (imgui.Key.enter, imgui.Key.keypad_enter)
 TO_END = 3
 WIDTH, LINE, BUTTON = 600.0, 30.0, 104.0
 ICONS = {
@@ -45,12 +47,15 @@ class OpenDialog:
         self._shown: Choosing | None = None
         self._typed = ""
         self._frames_to_end = 0  # in which the cursor is put behind the text, for a field that is entered selects all
+        self._awaited = False  # the field has been given the keyboard and has not taken it yet
 
     def show(self, app: App, size: ImVec2, fonts: Fonts) -> None:
-        """Draws it, and hands over what was chosen."""
+        """Draws it while nothing is in front of it, and hands over what was chosen."""
         choosing = app.choosing
         if choosing is None:
             self._shown = None
+            return
+        if in_front(app) != "open":
             return
         opening = choosing is not self._shown or not imgui.is_popup_open(NAME)
         self._shown = choosing
@@ -72,13 +77,15 @@ class OpenDialog:
             app.choosing = None
         elif clicked is not None or entered or pressed:
             choose(app, clicked)
-            self._frames_to_end = TO_END
+            self._frames_to_end, self._awaited = TO_END, True
         if app.choosing is None:
             imgui.close_current_popup()
         imgui.end_popup()
 
     def _field(self, choosing: Choosing, opening: bool) -> bool:
         """The line to type into; whether Enter was pressed in it."""
+        self._step(choosing, opening)
+        entered = self._entered()
         if opening or self._frames_to_end == TO_END:
             imgui.set_keyboard_focus_here()
         if self._frames_to_end:  # a folder was chosen, whose name stands there now
@@ -88,14 +95,26 @@ class OpenDialog:
                 state.reload_user_buf_and_move_to_end()
         imgui.set_next_item_width(-1)
         with coloured(frame_bg=theme.BASE):
-            flags = imgui.InputTextFlags_.enter_returns_true
-            entered, self._typed = imgui.input_text_with_hint(FIELD, "/path/to/scene", choosing.text, flags)
+            _, self._typed = imgui.input_text_with_hint(FIELD, "/path/to/scene", choosing.text)
         choosing.type(self._typed)
-        if imgui.is_item_focused() or imgui.is_item_active():
+        self._awaited = opening or (self._awaited and not imgui.is_item_active())
+        return entered
+
+    def _entered(self) -> bool:
+        """Whether Enter is pressed in the field. The field itself does not hear it in the round after it took the keyboard."""
+        theirs = imgui.get_current_context().active_id == imgui.get_id(FIELD)
+        return (self._awaited or theirs) and any(imgui.is_key_pressed(key, False) for key in ENTER)
+
+    def _step(self, choosing: Choosing, opening: bool) -> None:
+        """Down and Up choose a line, and leave the keyboard with the field.
+
+        imgui would move it on to the line's own button, and lose an Enter that comes in the next round.
+        """
+        if opening or self._awaited or imgui.get_current_context().nav_id == imgui.get_id(FIELD):
             by = int(imgui.is_key_pressed(imgui.Key.down_arrow)) - int(imgui.is_key_pressed(imgui.Key.up_arrow))
             if by:
+                imgui.internal.nav_move_request_cancel()
                 choosing.step(by)
-        return entered
 
     def _lines(self, choosing: Choosing) -> int | None:
         """What is offered; the line that was clicked."""

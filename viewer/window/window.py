@@ -19,6 +19,7 @@ import moderngl
 import numpy as np
 from PIL import Image
 
+from console import UserError
 from viewer.app.application import App
 from viewer.app.children import end_processes
 from viewer.app.commands import run
@@ -64,9 +65,19 @@ class NoDisplay(Exception):
 
 
 def display_problem() -> str | None:
-    """Why no window can be opened, as far as can be told beforehand; None where nothing speaks against it."""
-    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
+    """Why no window can be opened, as far as can be told beforehand; None where nothing speaks against it.
+
+    UserError on a desktop with Wayland alone, where imgui_bundle's GLFW knows X11 only: somebody waits for a window there.
+    """
+    if not sys.platform.startswith("linux") or os.environ.get("DISPLAY"):
+        return None
+    if not os.environ.get("WAYLAND_DISPLAY"):
         return "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set)"
+    if b"Wayland" not in glfw.get_version_string():
+        raise UserError(
+            "no window can be opened: it needs X11, and this desktop offers Wayland only (DISPLAY is not set)",
+            remedy="install XWayland (Debian, Ubuntu: apt-get install xwayland), or use snerg-render",
+        )
     return None
 
 

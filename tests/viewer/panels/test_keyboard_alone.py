@@ -20,6 +20,8 @@ WIDGETS = ("button", "invisible_button", "selectable", "checkbox", "slider_float
            "input_text_with_hint", "begin_combo")  # fmt: skip
 MOST_TABS = 40
 QUESTION = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
+DOWN, ENTER = imgui.Key.down_arrow, imgui.Key.enter
+CTRL_O = (imgui.Key.mod_ctrl, imgui.Key.o)
 
 
 @contextmanager
@@ -123,3 +125,74 @@ def test_enter_presses_what_tab_came_to_and_else_the_main_button(offscreen, app,
         ui.key(imgui.Key.enter)
         assert not app.messages.dialogs
     assert 1 <= len(stopped) <= 2  # every second widget
+
+
+def stroke(ui: OffscreenUi, *keys: imgui.Key) -> None:
+    """Keys down and up, without a frame."""
+    ui.hold(*keys)
+    ui.let_go(*reversed(keys))
+
+
+@pytest.fixture
+def two_scenes(app: App, tmp_path: Path, monkeypatch) -> tuple[Path, list[Path]]:
+    """The folder of two scenes a and b that were opened lately, and what is opened from now on."""
+    opened: list[Path] = []
+    for name in "ba":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "transforms.json").write_text("{}")
+        app.preferences.opened(tmp_path / name)
+    monkeypatch.setattr(app, "drop", opened.extend)
+    return tmp_path, opened
+
+
+@pytest.mark.parametrize("frames", [0, 1, 2, 3, 8])
+@pytest.mark.parametrize(("downs", "picked"), [(1, "a"), (2, "b")])
+def test_down_and_enter_within_one_slow_frame_open_the_picked_line(
+    offscreen, app, two_scenes, frames: int, downs: int, picked: str
+):
+    """frames: between Ctrl+O and the keys."""
+    folder, opened = two_scenes
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    ui.frame()
+    stroke(ui, *CTRL_O)
+    for _ in range(frames):
+        ui.frame()
+    for key in (*downs * [DOWN], ENTER):
+        stroke(ui, key)
+    ui.frame()
+    assert opened == [folder / picked] and app.choosing is None
+
+
+def test_keys_that_overlap_and_a_folder_that_is_looked_into_within_one_slow_frame(offscreen, app, two_scenes):
+    folder, opened = two_scenes
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    for _ in range(2):
+        opened.clear()
+        ui.frame()
+        stroke(ui, *CTRL_O)
+        ui.frame()
+        ui.hold(DOWN), ui.hold(ENTER)
+        ui.let_go(DOWN), ui.let_go(ENTER)
+        ui.frame()
+        assert opened == [folder / "a"]
+    opened.clear()
+    app.preferences.opened(folder)
+    stroke(ui, *CTRL_O)
+    for key in (DOWN, ENTER, DOWN, DOWN, ENTER):  # the folder is the latest
+        stroke(ui, key)
+    ui.frame()
+    assert opened == [folder / "b"]
+
+
+def test_down_leaves_the_keyboard_with_the_line_to_type_into(offscreen, app, two_scenes):
+    folder, opened = two_scenes
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    ui.key(*CTRL_O)
+    ui.key(DOWN), ui.key(DOWN), ui.key(imgui.Key.up_arrow)
+    assert app.choosing.picked == 0
+    for letter in f"{folder}/b":
+        ui.io.add_input_character(ord(letter))
+    ui.frame()
+    assert app.choosing.text == f"{folder}/b"
+    ui.key(imgui.Key.keypad_enter)
+    assert opened == [folder / "b"]

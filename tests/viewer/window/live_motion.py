@@ -221,9 +221,7 @@ def test_the_crop_box_is_drawn_around_the_picture_of_the_same_camera(window, xdo
         for x, y in corners:
             if 8 < x < shown.shape[1] - 8 and 8 < y < shown.shape[0] - 8 and not (x < CHIP[0] and y < CHIP[1]):
                 near = shown[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4]
-                if (
-                    (near < 60).sum(axis=2) >= 2
-                ).mean() > 0.5:  # an arrow lies over it: they are pure red, green and blue
+                if ((near < 60).sum(axis=2) >= 2).mean() > 0.5:  # an arrow lies over it, pure red, green or blue
                     covered += 1
                     continue
                 assert (np.abs(near - accent).sum(axis=2) < 150).any(), f"no corner at {x:.0f}, {y:.0f}"

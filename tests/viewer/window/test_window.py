@@ -173,6 +173,17 @@ def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
         Window(App(), Ui)
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Wayland is Linux's")
+@pytest.mark.parametrize("words", [(), ("--frames", "1", "--screenshot", "window.png")])
+def test_wayland_alone_is_refused_in_one_line_that_names_xwayland(pack_folder, monkeypatch, words):
+    """Nobody looks for pictures in out/ who started the viewer from a desktop."""
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    command = [sys.executable, "-m", "viewer.commands.view", str(pack_folder), *words]
+    done = subprocess.run(command, cwd=HERE.parents[2], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2 and len(told(done.stderr)) == 1 and "XWayland" in done.stderr
+
+
 @pytest.mark.parametrize("live", LIVE)  # the last tests here, for they have begun with the first
 def test_the_live_window(display, live_runs, live):
     done = live_runs[live].result()
