@@ -1,6 +1,7 @@
 """snerg-view in which a scene is being made by the real snerg-make; it closes once that has ended.
 
-python -m tests.fuzz.making_window SCENE OUT STEPS RESOLUTION. Exit status 1 where there is no pack then.
+python -m tests.fuzz.making_window SCENE OUT STEPS RESOLUTION. Exit status 2 where snerg-make says why there
+is no pack then, 1 where it does not.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ def main(scene: Path, out: Path, steps: int, resolution: int) -> int:
     view.take_over = use
     status = view.main([])
     if status == 0 and not (out / "pack").is_dir():
-        print(plan.log.read_text() if plan.log.exists() else "nothing was begun", file=sys.stderr)
-        return 1
+        said = plan.log.read_text().splitlines() if plan.log.exists() else []
+        why = [line for line in said if line.startswith("snerg-make: ") and ": warning: " not in line]
+        print(*(why or said or ["nothing was begun"]), sep="\n", file=sys.stderr)
+        return 2 if why else 1
     return status
 
 

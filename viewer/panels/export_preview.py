@@ -19,6 +19,7 @@ class PreviewPane:
     def __init__(self) -> None:
         self._of: tuple[object, ...] = ()
         self._pixels = None
+        self._held = False  # by the mouse
 
     def show(self, app: App, stage: Stage, width: float, height: float) -> None:
         """width, height: of the picture, in window units; a line of text comes below it."""
@@ -26,7 +27,7 @@ class PreviewPane:
         if preview is None or scene is None:
             return
         at = imgui.get_cursor_screen_pos()
-        imgui.invisible_button("##preview", ImVec2(width, height))
+        imgui.dummy(ImVec2(width, height))
         self._turn(app, height)
         draw, corner = imgui.get_window_draw_list(), ImVec2(at.x + width, at.y + height)
         draw.add_rect_filled(at, corner, theme.packed(theme.BASE), px(6))
@@ -59,9 +60,11 @@ class PreviewPane:
         """What the mouse does on the picture: it orbits, and the wheel moves closer."""
         assert app.scene is not None
         rig, io = app.scene.rig, imgui.get_io()
-        if imgui.is_item_activated():
+        if imgui.is_item_hovered() and imgui.is_mouse_clicked(0):
+            self._held = True
             rig.remember()
-        if imgui.is_item_active() and (io.mouse_delta.x or io.mouse_delta.y):
+        self._held = self._held and imgui.is_mouse_down(0)
+        if self._held and (io.mouse_delta.x or io.mouse_delta.y):
             rig.orbit(io.mouse_delta.x / height, io.mouse_delta.y / height)
             app.touch()
         if imgui.is_item_hovered() and io.mouse_wheel:

@@ -135,7 +135,7 @@ def switch(name: str, on: bool) -> bool:
     x = imgui.get_content_region_avail().x - width
     imgui.set_cursor_pos(ImVec2(imgui.get_cursor_pos_x() + max(0.0, x), imgui.get_cursor_pos_y() + px(5)))
     at = imgui.get_cursor_screen_pos()
-    if imgui.invisible_button(f"##{name}", ImVec2(width, height)):
+    if imgui.invisible_button(f"##{name}", ImVec2(width, height), imgui.ButtonFlags_.enable_nav):
         on = not on
     hot = imgui.is_item_hovered()
     draw = imgui.get_window_draw_list()

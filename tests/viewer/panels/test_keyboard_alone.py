@@ -1,5 +1,6 @@
 """Every dialog can be opened, gone through and answered without a mouse."""
 
+import random
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +15,7 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import FileRequest
 from viewer.app.make_plan import Plan, Survey
-from viewer.panels import keys
+from viewer.panels import keys, modal
 
 WIDGETS = ("button", "invisible_button", "selectable", "checkbox", "slider_float", "slider_int", "input_text",
            "input_text_with_hint", "begin_combo")  # fmt: skip
@@ -83,7 +84,15 @@ def baking(app: App, scene: Path) -> None:
     app.making.plan = Plan("run", scene.parent / "run", scene.parent / "baked")
 
 
-@pytest.mark.parametrize("ask", [failure, question, opening, saving, making, baking])
+def exporting(app: App, scene: Path) -> None:
+    app.exporting.ask(app)
+    until(lambda: app.exporting.tick(app) or not app.exporting.preview.working)
+
+
+DIALOGS = (failure, question, opening, saving, making, baking, exporting)
+
+
+@pytest.mark.parametrize("ask", DIALOGS)
 def test_tab_comes_to_every_widget_and_escape_declines(
     offscreen, app, pack, pack_folder, photographs, ask, monkeypatch
 ):
@@ -104,6 +113,32 @@ def test_tab_comes_to_every_widget_and_escape_declines(
     for _ in range(2):  # the first may end typing
         ui.key(imgui.Key.escape)
     assert not keys.busy(app) and ui.ctx.error == "GL_NO_ERROR"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(
+    offscreen, app, pack, pack_folder, photographs, seed
+):
+    """Two modal windows pushed each other away in every frame: none was seen, and nothing reached either."""
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    app.resolution.rest_scale = 0.25
+    app.show(pack, pack_folder)
+    ui.settle()
+    asks = [failure, opening, saving, making, exporting]
+    for ask in random.Random(seed).sample(asks, len(asks)):
+        ask(app, photographs)
+        ui.frame()
+    answered = []
+    while keys.busy(app):
+        for _ in range(3):
+            ui.frame()
+        assert imgui.internal.get_top_most_popup_modal() is not None, "the dialog is there to be seen"
+        answered.append(modal.in_front(app))
+        ui.key(imgui.Key.escape)
+        assert len(answered) < 20
+    assert [each for i, each in enumerate(answered) if answered[:i].count(each) == 0] == [
+        "message", "path", "open", "make", "export"
+    ]  # fmt: skip
 
 
 def test_enter_presses_what_tab_came_to_and_else_the_main_button(offscreen, app, pack, pack_folder):

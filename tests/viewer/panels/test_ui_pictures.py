@@ -264,7 +264,7 @@ def test_no_picture_is_left_over():
     names = {f"page-{page.id}" for page in PAGES}
     names |= {"start", "photograph", "frusta", "crop-gizmo", "measure", "help", "dialog", "path"}
     names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
-    names |= {"small-bar", "small-page", "small-keys", "light", "legend-depth", "legend-samples"}
+    names |= {"small-bar", "small-page", "small-keys", "light", "export", "legend-depth", "legend-samples"}
     assert {path.stem for path in FOLDER.glob("*.png")} == names
 
 
