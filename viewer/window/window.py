@@ -73,7 +73,7 @@ def display_problem() -> str | None:
         return None
     if not os.environ.get("WAYLAND_DISPLAY"):
         return "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set)"
-    if b"Wayland" not in glfw.get_version_string():
+    if "Wayland" not in text_of(glfw.get_version_string()):
         raise UserError(
             "no window can be opened: it needs X11, and this desktop offers Wayland only (DISPLAY is not set)",
             remedy="install XWayland (Debian, Ubuntu: apt-get install xwayland), or use snerg-render",
