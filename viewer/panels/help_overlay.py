@@ -10,6 +10,7 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.panels import theme
+from viewer.panels.modal import in_front
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, px
 
@@ -71,8 +72,10 @@ def _columns(groups: list[_Group], count: int) -> list[list[_Group]]:
 
 
 def show(app: App, fonts: Fonts) -> None:
-    """Draws the overlay while it is wanted; a click beside it closes it. Wheel and arrow keys scroll to what does not fit."""
-    if not app.interface.help_shown:
+    """Draws the overlay while it is wanted and no dialog is there; a click beside it closes it. Wheel and arrow keys scroll to
+    what does not fit.
+    """
+    if not app.interface.help_shown or in_front(app):
         return
     size = imgui.get_io().display_size
     most = ImVec2(size.x - px(24), size.y - px(24))

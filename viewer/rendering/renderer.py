@@ -28,7 +28,7 @@ from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
 GL_FRAMEBUFFER_SRGB = 0x8DB9
 GL_DEPTH_CLAMP = 0x864F
 SHADED_MODES = ("normal", "view-dependent")
-NORMAL_REACH = 1.5  # voxels; see shaders/composite.glsl
+NORMAL_REACH = 1.0  # voxels; see shaders/composite.glsl
 LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
 MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks", "atlas")  # the others are black where there is nothing
 
