@@ -100,7 +100,11 @@ class Fonts:
 
 def apply(scale: float) -> None:
     """Sets imgui's style for a display whose units are `scale` times denser than usual."""
-    style = imgui.get_style()
+    style, plain = imgui.get_style(), imgui.Style()
+    for name in dir(plain):  # scale_all_sizes multiplies all sizes that there are, also those that are not set below
+        value = getattr(plain, name)
+        if not name.startswith("_") and isinstance(value, float | ImVec2):
+            setattr(style, name, value)
     style.font_size_base = FONT_SIZE
     style.window_padding = ImVec2(16, 14)
     style.frame_padding = ImVec2(10, 6)

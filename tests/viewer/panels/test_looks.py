@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from imgui_bundle import ImVec2, imgui
 
 from baker.reference_marcher import render_reference
 from tests.viewer.app.scenes import photographed
@@ -139,3 +140,31 @@ def test_the_backdrop_goes_with_the_theme_and_a_plain_colour_ends_it(app):
     assert app.settings.backdrop != dark and app.settings.backdrop.style == "gradient"
     app.set_backdrop("plain")
     assert app.settings.backdrop is None
+
+
+def test_what_was_larger_for_a_while_leaves_no_size_behind(offscreen, app):
+    """imgui's scale_all_sizes multiplies what is there: the least size of a window once grew with each change of theme or size."""
+    ui: OffscreenUi = offscreen(app)
+
+    def sizes() -> dict[str, object]:
+        imgui.set_current_context(ui.ui.context)
+        style = imgui.get_style()
+        found = {name: getattr(style, name) for name in dir(style) if not name.startswith("_")}
+        return {
+            name: (value.x, value.y) if isinstance(value, ImVec2) else value
+            for name, value in found.items()
+            if isinstance(value, float | int | ImVec2)
+        }
+
+    ui.frame()
+    before = sizes()
+    for _ in range(3):
+        run(app, "theme")
+        run(app, "larger")
+        ui.frame()
+    for _ in range(3):
+        run(app, "smaller")
+        ui.frame()
+    run(app, "theme")
+    ui.frame()
+    assert sizes() == before and before["window_min_size"] == (32.0, 32.0)
