@@ -16,6 +16,7 @@ from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.screen import NoScreen, virtual_screen
+from viewer.app import make_plan
 from viewer.app.application import App
 from viewer.rendering.offscreen import create_context
 
@@ -72,6 +73,12 @@ def pack_folder(tmp_path_factory: pytest.TempPathFactory, pack: Pack) -> Path:
     folder = tmp_path_factory.mktemp("packs") / "toy"
     save_pack(pack, folder)
     return folder
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No dialog trains something to see how long that takes here, but for tests that ask for it."""
+    monkeypatch.setattr(make_plan, "MEASURES", False)
 
 
 @pytest.fixture

@@ -93,7 +93,7 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
         schedule=schedule(by_kind, config.steps, resolutions),
         least_views=min(by_kind.least_views, dataset.views),
         keep_weight=by_kind.keep_weight,
-        samples=voxels.samples_per_step or _samples_for(resolutions[-1]),
+        samples=voxels.samples_per_step or samples_for(resolutions[-1]),
         most_rays=MOST_RAYS * config.batch_size,
         always_hit=dataset.kind != "object",
         gains=is_fitted(config.exposure, rendered=dataset.facts.rendered),
@@ -104,13 +104,18 @@ def _resolutions_for(dataset: RayDataset) -> tuple[int, ...]:
     """Three or four stages: from a grid that a hundred steps settle to one about as fine as the photographs."""
     width = np.asarray(dataset.width, np.int64)
     height = np.diff(np.asarray(dataset.first, np.int64), append=dataset.count) // width
-    finest = int(np.clip(VOXELS_PER_PIXEL * max(width.max(), height.max()), *FINEST)) // 32 * 32
+    finest = finest_for(max(width.max(), height.max()))
     refinements = max(int(np.ceil(np.log(finest / COARSEST) / np.log(MOST_FINER))), 2)
     return (*(round(COARSEST * (finest / COARSEST) ** (i / refinements)) for i in range(refinements)), finest)
 
 
-def _samples_for(finest: int) -> int:
-    """Fine grids need larger steps: what a step costs whatever its samples grows with the voxels."""
+def finest_for(pixels: int) -> int:
+    """Voxels along the longest side of the last stage, for photographs of so many pixels along their longer side."""
+    return int(np.clip(VOXELS_PER_PIXEL * pixels, *FINEST)) // 32 * 32
+
+
+def samples_for(finest: int) -> int:
+    """Samples of a step. Fine grids need larger steps: what a step costs whatever its samples grows with the voxels."""
     return int(SAMPLES * np.clip((finest / FINE_FOR_SAMPLES) ** 2, 1, 4))
 
 

@@ -65,6 +65,10 @@ class BarePreview:
         """Whether more is on its way."""
         return self._thread.is_alive()
 
+    def wait(self) -> None:
+        """Until there will be no more."""
+        self._thread.join()
+
     def news(self) -> bool:
         """Whether more has arrived since this was asked last."""
         state = (self.count, len(self.names), self.aside is None, self.seconds is None, self.coming)

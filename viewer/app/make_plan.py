@@ -29,6 +29,7 @@ from training.scenes.sources import FEWEST, Source, find_source, is_film
 from viewer.app.bare_preview import BarePreview
 from viewer.app.files import POSED, REPORT, found_poses, why_not_writable
 from viewer.app.so_far import EVERY_S, FILE
+from viewer.app.time_needed import TimeNeeded
 
 Subject = Literal["scene", "run"]
 OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
@@ -39,6 +40,7 @@ MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may ha
 PARTS = ("jax", "matplotlib", "optax", "safetensors", "scipy")  # the extra `train`
 PREVIEWS = f"--previews={EVERY_S}"
 OURS = ("--no-view", "--poses-only", PREVIEWS)  # what a person who types the command leaves out
+MEASURES = True  # the time that a run takes here
 POSES_FIRST = "Nothing says where the camera stood: that is found first."
 
 
@@ -62,11 +64,12 @@ class Survey:
     automatic: the downscale of a preset that shrinks. forward: cameras (LLFF, COLMAP) that may be read as looking all around.
     masks: whether there are any. masked: the downscales at which there is one for each photograph. bare: photographs or a
     film without poses, which are found before training; None where there are poses. preview: of these, where this
-    installation finds poses.
+    installation finds poses. time: that a run takes here, where this installation trains.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.time: TimeNeeded | None = None
         self.bare: Source | None = None
         self.preview: BarePreview | None = None
         self.error: Exception | None = None
@@ -93,17 +96,18 @@ class Survey:
     @property
     def busy(self) -> bool:
         """Whether there will be more to see."""
-        return not self.finished or (self.preview is not None and self.preview.coming)
+        return not self.finished or any(each is not None and each.coming for each in (self.preview, self.time))
 
     def news(self) -> bool:
-        """Whether more of the preview has arrived since this was asked last."""
-        return self.preview is not None and self.preview.news()
+        """Whether more of the preview, or of the time, is known since this was asked last."""
+        return any([each.news() for each in (self.preview, self.time) if each is not None])
 
     def close(self) -> None:
         """Nobody asks any more."""
         self._closed = True
-        if self.preview is not None:
-            self.preview.close()
+        for each in (self.preview, self.time):
+            if each is not None:
+                each.close()
 
     @property
     def choices(self) -> list[int]:
@@ -147,6 +151,7 @@ class Survey:
             seen = "forward-facing" if scene.ndc else "360°"
             kind = KINDS.get(scene.kind, scene.kind)
             self.text = f"{count} photographs of {width} × {height}, {seen}  ({kind})"
+            self._begin_time()
         except Exception as error:  # told in the dialog
             self.error = error
 
@@ -176,6 +181,12 @@ class Survey:
         self.masks = source.masks is not None
         if self.masks and all(source.mask_of(file) is not None for file in source.files):
             self.masked = set(self.sizes)
+        self._begin_time()
+
+    def _begin_time(self) -> None:
+        if MEASURES and not self._closed and not trainer_missing():
+            after = self.preview.wait if self.preview is not None else lambda: None
+            self.time = TimeNeeded([max(size) for size in self.sizes.values()], self.forward, after)
 
     def _begin_preview(self, source: Source) -> None:
         if poser_missing(source) is None and not self._closed:

@@ -8,6 +8,7 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from console.progress import duration
+from viewer.app import time_needed
 from viewer.app.application import App
 from viewer.app.job import Job
 from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
@@ -99,6 +100,7 @@ def _choices(app: App, plan: Plan) -> None:
         plan.downscale = int(picked) if picked else None
     size = survey.size(plan.preset, plan.downscale)
     _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
+    _indented(_needed(plan, max(size)) if size else "")
     if survey.forward:
         _label("360° capture")
         plan.spherify = switch("spherify", plan.spherify)
@@ -109,6 +111,20 @@ def _choices(app: App, plan: Plan) -> None:
     elif survey.masks:
         _label("Cut out")
         hint("Not possible: some photographs of this size have no mask.")
+
+
+def _needed(plan: Plan, side: int) -> str:
+    """Time, memory and disk of making it, as far as they are known; side: pixels of the photographs' longer side."""
+    estimate = plan.survey.time if plan.survey is not None else None
+    disk = estimate.disk(plan.preset, side) if estimate is not None else None
+    if estimate is None or disk is None:
+        return ""
+    room = f"up to {time_needed.memory(plan.preset, side) / 1e9:.1f} GB of memory and {disk / 1e9:.1f} GB on the disk"
+    seconds = estimate.seconds(plan.preset, side)
+    if seconds is None:
+        told = "Measuring how long it takes on this computer… " if estimate.coming else ""
+        return f"{told}It needs {room}."
+    return f"Takes about {preview_strip.roughly(seconds)} as measured on this computer, {room}."
 
 
 def _label(text: str) -> None:

@@ -57,7 +57,7 @@ def _pictures(stage: Stage, preview: BarePreview) -> None:
         imgui.same_line(0, px(GAP))
 
 
-def _roughly(seconds: float) -> str:
+def roughly(seconds: float) -> str:
     """An estimate without digits that it does not have: "20 s", "4 min"."""
     step = 10 if seconds < 90 else 60 if seconds < 3600 else 600
     return duration(max(round(seconds / step), 1) * step).removesuffix(" 00 s")
@@ -79,7 +79,7 @@ def _told(preview: BarePreview) -> list[tuple[str, str]]:
         lines.append((f"Looking at the pictures: {len(preview.names)} of {preview.count}", theme.FAINT))
     seconds = preview.seconds_in_all
     if seconds is not None:
-        text = f"Finding camera poses takes about {_roughly(seconds)}, as measured on this computer."
+        text = f"Finding camera poses takes about {roughly(seconds)}, as measured on this computer."
         lines.append((text, theme.FAINT))
     elif preview.coming and preview.aside is not None:
         lines.append(("Measuring how long it takes to find the camera poses…", theme.FAINT))

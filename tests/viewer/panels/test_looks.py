@@ -143,7 +143,7 @@ def test_the_backdrop_goes_with_the_theme_and_a_plain_colour_ends_it(app):
 
 
 def test_what_was_larger_for_a_while_leaves_no_size_behind(offscreen, app):
-    """imgui's scale_all_sizes multiplies what is there: the least size of a window once grew with each change of theme or size."""
+    """imgui's scale_all_sizes multiplies what is there: the least size of a window grew with each change of theme or size."""
     ui: OffscreenUi = offscreen(app)
 
     def sizes() -> dict[str, object]:

@@ -1,0 +1,59 @@
+"""What making a scene takes on this computer: measured by the real program, told in the dialog, given up with it."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from tests.viewer.waiting import until
+from training.scenes.procedural import write_procedural_scene
+from viewer.app import make_plan, time_needed
+from viewer.app.make_plan import Survey
+from viewer.app.time_needed import TimeNeeded, memory
+from viewer.panels.make_dialog import _needed
+
+
+@pytest.mark.slow
+def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_path, monkeypatch):
+    monkeypatch.setattr(make_plan, "MEASURES", True)
+    survey = Survey(write_procedural_scene(tmp_path / "scene", size=32, views=4, subpixels=1))
+    until(lambda: not survey.busy)
+    needed = survey.time
+    assert needed is not None and survey.news() and not survey.news()
+    seconds = needed.seconds("cpu", 32)
+    assert seconds is not None and 1.0 < seconds < 1e6
+    assert needed.seconds("full", 32) == pytest.approx(14 / 6 * seconds)
+    assert needed.seconds("paper", 32) is None and needed.disk("paper", 32) is None
+    disk = needed.disk("cpu", 32)
+    assert disk is not None and 1e8 < disk < 1e9
+    survey.close()
+
+
+def test_nothing_is_started_for_a_dialog_that_is_gone(monkeypatch):
+    monkeypatch.setattr(time_needed.subprocess, "Popen", lambda *words, **named: pytest.fail("a process was started"))
+    waits = threading.Event()
+    needed = TimeNeeded([200], False, lambda: waits.wait(60))
+    needed.close()
+    waits.set()
+    until(lambda: not needed.coming)
+
+
+def test_more_voxels_need_more_memory():
+    assert memory("cpu", 200) < memory("full", 600) < memory("full", 800)
+    assert memory("full", 800) == pytest.approx(4.8e9, rel=0.02), "as measured on lego"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "coming", "told"),
+    [
+        (None, True, "Measuring how long it takes on this computer… It needs up to 2.9 GB"),
+        (None, False, "It needs up to 2.9 GB of memory and 0.5 GB on the disk."),
+        (437.0, False, "Takes about 7 min as measured on this computer, up to 2.9 GB"),
+    ],
+)
+def test_the_dialog_says_what_is_known(seconds, coming, told):
+    known = SimpleNamespace(seconds=lambda *_: seconds, disk=lambda *_: 0.51e9, coming=coming)
+    assert _needed(SimpleNamespace(preset="cpu", survey=SimpleNamespace(time=known)), 200).startswith(told)
+    assert _needed(SimpleNamespace(preset="cpu", survey=SimpleNamespace(time=None)), 200) == ""
