@@ -17,7 +17,7 @@ from console import UserError, run_command
 from console.arguments import join_negative_values, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
-from viewer.app import desktop_entry, marking, preferences, session
+from viewer.app import desktop_entry, make_plan, marking, preferences, session
 from viewer.app.application import App
 from viewer.app.carried_over import take_over
 from viewer.app.comparison import How
@@ -165,6 +165,7 @@ def _show_window(wishes: Startup, script: Script) -> int:
     app = App(demo=demo_pack())
     if script.frames is None:
         return _live(app, wishes, script.size)
+    make_plan.MEASURES = False  # a picture that says how long something takes is another one each time
     with Window(app, Ui, script.size or app.preferences.window) as window:  # the same picture whatever was remembered
         wishes.begin(app)
         window.draw_frames(script.frames)
