@@ -28,7 +28,7 @@ PRESETS = ("cpu", "full", "fast")  # of the voxel method
 SETTLED, TIMED = 90, 60  # steps: until programs are compiled and air is told from content; then timed
 RESOLUTIONS, SAMPLES = (48, 96), 65_536
 # A sample of a real run over one of the small scene, whose voxels stay in the processor's caches. On two quiet cores the small
-# one takes 0.20 to 0.25 us; with this factor, training and baking of the five captures come out at 0.8 to 1.3 times their times.
+# one takes 0.20 to 0.25 us; computed with this factor, the five captures take 0.8 to 1.3 times what they took.
 REAL_BY_SMALL = 1.25
 DISK_BY_FINENESS = 2300.0  # bytes by voxels squared: two checkpoints of 75 MB for lego at 256 voxels
 
