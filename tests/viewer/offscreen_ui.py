@@ -13,6 +13,7 @@ from viewer.app.application import App
 from viewer.app.keyboard import KeyPress
 from viewer.app.presenting import awaited, unfinished
 from viewer.panels.ui import Ui
+from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.window.canvas import Canvas
 
 FRAME_S = 1.0 / 60.0
@@ -60,9 +61,7 @@ class OffscreenUi:
         self.framebuffer = self.ctx.simple_framebuffer(pixels)
         self.framebuffer.use()
         if old is not None:
-            for texture in old.color_attachments:
-                texture.release()
-            old.release()
+            free_framebuffer(old)
 
     @property
     def io(self) -> imgui.IO:
@@ -170,7 +169,5 @@ class OffscreenUi:
         self.canvas.close()
         self.ui.release()
         if self.framebuffer is not None:
-            if self.ctx.extra is None:
-                self.ctx.extra = self.ctx.simple_framebuffer((1, 1))
-            self.ctx.extra.use()
-            self.framebuffer.release()
+            unbind_framebuffers(self.ctx)
+            free_framebuffer(self.framebuffer)

@@ -14,6 +14,7 @@ from console import UserError
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.current_context import current_context
+from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.rendering.renderer import Renderer
@@ -52,16 +53,6 @@ def _version_at_hand() -> str:
 def lost(ctx: moderngl.Context) -> bool:
     """Whether the driver took the context away (a reset, a sleep): it then reports an error without end."""
     return ctx.error != "GL_NO_ERROR" and all(ctx.error != "GL_NO_ERROR" for _ in range(16))
-
-
-def _unbind_framebuffers(ctx: moderngl.Context) -> None:
-    """Binds a framebuffer that outlives ours: moderngl binds the last one again whenever it makes another."""
-    if ctx.screen is not None:
-        ctx.screen.use()
-        return
-    if ctx.extra is None:
-        ctx.extra = ctx.simple_framebuffer((1, 1))
-    ctx.extra.use()
 
 
 class OffscreenRenderer:
@@ -140,11 +131,9 @@ class OffscreenRenderer:
         """Frees everything on the card, and the context if it is ours."""
         self.make_current()
         if self._framebuffers:
-            _unbind_framebuffers(self.ctx)
+            unbind_framebuffers(self.ctx)
         for framebuffer in self._framebuffers.values():
-            for attached in (*framebuffer.color_attachments, framebuffer.depth_attachment):
-                attached.release()
-            framebuffer.release()
+            free_framebuffer(framebuffer)
         self._framebuffers = {}
         self.renderer.release()
         if self._owns_context:

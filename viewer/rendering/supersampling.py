@@ -15,6 +15,7 @@ import moderngl
 
 from console import UserError
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.framebuffers import free_framebuffer
 from viewer.rendering.settings import RenderSettings, of_picture
 from viewer.rendering.shader_source import assemble, compile_program
 
@@ -90,9 +91,7 @@ class Supersampling:
 
     def _free(self) -> None:
         if self._rays is not None:
-            for attached in (*self._rays.color_attachments, self._rays.depth_attachment):
-                attached.release()  # type: ignore[union-attr]
-            self._rays.release()
+            free_framebuffer(self._rays)
         self._rays = None
 
     def release(self) -> None:

@@ -18,13 +18,14 @@ from scenepack.pack import Pack
 from viewer.app.stage import Drawn, Layer, Sheet
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
+from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.gpu_clock import GpuClock
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
 from viewer.rendering.sketch_picture import SketchPicture
 from viewer.window.sheet_texture import SheetTexture
-from viewer.window.targets import MARGIN, Box, Difference, Target, unbind_framebuffers, with_margin
+from viewer.window.targets import MARGIN, Box, Difference, Target, with_margin
 
 if TYPE_CHECKING:
     from scenepack.exports.sketch import Sketch
@@ -191,17 +192,14 @@ class Canvas:
         assert self.renderer is not None
         self.renderer.arrive()
         texture = self.ctx.texture((camera.width, camera.height), 4, dtype="f4")
-        depth = self.ctx.depth_renderbuffer((camera.width, camera.height))
-        framebuffer = self.ctx.framebuffer([texture], depth)
+        framebuffer = self.ctx.framebuffer([texture], self.ctx.depth_renderbuffer((camera.width, camera.height)))
         try:
             self.renderer.render(framebuffer, camera, settings)
             pixels = np.frombuffer(framebuffer.read(components=components, dtype="f4"), "f4")
             return pixels.reshape(camera.height, camera.width, components)[::-1]
         finally:
             unbind_framebuffers(self.ctx)
-            framebuffer.release()
-            depth.release()
-            texture.release()
+            free_framebuffer(framebuffer)
 
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """See Stage.snapshot."""

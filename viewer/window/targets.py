@@ -14,20 +14,11 @@ import moderngl
 from console import UserError
 from viewer.app.stage import Layer
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.framebuffers import unbind_framebuffers
 from viewer.rendering.shader_source import assemble, compile_program
 
 Box = tuple[int, int, int, int]
 MARGIN = 1  # pixels above and at the right of each picture
-
-
-def unbind_framebuffers(ctx: moderngl.Context) -> None:
-    """Binds a framebuffer that outlives ours: moderngl binds the last one again whenever it makes another."""
-    if ctx.screen is not None:
-        ctx.screen.use()
-        return
-    if ctx.extra is None:
-        ctx.extra = ctx.simple_framebuffer((1, 1))
-    ctx.extra.use()
 
 
 def with_margin(camera: ViewCamera) -> ViewCamera:

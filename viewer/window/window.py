@@ -28,6 +28,7 @@ from viewer.app.keyboard import KeyPress
 from viewer.app.making import LOOKED_AT_EVERY_S
 from viewer.app.presenting import awaited, unfinished
 from viewer.app.state import FRAMES_AFTER_EVENT
+from viewer.rendering.framebuffers import free_framebuffer
 from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.window.canvas import Canvas
 from viewer.window.joysticks import controllers_now, text_of
@@ -285,7 +286,7 @@ class Window:
             pixels = np.frombuffer(target.read(components=3, alignment=1), np.uint8)
         finally:
             self.ctx.screen.use()
-            target.release()
+            free_framebuffer(target)
         return pixels.reshape(height, width, 3)[::-1].copy()
 
     def save_screenshot(self, path: Path) -> None:

@@ -16,6 +16,7 @@ from scenepack.pack import Pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from viewer.rendering import offscreen as offscreen_module
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.gpu_scene import Limits
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.settings import MODES, RenderSettings
@@ -66,8 +67,8 @@ def test_a_picture_drawn_in_tiles_is_the_picture(
         renderer.renderer.render(framebuffer, part, viewport=(x, 48 - y - h, w, h))
     pixels = np.frombuffer(framebuffer.read(components=3, alignment=1), np.uint8).reshape(48, 64, 3)[::-1]
     assert_same_picture(pixels / 255, whole / 255)
-    offscreen_module._unbind_framebuffers(ctx)
-    framebuffer.release()
+    unbind_framebuffers(ctx)
+    free_framebuffer(framebuffer)
 
 
 def test_a_viewport_of_another_size_shows_the_same_view_scaled(

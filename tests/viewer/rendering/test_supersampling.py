@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from scenepack.pack import Pack
-from viewer.rendering import offscreen as offscreen_module
 from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import Mode, RenderSettings
 
@@ -65,5 +65,5 @@ def test_tiles_make_the_same_picture_in_its_place_and_nowhere_else(
     outside = pixels.copy()
     outside[place] = (255, 0, 255)
     assert (outside == (255, 0, 255)).all()
-    offscreen_module._unbind_framebuffers(ctx)
-    framebuffer.release()
+    unbind_framebuffers(ctx)
+    free_framebuffer(framebuffer)

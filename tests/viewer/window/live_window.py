@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import glfw
+import moderngl
 import pytest
 from PIL import Image
 
@@ -52,6 +53,20 @@ def window(opened, pack, pack_folder):
 def other_client(display, window):
     """Another program on our display: other_client("drop", path) and other_client("close"), while the window lives on."""
     return lambda what, *words: other_program(display, window, what, *words)
+
+
+def test_a_screenshot_leaves_nothing_on_the_card(window, monkeypatch):
+    made = []
+    make = type(window.ctx).simple_framebuffer
+
+    def remembered(ctx, *words, **options):
+        framebuffer = make(ctx, *words, **options)
+        made.extend((*framebuffer.color_attachments, framebuffer.depth_attachment))
+        return framebuffer
+
+    monkeypatch.setattr(type(window.ctx), "simple_framebuffer", remembered)
+    assert window.screenshot().any()
+    assert len(made) == 2 and all(isinstance(each.mglo, moderngl.InvalidObject) for each in made)
 
 
 def open_whole(window: Window) -> None:
