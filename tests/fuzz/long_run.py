@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 
-from tests.fuzz.memory import resident, with_one_arena
+from tests.fuzz.memory import resident, with_steady_memory
 
 WARM_UP = 4  # laps: programs are compiled, pools filled, arenas taken
 FEWEST = 4  # laps after these
@@ -153,7 +153,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=120.0, help="how long (default 120)")
     parser.add_argument("--json", type=Path, help="file for what each lap held")
     given = parser.parse_args()
-    with_one_arena("tests.fuzz.long_run")
+    with_steady_memory("tests.fuzz.long_run")
     if threading.active_count() > 1 or not Path("/proc/self/statm").exists():
         parser.error("this needs Linux, which tells what a process holds, and a process of its own")
 

@@ -4,14 +4,8 @@ poses takes here. A child process looks at them (training.posing.preview), since
 
 from __future__ import annotations
 
-import contextlib
-import json
-import os
 import shutil
-import subprocess
-import sys
 import tempfile
-import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,7 +15,7 @@ from PIL import Image
 
 from training.scenes.pictures import UNREADABLE
 from training.scenes.sources import Source
-from viewer.app.child import POLITENESS
+from viewer.app.telling import Telling
 
 CELL = 160  # pixels a side: no small picture is larger
 COLUMNS, ROWS = 16, 16  # of the sheet; later pictures are counted, and not shown
@@ -49,25 +43,19 @@ class BarePreview:
         self.error = ""
         self._told: object = None
         self._folder = Path(tempfile.mkdtemp(prefix="snerg-preview-"))
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", MODULE, str(source.path.resolve()), str(self._folder)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
-        )  # fmt: skip
-        if sys.platform != "win32":  # as the command that is begun later, so that it is measured likewise
-            with contextlib.suppress(OSError):
-                os.setpriority(os.PRIO_PROCESS, self._process.pid, POLITENESS)
-        self._thread = threading.Thread(target=self._run, name="snerg-preview", daemon=True)
-        self._thread.start()
+        words = [str(source.path.resolve()), str(self._folder)]
+        self._telling = Telling(
+            MODULE, words, self._take, behind=lambda: shutil.rmtree(self._folder, ignore_errors=True)
+        )
 
     @property
     def coming(self) -> bool:
         """Whether more is on its way."""
-        return self._thread.is_alive()
+        return self._telling.coming
 
     def wait(self) -> None:
         """Until there will be no more."""
-        self._thread.join()
+        self._telling.wait()
 
     def news(self) -> bool:
         """Whether more has arrived since this was asked last."""
@@ -77,22 +65,7 @@ class BarePreview:
 
     def close(self) -> None:
         """Ends the process; what has arrived stays."""
-        self._process.kill()
-
-    def _run(self) -> None:
-        assert self._process.stdout is not None and self._process.stdin is not None
-        try:
-            for line in self._process.stdout:
-                self._take(json.loads(line))
-        except (ValueError, KeyError, TypeError, AttributeError):  # it was ended within a line
-            pass
-        finally:
-            self._process.kill()
-            self._process.wait()
-            self._process.stdout.close()
-            with contextlib.suppress(OSError):
-                self._process.stdin.close()
-            shutil.rmtree(self._folder, ignore_errors=True)
+        self._telling.close()
 
     def _take(self, said: Mapping[str, Any]) -> None:
         if "name" in said:

@@ -5,17 +5,11 @@ A child process (training.speed) tells how many samples a run takes, and times a
 
 from __future__ import annotations
 
-import contextlib
-import json
-import os
-import subprocess
-import sys
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from training.scenes.presets import PRESETS
-from viewer.app.child import POLITENESS
+from viewer.app.telling import Telling
 
 MODULE = "training.speed"
 # Of five captures in docs/results.md: baking took 0.8 to 1.1 times as long as training.
@@ -34,20 +28,20 @@ class TimeNeeded:
     """
 
     def __init__(self, sides: Sequence[int], forward: bool, after: Callable[[], object] = lambda: None) -> None:
-        self._words = [str(side) for side in sorted(set(sides))] + ["--forward"] * forward
-        self._after = after
+        words = [str(side) for side in sorted(set(sides))] + ["--forward"] * forward
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
-        self._process: subprocess.Popen[str] | None = None
-        self._closed = False
         self._told: object = None
-        self._thread = threading.Thread(target=self._run, name="snerg-time-needed", daemon=True)
-        self._thread.start()
+        self._telling = Telling(MODULE, words, self._hear, before=after)
 
     @property
     def coming(self) -> bool:
         """Whether more is on its way."""
-        return self._thread.is_alive()
+        return self._telling.coming
+
+    def wait(self) -> None:
+        """Until there will be no more."""
+        self._telling.wait()
 
     def news(self) -> bool:
         """Whether more is known since this was asked last."""
@@ -69,35 +63,11 @@ class TimeNeeded:
 
     def close(self) -> None:
         """Ends the process."""
-        self._closed = True
-        if self._process is not None:
-            self._process.kill()
+        self._telling.close()
 
-    def _run(self) -> None:
-        self._after()
-        if self._closed:
-            return
-        self._process = process = subprocess.Popen(
-            [sys.executable, "-m", MODULE, *self._words],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-            start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
-        )  # fmt: skip
-        if self._closed:
-            process.kill()
-        if sys.platform != "win32":  # as what is begun later, so that it is measured likewise
-            with contextlib.suppress(OSError):
-                os.setpriority(os.PRIO_PROCESS, process.pid, POLITENESS)
-        assert process.stdout is not None and process.stdin is not None
-        with contextlib.suppress(ValueError, KeyError, TypeError):  # it was ended within a line
-            for line in process.stdout:
-                said = json.loads(line)
-                self._runs = said.get("runs", self._runs)
-                self._per_sample = said.get("seconds_per_sample", self._per_sample)
-        process.kill()
-        process.wait()
-        process.stdout.close()
-        with contextlib.suppress(OSError):
-            process.stdin.close()
+    def _hear(self, said: Mapping[str, Any]) -> None:
+        self._runs = said.get("runs", self._runs)
+        self._per_sample = said.get("seconds_per_sample", self._per_sample)
 
 
 def memory(preset: str, side: int) -> float:

@@ -100,7 +100,7 @@ def _choices(app: App, plan: Plan) -> None:
         plan.downscale = int(picked) if picked else None
     size = survey.size(plan.preset, plan.downscale)
     _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
-    _indented(_needed(plan, max(size)) if size else "")
+    _indented(what_it_needs(plan, max(size)) if size else "")
     if survey.forward:
         _label("360° capture")
         plan.spherify = switch("spherify", plan.spherify)
@@ -113,7 +113,7 @@ def _choices(app: App, plan: Plan) -> None:
         hint("Not possible: some photographs of this size have no mask.")
 
 
-def _needed(plan: Plan, side: int) -> str:
+def what_it_needs(plan: Plan, side: int) -> str:
     """Time, memory and disk of making it, as far as they are known; side: pixels of the photographs' longer side."""
     estimate = plan.survey.time if plan.survey is not None else None
     disk = estimate.disk(plan.preset, side) if estimate is not None else None
