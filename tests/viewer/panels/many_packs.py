@@ -9,23 +9,16 @@ every round.
 
 from __future__ import annotations
 
-import gc
 import json
 import sys
 from pathlib import Path
 
 import moderngl
 
+from tests.fuzz.memory import resident, with_steady_memory
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.waiting import until
 from viewer.app.application import App
-
-
-def resident_bytes() -> int:
-    """What this process holds; of textures, too, where a software rasteriser draws."""
-    gc.collect()
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * 4096
 
 
 def open_descriptors() -> int:
@@ -60,10 +53,10 @@ def main(warm_up: str, times: str, rounds: str, tolerated: str, *packs: str) -> 
     ui.app.resolution.enabled = False
     paths = [Path(pack) for pack in packs]
     open_and_close(ui, paths, int(warm_up))
-    held = [(resident_bytes(), ui.canvas.gpu_bytes, open_descriptors())]
+    held = [(resident(), ui.canvas.gpu_bytes, open_descriptors())]
     for _ in range(int(rounds)):
         open_and_close(ui, paths, int(times))
-        held.append((resident_bytes(), ui.canvas.gpu_bytes, open_descriptors()))
+        held.append((resident(), ui.canvas.gpu_bytes, open_descriptors()))
         if held[-1][0] < (1 + float(tolerated)) * held[-2][0]:
             break
     assert ctx.error == "GL_NO_ERROR"
@@ -71,4 +64,5 @@ def main(warm_up: str, times: str, rounds: str, tolerated: str, *packs: str) -> 
 
 
 if __name__ == "__main__":
+    with_steady_memory("tests.viewer.panels.many_packs")
     main(*sys.argv[1:])
