@@ -18,11 +18,13 @@ from baker.tuning.joint_rows import VoxelRows, cells_of_rows, rows_by_slot, voxe
 from baker.tuning.pack_layout import MAX_ALPHA, PackLayout, composite, pack_layout, pack_rays, pack_sizes
 from baker.tuning.tuner import (
     BETAS,
+    EXACT,
     PROBE_RAYS,
     ROOM,
     TINY,
     TOP,
     Look,
+    Steps,
     Trained,
     adam_head,
     bias_correction,
@@ -51,7 +53,8 @@ class Sizes(NamedTuple):
 class Scene(NamedTuple):
     """What stays: the layout, the training rays in its frame, rows int32 [slots B³] of baker.tuning.joint_rows.
 
-    content uint8 [V + 1, 8]: the voxels as they were; cells int32 [V + 1]: the cell of each.
+    content uint8 [V + 1, 8]: the voxels as they were; cells int32 [V + 1]: the cell of each. steps float32 [8]: of what is
+    stored.
     """
 
     layout: PackLayout
@@ -59,6 +62,7 @@ class Scene(NamedTuple):
     rows: jax.Array
     content: jax.Array
     cells: jax.Array
+    steps: jax.Array
 
 
 class Gathered(NamedTuple):
@@ -111,7 +115,8 @@ def stored(delta: jax.Array, scene: Scene) -> jax.Array:
     alpha = jnp.minimum(-jnp.expm1(-depth * jnp.exp(moved[:, 3:4])) * 255, TOP)
     alpha = jnp.where(before > 0, jnp.maximum(jnp.round(alpha), 1.0), 0.0)
     values = jnp.clip(content / jnp.maximum(before, 1.0) + moved, 0.0, 1.0) * alpha
-    return jnp.round(values.at[:, 3:4].set(alpha)).astype(jnp.uint8)
+    rounded = jnp.round(values.at[:, 3:4].set(alpha) / scene.steps) * scene.steps
+    return jnp.minimum(rounded, alpha).astype(jnp.uint8)
 
 
 @partial(jax.jit, static_argnames=("sizes", "look"))
@@ -182,9 +187,9 @@ def _adam(
 class JaxTuner:
     """See baker.tuning.tuner.Tuner."""
 
-    def __init__(self, pack: Pack, dataset: RayDataset, cell: int, look: Look) -> None:
+    def __init__(self, pack: Pack, dataset: RayDataset, cell: int, look: Look, steps: Steps) -> None:
         self.look, self.pack, self.dataset, self.rows = look, pack, dataset, voxel_rows(pack)
-        self.scene = scene_of(pack, self.rows, dataset, cell)
+        self.scene = scene_of(pack, self.rows, dataset, cell, steps)
         self.trained = start(self.scene, pack)
         self.first, self.second = (jax.tree.map(jnp.zeros_like, self.trained) for _ in range(2))
         self.rays, self.sizes = 0, Sizes(0, pack_sizes(pack, 0), 0, 0)
@@ -216,16 +221,16 @@ class JaxTuner:
         return pack if snapshot.head is None else replace(pack, view_mlp=from_params(snapshot.head))
 
 
-def tuner_of(pack: Pack, dataset: RayDataset, cell: int, look: Look) -> JaxTuner:
+def tuner_of(pack: Pack, dataset: RayDataset, cell: int, look: Look, steps: Steps) -> JaxTuner:
     """The tuner of a pack."""
-    return JaxTuner(pack, dataset, cell, look)
+    return JaxTuner(pack, dataset, cell, look, steps)
 
 
-def scene_of(pack: Pack, rows: VoxelRows, dataset: RayDataset, cell: int) -> Scene:
+def scene_of(pack: Pack, rows: VoxelRows, dataset: RayDataset, cell: int, steps: Steps = EXACT) -> Scene:
     """What stays of a pack while it is tuned."""
     cells = jnp.asarray(cells_of_rows(pack, rows, cell))
     by_slot, content = jnp.asarray(rows_by_slot(pack, rows)), jnp.asarray(rows.content)
-    return Scene(pack_layout(pack), pack_rays(pack, dataset), by_slot, content, cells)
+    return Scene(pack_layout(pack), pack_rays(pack, dataset), by_slot, content, cells, jnp.asarray(steps.channels))
 
 
 def start(scene: Scene, pack: Pack) -> Trained:

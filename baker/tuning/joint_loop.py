@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from baker.tuning.marcher import Accumulated, make_marcher
-from baker.tuning.tuner import Look, make_tuner, psnr_of, squared_error
+from baker.tuning.tuner import EXACT, Look, Steps, make_tuner, psnr_of, squared_error
 from baker.view_mlp import to_params
 from scenepack.pack import Pack
 from training.dataset import RayDataset
@@ -45,6 +45,8 @@ class JointConfig:
     """The rates fall log-linearly to this share."""
     held_out: int = 10
     """One training view in so many tells which state is best, and is not trained on; 0 trains on all, to the end."""
+    steps: Steps = EXACT
+    """What colours and features are stored in multiples of."""
     checks: int = 8
     """How often the held-out views are looked at."""
     seed: int = 0
@@ -65,7 +67,9 @@ def joint_tune(
     trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
     if not len(trained_on):
         return pack, {}
-    tuner = make_tuner(pack, dataset, config.cell or cell_for(pack, len(hits)), by_opacity=by_opacity)
+    tuner = make_tuner(
+        pack, dataset, config.cell or cell_for(pack, len(hits)), by_opacity=by_opacity, steps=config.steps
+    )
     tuner.fill(trained_on, config.samples, config.seed)
     steps = config.passes * len(trained_on) / tuner.rays
     if steps < LEAST_STEPS:  # of few rays there are more steps, each with fewer

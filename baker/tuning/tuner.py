@@ -45,6 +45,22 @@ class Look(NamedTuple):
     by_opacity: bool
 
 
+class Steps(NamedTuple):
+    """What stored colours and features are multiples of, in units of 1/255. In coarse steps a pack takes fewer bytes; tuning
+    makes up for most of what rounding costs."""
+
+    colour: int = 1
+    feature: int = 1
+
+    @property
+    def channels(self) -> np.ndarray:
+        """float32 [8], of colour, alpha and features."""
+        return np.array([*[self.colour] * 3, 1, *[self.feature] * 4], np.float32)
+
+
+EXACT = Steps()
+
+
 class Trained(NamedTuple):
     """delta float32 [K + 1, 8]: what each cell adds to straight colours (0 … 2) and features (4 … 7), and to log density (3).
     head: the view MLP, None for a diffuse pack. Of NumPy or of JAX."""
@@ -80,13 +96,16 @@ class Tuner(Protocol):
         ...
 
 
-def make_tuner(pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False) -> Tuner:
+def make_tuner(pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False, steps: Steps = EXACT) -> Tuner:
     """By compiled loops on a processor, where Numba is, and by JAX elsewhere. cell: voxels a side of a cell.
+    steps: of what is stored.
 
     The pack's arrays must be writable, and may be changed as the tuner goes on.
     """
     name = "fused.tuner" if compiled_loops() else "jax_tuner"
-    return importlib.import_module(f"baker.tuning.{name}").tuner_of(pack, dataset, cell, Look(pack.ndc, by_opacity))
+    return importlib.import_module(f"baker.tuning.{name}").tuner_of(
+        pack, dataset, cell, Look(pack.ndc, by_opacity), steps
+    )
 
 
 def shown(

@@ -124,9 +124,16 @@ def _place(tables, cells, free):
                                 cells.content[place, 4 + c] = tables.features[at, c]
 
 
+@njit(nogil=True, cache=True, inline="always")
+def _rounded(value, step, alpha):
+    """The nearest multiple of `step`, at most alpha: all is premultiplied."""
+    return np.uint8(min(np.rint(value / step) * step, alpha))
+
+
 @njit(nogil=True, cache=True)
-def store_cells(cells, depths, delta, some, rgba, features, low, high):
-    """Writes the voxels of cells some[low … high - 1], moved by delta float32 [K + 1, 8], to all their places in the atlas."""
+def store_cells(cells, depths, delta, steps, some, rgba, features, low, high):
+    """Writes the voxels of cells some[low … high - 1], moved by delta float32 [K + 1, 8], to all their places in the atlas, in
+    multiples of steps float32 [8]."""
     first, places, content = cells.first, cells.places, cells.content
     coloured = features.shape[0] > 0
     for n in range(low, high):
@@ -140,11 +147,11 @@ def store_cells(cells, depths, delta, some, rgba, features, low, high):
             rgba[at, 3] = np.uint8(alpha)
             for c in range(3):
                 straight = np.float32(content[place, c]) * share + delta[cell, c]
-                rgba[at, c] = np.uint8(np.rint(min(max(straight, np.float32(0)), ONE) * alpha))
+                rgba[at, c] = _rounded(min(max(straight, np.float32(0)), ONE) * alpha, steps[c], alpha)
             if coloured:
                 for c in range(4):
                     straight = np.float32(content[place, 4 + c]) * share + delta[cell, 4 + c]
-                    features[at, c] = np.uint8(np.rint(min(max(straight, np.float32(0)), ONE) * alpha))
+                    features[at, c] = _rounded(min(max(straight, np.float32(0)), ONE) * alpha, steps[4 + c], alpha)
 
 
 @njit(nogil=True, cache=True)

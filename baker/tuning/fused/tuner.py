@@ -23,7 +23,17 @@ from baker.tuning.fused.cells import DEPTHS, add_slopes, cell_at, cells_of, move
 from baker.tuning.fused.marcher import LISTED, FusedMarcher, Tables, list_contributing, room_for_samples
 from baker.tuning.marcher import Accumulated, Box
 from baker.tuning.pack_layout import MAX_ALPHA
-from baker.tuning.tuner import PROBE_RAYS, Look, Trained, adam_head, bias_correction, psnr_of, squared_error
+from baker.tuning.tuner import (
+    EXACT,
+    PROBE_RAYS,
+    Look,
+    Steps,
+    Trained,
+    adam_head,
+    bias_correction,
+    psnr_of,
+    squared_error,
+)
 from baker.view_mlp import from_params, to_params
 from scenepack.constants import TRANSMITTANCE_STOP
 from scenepack.pack import Pack
@@ -211,8 +221,8 @@ def _list_cells(tables, cells, log_density, of_value, chunk, n, entries, work):
 class FusedTuner:
     """See baker.tuning.tuner.Tuner. It works on the pack's own arrays: a second copy of an atlas of 1000³ is a gigabyte."""
 
-    def __init__(self, pack: Pack, dataset: RayDataset, cell: int, look: Look) -> None:
-        self.look = look
+    def __init__(self, pack: Pack, dataset: RayDataset, cell: int, look: Look, steps: Steps) -> None:
+        self.look, self.steps = look, steps.channels
         features = None if pack.atlas_features is None else np.ascontiguousarray(pack.atlas_features)
         self.pack = replace(pack, atlas_rgba=np.ascontiguousarray(pack.atlas_rgba), atlas_features=features)
         self.dataset, self.workers = dataset, Workers()
@@ -225,6 +235,8 @@ class FusedTuner:
         self.head = pack.view_mlp and to_params(pack.view_mlp)
         self.head_moments = [jax.tree.map(jnp.zeros_like, self.head) for _ in range(2)]
         self.found = [room_for_samples() for _ in range(self.workers.count)]
+        if steps != EXACT:
+            self._store(self.delta, np.arange(1, count, dtype=np.int32))
         self.rays, self.work = 0, work_for(0, 0)
 
     def fill(self, ids: np.ndarray, samples: int, seed: int) -> None:
@@ -320,14 +332,14 @@ class FusedTuner:
     def _store(self, delta: np.ndarray, some: np.ndarray) -> None:
         def share(_: int, part: int) -> None:
             low, high = part * STORED, min((part + 1) * STORED, len(some))
-            store_cells(self.cells, DEPTHS, delta, some, self.tables.rgba, self.tables.features, low, high)
+            store_cells(self.cells, DEPTHS, delta, self.steps, some, self.tables.rgba, self.tables.features, low, high)
 
         self.workers.share(-(-len(some) // STORED), share)
 
 
-def tuner_of(pack: Pack, dataset: RayDataset, cell: int, look: Look) -> FusedTuner:
+def tuner_of(pack: Pack, dataset: RayDataset, cell: int, look: Look, steps: Steps) -> FusedTuner:
     """The tuner of a pack."""
-    return FusedTuner(pack, dataset, cell, look)
+    return FusedTuner(pack, dataset, cell, look, steps)
 
 
 @jax.jit

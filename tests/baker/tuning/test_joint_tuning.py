@@ -26,7 +26,7 @@ from baker.tuning.jax_tuner import (
 from baker.tuning.joint_loop import JointConfig, cell_for, joint_tune, split_by_view
 from baker.tuning.joint_rows import VoxelRows, cells_of_rows, rows_by_slot, voxel_rows, with_content
 from baker.tuning.pack_layout import composite, pack_sizes, pack_voxels
-from baker.tuning.tuner import BETAS, Look, Trained, shown
+from baker.tuning.tuner import BETAS, EXACT, Look, Steps, Trained, shown
 from scenepack import Pack, check_pack
 from scenepack.blocks import dense_from_pack
 from tests.baker.tuning.helpers import pack_of
@@ -314,7 +314,7 @@ def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkey
     monkeypatch.setattr(fused_tuner, "SPARE", 8.0)
     pack = pack_of()
     every = np.arange(dataset.count, dtype=np.int32)
-    tuner = fused_tuner.tuner_of(copied(pack), dataset, 4, Look(False, False))
+    tuner = fused_tuner.tuner_of(copied(pack), dataset, 4, Look(False, False), EXACT)
     tuner.fill(every, SAMPLES, 0)
     assert dataset.count <= joint_loop.HELD_OUT_RAYS, "so that all rays are looked at"
     known = tuner.score(every)[0]
@@ -325,6 +325,19 @@ def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkey
 def test_a_pack_that_no_ray_meets_comes_back_as_it_is(dataset: RayDataset) -> None:
     pack = replace(pack_of(), min_xyz=np.array([1e3, 1e3, 1e3]))
     assert joint_tune(pack, dataset, QUICK) == (pack, {})
+
+
+def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_as_bright_as_can_be(
+    dataset: RayDataset,
+) -> None:
+    coarse, figures = joint_tune(pack_of(), dataset, replace(QUICK, held_out=0, steps=Steps(4, 16)))
+    alpha = coarse.atlas_rgba[..., 3:]
+    for values, step in ((coarse.atlas_rgba[..., :3], 4), (coarse.atlas_features, 16)):
+        assert np.all((values % step == 0) | (values == alpha)) and np.any(values % step == 0)
+    assert len(np.unique(alpha)) > 64, "opacity is stored as finely as ever"
+    fine = joint_tune(pack_of(), dataset, replace(QUICK, held_out=0))[1]
+    assert figures["held_out_psnr_after"] > fine["held_out_psnr_after"] - 0.5
+    assert [f for f in check_pack(coarse) if f.severity in ("warning", "error")] == []
 
 
 def test_a_diffuse_pack_has_its_voxels_tuned(dataset: RayDataset) -> None:

@@ -13,7 +13,7 @@ import pytest
 from baker.tuning.fused import tuner as fused_tuner
 from baker.tuning.fused.tuner import FusedTuner
 from baker.tuning.jax_tuner import JaxTuner, gather, stored
-from baker.tuning.tuner import BETAS, Look
+from baker.tuning.tuner import BETAS, EXACT, Look, Steps
 from scenepack import Pack
 from tests.baker.tuning.helpers import pack_of
 from training.dataset import RayDataset
@@ -21,13 +21,16 @@ from training.voxels.fused.workers import Workers
 
 SAMPLES = 32_768
 RATES = np.array([*[4e-3] * 3, 0.03, *[4e-3] * 4, 1e-3], np.float32)
+COARSE = Steps(4, 16)
 Both = tuple[FusedTuner, JaxTuner]
 
 
-def both_of(pack: Pack, dataset: RayDataset, cell: int = 4, by_opacity: bool = False) -> tuple[Both, np.ndarray]:
+def both_of(
+    pack: Pack, dataset: RayDataset, cell: int = 4, by_opacity: bool = False, steps: Steps = EXACT
+) -> tuple[Both, np.ndarray]:
     """The two tuners of a pack, and rays for a step of both."""
     look = Look(pack.ndc, by_opacity)
-    ours, theirs = FusedTuner(pack, dataset, cell, look), JaxTuner(pack, dataset, cell, look)
+    ours, theirs = FusedTuner(pack, dataset, cell, look, steps), JaxTuner(pack, dataset, cell, look, steps)
     every = np.arange(dataset.count, dtype=np.int32)
     ids = every[ours.marcher.meets(every)]
     for tuner in (ours, theirs):
@@ -67,11 +70,12 @@ def leaves(head: Any) -> list[np.ndarray]:
     return [np.asarray(a) for a in jax.tree.leaves(head)]
 
 
-@pytest.mark.parametrize("style", ["object", "diffuse", "forward", "by opacity", "cells of 1", "cells of 3"])
+@pytest.mark.parametrize("style", ["object", "diffuse", "forward", "by opacity", "cells of 1", "cells of 3", "coarse"])
 def test_a_step_moves_cells_and_view_mlp_alike(dataset: RayDataset, style: str) -> None:
     pack = pack_of(diffuse=style == "diffuse")
     pack = replace(pack, ndc=style == "forward")
-    both, ids = both_of(pack, dataset, {"cells of 1": 1, "cells of 3": 3}.get(style, 4), style == "by opacity")
+    both, ids = both_of(pack, dataset, {"cells of 1": 1, "cells of 3": 3}.get(style, 4), style == "by opacity",
+                        COARSE if style == "coarse" else EXACT)  # fmt: skip
     made_equal(both)
     ours, theirs = both
     for tuner in both:
