@@ -49,7 +49,9 @@ BUGS = ("This is a bug", "Traceback", "object at 0x")
 ROUND = 250  # events from one measurement of memory to the next
 WARM_UP = 2  # rounds
 ESCAPES = 40  # that answer the dialogs of an event
-TOLERATED = 0.06  # of growth: of some 125 MiB, fonts and pools move 5 from round to round; forgotten framebuffers were a third
+TOLERATED = (
+    0.06  # of growth: of some 125 MiB, fonts and pools move 5 from round to round; forgotten framebuffers were a third
+)
 
 
 class Hour:

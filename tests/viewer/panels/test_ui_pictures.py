@@ -33,9 +33,11 @@ from viewer.app.make_plan import Plan, Survey
 from viewer.app.marks import Marks, Measurement, Scale
 from viewer.app.timing import FrameTimes
 from viewer.panels.layout import PAGES
+from viewer.panels.theme import THEMES
 
 FOLDER = GOLDEN / "ui"
 SIZE = (900, 640)
+WHOLE = (((800, 600), 1.0), ((1280, 800), 1.0), ((1920, 1080), 2.0))  # units, and pixels in each
 FLIP_TOLERANCE = 0.01  # mean over the picture: a moved label gives 0.02 and more, another driver's rounding 0.003
 FADING_FRAMES = 15  # what lies behind a dialog dims within a sixth of a second
 Picture = Callable[[OffscreenUi, str], None]
@@ -68,7 +70,7 @@ def compare(request) -> Picture:
         _freeze(ui)
         for _ in range(2):
             ui.frame()
-        picture = ui.picture()[:, columns]
+        picture = _in_units(ui)[:, columns]
         path = FOLDER / f"{name}.png"
         if request.config.getoption("--regenerate-golden"):
             path.parent.mkdir(exist_ok=True)
@@ -86,6 +88,12 @@ def compare(request) -> Picture:
             pytest.fail(f"{name}: FLIP {mean:.4f}, allowed {FLIP_TOLERANCE}; see {FAILURES}/ui-{name}-*.png")
 
     return take
+
+
+def _in_units(ui: OffscreenUi) -> np.ndarray:
+    """A pixel for each unit."""
+    picture = ui.picture()
+    return picture if ui.density == 1 else np.asarray(Image.fromarray(picture).reduce(round(ui.density)))
 
 
 def _freeze(ui: OffscreenUi) -> None:
@@ -260,11 +268,28 @@ def test_the_light_theme_looks_as_before(ui, app, compare):
     compare(ui, "light")
 
 
+@pytest.mark.parametrize("theme", THEMES)
+@pytest.mark.parametrize(("size", "density"), WHOLE)
+def test_whole_windows_look_as_before(known, offscreen, app, compare, size, density, theme):
+    """Of the sizes that people have, in each theme; a dense screen's picture is compared at half its pixels."""
+    ui = offscreen(app, size=size, density=density)
+    app.resolution.rest_scale = 0.5 / density
+    app.show(known, Path("scenes/toy"), "toy")
+    app.set_theme(theme)
+    app.interface.opens("view")
+    compare(ui, _whole_name(size, theme))
+
+
+def _whole_name(size: tuple[int, int], theme: str) -> str:
+    return f"whole-{size[0]}x{size[1]}-{theme}"
+
+
 def test_no_picture_is_left_over():
     names = {f"page-{page.id}" for page in PAGES}
     names |= {"start", "photograph", "frusta", "crop-gizmo", "measure", "help", "dialog", "path"}
     names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
     names |= {"small-bar", "small-page", "small-keys", "light", "export", "legend-depth", "legend-samples"}
+    names |= {_whole_name(size, theme) for size, _ in WHOLE for theme in THEMES}
     assert {path.stem for path in FOLDER.glob("*.png")} == names
 
 
