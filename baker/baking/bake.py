@@ -25,6 +25,7 @@ from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.fine_tune import EPOCHS, FINE_TUNE_PIXELS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Closing, Pruned, prune
+from baker.tuning.tuner import EXACT, Steps
 from baker.view_mlp import from_params
 from console import Notice, UserError, progress
 from console.progress import Progress
@@ -49,6 +50,8 @@ COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
 MOST_LOST = 0.1  # dB of training rays that pruning may cost
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
+COMPACT = Steps(4, 8)  # of what is stored: on lego at 1000³ see docs/results.md
+FineTune = Literal["none", "view-mlp", "all", "compact"]
 FORMAT = 2  # of a work folder: raised whenever the same key would give other pieces
 
 
@@ -65,8 +68,9 @@ class BakeConfig:
     tau_weight: float = TAU_WEIGHT
     """Voxels that would make up less than this of any pixel of any training photograph are emptied, or less where the photographs
     lose MOST_LOST by it; 0 leaves all (the paper)."""
-    fine_tune: Literal["none", "view-mlp", "all"] = "all"
-    """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together."""
+    fine_tune: FineTune = "all"
+    """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together; compact:
+    as all, and what is stored ends in COMPACT steps."""
     fine_tune_epochs: int = EPOCHS
     """Passes over the training pixels that refine the view MLP; 0 for none."""
     fine_tune_pixels: int = FINE_TUNE_PIXELS
@@ -162,7 +166,7 @@ def bake(
                 "epochs": config.fine_tune_epochs,
                 "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
             }  # fmt: skip
-    if config.fine_tune == "all":
+    if config.fine_tune in ("all", "compact"):
         handed_over = [pack]
         del pack  # nobody else holds it, so that what pruning leaves takes its place
         pack, figures, again = _with_tuned_voxels(handed_over.pop(), photographs, config, stages, by_opacity)
@@ -205,20 +209,25 @@ def _with_tuned_voxels(
 
     First some views are held out, which tell whether tuning helps. Where it does, voxels are pruned once more, harder than
     those that nothing makes up for, and tuning goes on, on all views. A scene whose photographs disagree (rough masks, things
-    that move) is mist where they do: pruning it costs too much, and is left.
+    that move) is mist where they do: pruning it costs too much, and is left. What is compact is rounded where tuning goes on,
+    which therefore it does in any case.
     """
     name, label = "voxels and view MLP", "fine-tuning voxels and view MLP"
     first = JointConfig(seed=config.seed)
     with stages(name), progress(label, 1.0, stage=STAGE) as bar:
         pack, figures = joint_tune(pack, dataset, first, bar.update, by_opacity)
-    if not figures or figures["held_out_psnr_after"] <= figures["held_out_psnr_before"]:
+    helps = bool(figures) and figures["held_out_psnr_after"] > figures["held_out_psnr_before"]
+    if not figures or not (helps or config.fine_tune == "compact"):
         return pack, figures, None
     removed = None
-    if config.tau_weight > 0:
+    if helps and config.tau_weight > 0:
         with stages("pruning again"), progress("emptying voxels that are faint now", 1.0, stage=STAGE) as bar:
             tau = TUNED_TAU * config.tau_weight
             pack, removed = _pruned(pack, dataset, config, tau, FIRM, by_opacity, bar)
-    second = JointConfig(seed=config.seed + 1, held_out=0, rate=SECOND_RATE)
+    second = JointConfig(
+        seed=config.seed + 1, held_out=0 if helps else first.held_out, rate=SECOND_RATE,
+        steps=COMPACT if config.fine_tune == "compact" else EXACT,
+    )  # fmt: skip
     with stages(name), progress(f"{label}, all views", 1.0, stage=STAGE) as bar:
         pack, last = joint_tune(pack, dataset, second, bar.update, by_opacity)
     figures |= {

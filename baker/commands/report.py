@@ -18,7 +18,7 @@ from viewer.benchmark.protocols import given_distance
 
 DESCRIPTION = "Measures the SNeRG paper's tables on a trained run, or puts the reports of several scenes side by side."
 TABLES = ("quality", "storage", "performance", "resolution", "real", "sparsity")
-RUNGS = ("none", "view-mlp", "all")
+RUNGS = ("none", "view-mlp", "all", "compact")
 
 
 def snerg_report(
@@ -57,7 +57,8 @@ def snerg_report(
             scenes, 1300 for photographs.
         resolutions: Voxels along the longest side, separated by commas, for the table resolution.
         bake: Which bake the tables storage and resolution are of: paper (as the paper writes), or snerg (our default settings).
-        fine_tune: Rows of our own bake in the table quality, separated by commas: none, view-mlp, all.
+        fine_tune: Rows of our own bake in the table quality, separated by commas: none, view-mlp, all,
+            compact.
         fine_tune_epochs: Passes over the training pixels while the view MLP is tuned, if not those of snerg-bake.
         most_macroblocks: If more would be kept, grids are made coarser. The default is that of each bake: none in the paper's.
         against: A second run of the same scene, trained without the sparsity loss.

@@ -27,7 +27,7 @@ from scenepack.report import pack_facts
 from training.journal import read_journal
 from training.run import Run, load_run
 
-Tuned = Literal["none", "view-mlp", "all"]
+Tuned = Literal["none", "view-mlp", "all", "compact"]
 Row = dict[str, Any]
 AXES = "xyz"
 BEFORE = ("jaxnerf-plus", "jaxnerf", "tinyview", "deferred")  # rows above the baked ones, as in the paper
@@ -42,6 +42,7 @@ OURS = {
     "none": "ours: pruned, not fine-tuned",
     "view-mlp": "ours: pruned, view MLP fine-tuned",
     "all": "ours: pruned, voxels and view MLP fine-tuned",
+    "compact": "ours, the same in coarser steps",
 }
 
 

@@ -12,6 +12,7 @@ import pytest
 from baker.baking import bake as baking
 from baker.baking.bake import BakeConfig, Stages
 from baker.tuning.pruning import FIRM, Pruned
+from baker.tuning.tuner import EXACT
 from tests.scenepack.random_packs import random_pack
 from training.dataset import RayDataset
 from training.scenes import Scene
@@ -83,6 +84,18 @@ def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
     monkeypatch.setattr(baking, "with_views_between", lambda dataset: dataset)
     monkeypatch.setattr(baking, "shown_psnr", lambda *args, **options: 29.0)
     return noted
+
+
+@pytest.mark.parametrize(("helps", "expected"), [(0.5, ["tune", "prune", "tune"]), (0.0, ["tune", "tune"])])
+def test_what_is_compact_ends_in_coarser_steps_whether_tuning_helps_or_not(
+    calls: list[Call], helps: float, expected: list[str]
+) -> None:
+    config = BakeConfig(fine_tune="compact")
+    baking._with_tuned_voxels(random_pack(np.random.default_rng(0)), None, config, Stages(), False)  # type: ignore[arg-type]
+    assert [name for name, _ in calls] == expected
+    first, last = calls[0][1], calls[-1][1]
+    assert first.steps == EXACT and last.steps == baking.COMPACT != EXACT
+    assert last.held_out == (0 if helps else first.held_out), "what does not help is kept only where it is best"
 
 
 @pytest.mark.parametrize(

@@ -331,6 +331,7 @@ def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_
     dataset: RayDataset,
 ) -> None:
     coarse, figures = joint_tune(pack_of(), dataset, replace(QUICK, held_out=0, steps=Steps(4, 16)))
+    assert coarse.atlas_features is not None
     alpha = coarse.atlas_rgba[..., 3:]
     for values, step in ((coarse.atlas_rgba[..., :3], 4), (coarse.atlas_features, 16)):
         assert np.all((values % step == 0) | (values == alpha)) and np.any(values % step == 0)

@@ -139,7 +139,7 @@ def test_a_run_of_steps_scores_alike(dataset: RayDataset, by_opacity: bool) -> N
 def test_threads_change_nothing(dataset: RayDataset) -> None:
     found = []
     for threads in (1, 3):
-        tuner = FusedTuner(pack_of(), dataset, 4, Look(False, False))
+        tuner = FusedTuner(pack_of(), dataset, 4, Look(False, False), EXACT)
         tuner.workers = Workers(threads)
         tuner.found = [fused_tuner.room_for_samples() for _ in range(threads)]
         every = np.arange(dataset.count, dtype=np.int32)
