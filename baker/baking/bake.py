@@ -50,7 +50,7 @@ COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
 MOST_LOST = 0.1  # dB of training rays that pruning may cost
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
-COMPACT = Steps(4, 8)  # of what is stored: on lego at 1000³ see docs/results.md
+COMPACT = Steps(4, 16)  # of what is stored; finer steps of features lose as much on lego at 1000³, which is colour's
 FineTune = Literal["none", "view-mlp", "all", "compact"]
 FORMAT = 2  # of a work folder: raised whenever the same key would give other pieces
 
