@@ -94,8 +94,14 @@ def _to_fill(rows: Iterable[Row]) -> list[str]:
     if not lacking:
         return []
     return ["", "Rows without a run, and what would make them:", ""] + [
-        f"- {row['label']}: `{row['command']}`" for row in lacking
+        f"- {row['label']}: {_as_code(row['command'])}" for row in lacking
     ]
+
+
+def _as_code(command: str) -> str:
+    """A command of baker.reports.missing, and the option that it says to add then."""
+    first, then, option = command.partition("; then add ")
+    return f"`{first}`, then add `{option}`" if then else f"`{command}`"
 
 
 def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
