@@ -95,7 +95,7 @@ def reports_text(folder: Path) -> str:
         "Columns in *italics* are not ours: they are the paper's and its release's own figures, measured on their machines."
     ]
     for file in files:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = without_folders(json.loads(file.read_text(encoding="utf-8")))
         about = document["about"]
         lines += ["", f"### The tables of {about['name']}", ""]
         lines.append(
@@ -106,13 +106,15 @@ def reports_text(folder: Path) -> str:
             if name in document["tables"]:
                 lines += ["", f"#### {title}: {about['name']}", *_made(document.get("made", {}).get(name)), ""]
                 lines += _without_pictures(section(document["tables"][name], about))
-        text = "\n".join(lines)
-        for path, word in sorted(
-            ((about["out"], "DIR"), (about["run"], "RUN"), (about["scene"], "SCENE")), reverse=True
-        ):
-            text = text.replace(path, word)
-        lines = text.split("\n")
     return "\n".join(lines)
+
+
+def without_folders(document: Mapping[str, Any]) -> dict[str, Any]:
+    """A report with DIR, RUN and SCENE in place of a machine's folders."""
+    about, text = document["about"], json.dumps(document)
+    for path, word in sorted(((about["out"], "DIR"), (about["run"], "RUN"), (about["scene"], "SCENE")), reverse=True):
+        text = text.replace(json.dumps(path)[1:-1], word)
+    return json.loads(text)
 
 
 def _made(made: Mapping[str, Any] | None) -> list[str]:
@@ -134,13 +136,16 @@ def _without_pictures(lines: list[str]) -> list[str]:
 
 
 def main(words: list[str]) -> int:
-    """Writes the page, or says whether it is as it would be written."""
+    """Writes the page, and the reports without a machine's folders; or says whether the page is as it would be written."""
     text, path = page(), DOCS / "results.md"
     if "--check" in words:
         if path.read_text(encoding="utf-8") == text:
             return 0
         print(f"{path} is not what its figures give: make results", file=sys.stderr)
         return 1
+    for file in sorted((DOCS / "results/reports").glob("*.json")):
+        document = json.loads(file.read_text(encoding="utf-8"))
+        file.write_text(json.dumps(without_folders(document), indent=2) + "\n", encoding="utf-8")
     path.write_text(text, encoding="utf-8")
     print(path)
     return 0

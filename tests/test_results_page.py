@@ -69,6 +69,13 @@ def test_another_figure_gives_another_page(results: ModuleType, docs: Path) -> N
         results.page(docs)
 
 
+def test_reports_are_kept_without_folders_of_a_machine(results: ModuleType) -> None:
+    for path in (ROOT / "docs/results/reports").glob("*.json"):
+        document = json.loads(path.read_text(encoding="utf-8"))
+        assert results.without_folders(document) == document, f"{path.name}: make results"
+        assert not re.findall(r"[\" ](?:/|[A-Z]:)\w", json.dumps(document)), path.name
+
+
 def test_the_reports_of_scenes_are_put_in_as_they_are_without_folders_of_a_machine(
     results: ModuleType, docs: Path
 ) -> None:

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from baker.baking.float_grid import FloatGrid, assemble
 from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
 from baker.baking.supersample import Sampler, Supersampling, supersample, supersample_floats
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
+from baker.tuning.choice import FineTune
 from baker.tuning.fine_tune import EPOCHS, FINE_TUNE_PIXELS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Closing, Pruned, prune
@@ -50,8 +51,7 @@ COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
 MOST_LOST = 0.1  # dB of training rays that pruning may cost
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
-COMPACT = Steps(4, 16)  # of what is stored; finer steps of features lose as much on lego at 1000³, which is colour's
-FineTune = Literal["none", "view-mlp", "all", "compact"]
+COMPACT = Steps(4, 16)  # of what is stored; lego at 1000³ loses as much with features in steps of 8
 FORMAT = 2  # of a work folder: raised whenever the same key would give other pieces
 
 
@@ -228,7 +228,7 @@ def _with_tuned_voxels(
         seed=config.seed + 1, held_out=0 if helps else first.held_out, rate=SECOND_RATE,
         steps=COMPACT if config.fine_tune == "compact" else EXACT,
     )  # fmt: skip
-    with stages(name), progress(f"{label}, all views", 1.0, stage=STAGE) as bar:
+    with stages(name), progress(f"{label}, {'all views' if helps else 'in coarser steps'}", 1.0, stage=STAGE) as bar:
         pack, last = joint_tune(pack, dataset, second, bar.update, by_opacity)
     figures |= {
         "passes": round(figures["passes"] + last["passes"], 2), "samples_a_ray_after": last["samples_a_ray_after"],

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+from baker.tuning.choice import FineTune
 from console import UserError, run_command
 from console.arguments import join_negative_values
 
@@ -27,7 +28,7 @@ def snerg_bake(
     tau_alpha: float = 0.005,
     tau_vis: float = 0.01,
     tau_weight: float = 0.0085,
-    fine_tune: Literal["none", "view-mlp", "all", "compact"] = "all",
+    fine_tune: FineTune = "all",
     fine_tune_epochs: int = 100,
     fine_tune_pixels: int = 1_000_000,
     supersampling: Literal["grain", "paper"] = "grain",
@@ -52,9 +53,9 @@ def snerg_bake(
         tau_vis: Drop macroblocks that no training camera sees with at least this transmittance, 0 ... 1.
         tau_weight: Empty voxels that would make up less than this of any pixel of any training photograph, 0 ... 1; by less
             where the photographs lose 0.1 dB. 0 keeps all.
-        fine_tune: What to tune after baking: none; view-mlp (as in the paper); or all: the view MLP, then voxels and view
-            MLP together (sharper, takes minutes); or compact: as all, with colours stored in coarser steps (the smallest
-            files, hardly less sharp).
+        fine_tune: What to tune after baking: none; view-mlp (as in the paper); all: the view MLP, then voxels and view
+            MLP together (sharper, takes minutes); or compact: as all, with colours stored in coarser steps (smaller
+            files, a little less sharp).
         fine_tune_epochs: Passes over the training pixels while the view MLP is tuned. Not used if nothing is tuned.
         fine_tune_pixels: Number of training pixels that tune the view MLP, an even random share; 0 for all (the paper).
         supersampling: How the content of a voxel is averaged: grain (as far as the field varies within a voxel), or paper (16

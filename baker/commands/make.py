@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from baker.tuning.choice import FineTune
 from console import Notice, UserError, run_command
 from console.arguments import join_negative_values
 from training.posing.find import FRAMES, SCENE, posed_scene
@@ -39,7 +40,7 @@ def snerg_make(
     up: str | None = None,
     steps: int | None = None,
     resolution: int | None = None,
-    fine_tune: Literal["none", "view-mlp", "all", "compact"] = "all",
+    fine_tune: FineTune = "all",
     exposure: Literal["auto", "on", "off"] = "auto",
     seed: int = 0,
     frames: int = FRAMES,
@@ -66,7 +67,7 @@ def snerg_make(
         resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the presets cpu and
             full, 1.25 per pixel of the photographs, from 512 to 1000.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); all: also the voxels (sharper, takes minutes); or
-            compact: as all, with colours stored in coarser steps (the smallest files, hardly less sharp).
+            compact: as all, with colours stored in coarser steps (smaller files, a little less sharp).
         exposure: Fit exposure and white balance of each photograph, so that the scene has their average look. auto: for
             photographs whose exposures differ, never for rendered scenes (Blender).
         seed: Random seed of the training, and of finding poses.

@@ -10,15 +10,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
+from baker.tuning.choice import FineTune
 from console import UserError, check_results, run_command, write_json, write_text
 from console.arguments import parse_size
 from viewer.benchmark.protocols import given_distance
 
 DESCRIPTION = "Measures the SNeRG paper's tables on a trained run, or puts the reports of several scenes side by side."
 TABLES = ("quality", "storage", "performance", "resolution", "real", "sparsity")
-RUNGS = ("none", "view-mlp", "all", "compact")
 
 
 def snerg_report(
@@ -57,8 +57,7 @@ def snerg_report(
             scenes, 1300 for photographs.
         resolutions: Voxels along the longest side, separated by commas, for the table resolution.
         bake: Which bake the tables storage and resolution are of: paper (as the paper writes), or snerg (our default settings).
-        fine_tune: Rows of our own bake in the table quality, separated by commas: none, view-mlp, all,
-            compact.
+        fine_tune: Rows of our own bake in the table quality, separated by commas: none, view-mlp, all, compact.
         fine_tune_epochs: Passes over the training pixels while the view MLP is tuned, if not those of snerg-bake.
         most_macroblocks: If more would be kept, grids are made coarser. The default is that of each bake: none in the paper's.
         against: A second run of the same scene, trained without the sparsity loss.
@@ -71,7 +70,7 @@ def snerg_report(
         quick: For the table storage: measure only the default quality of each codec.
     """
     chosen = None if tables is None else _chosen(tables, TABLES, "--tables")
-    rungs, sides = _chosen(fine_tune, RUNGS, "--fine-tune"), _resolutions(resolutions)
+    rungs, sides = _chosen(fine_tune, get_args(FineTune), "--fine-tune"), _resolutions(resolutions)
     pixels = parse_size(size) if size else None
     if frames < 1 or views < 0 or (resolution is not None and resolution < 1):
         raise UserError("is too small", where="--resolution, --frames or --views")

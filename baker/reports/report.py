@@ -30,6 +30,7 @@ from baker.reports.plots import draw_report_plots
 from baker.reports.published import NAMES, whose
 from baker.reports.real_scenes import real_table
 from baker.reports.study import Study
+from baker.tuning.choice import FineTune
 from console import UserError
 from console.atomic import write_file
 from scenepack.constants import MAX_BLOCK_INDEX
@@ -44,7 +45,7 @@ class Wanted:
     the tables of storage and resolution are of. quick: only each codec's default quality.
     """
 
-    rungs: Sequence[tables.Tuned] = ("all",)
+    rungs: Sequence[FineTune] = ("all",)
     resolutions: Sequence[int] = (1000, 750, 500)
     preset: BakePreset = "paper"
     drawing: Drawing = field(default_factory=Drawing)

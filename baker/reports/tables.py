@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import jax
 
@@ -22,12 +22,12 @@ from baker.reports.fields import OWN, label_of, row_of
 from baker.reports.missing import train_command
 from baker.reports.pack_compare import stored_bytes
 from baker.reports.study import Baked, Study
+from baker.tuning.choice import FineTune
 from scenepack import Pack, open_pack
 from scenepack.report import pack_facts
 from training.journal import read_journal
 from training.run import Run, load_run
 
-Tuned = Literal["none", "view-mlp", "all", "compact"]
 Row = dict[str, Any]
 AXES = "xyz"
 BEFORE = ("jaxnerf-plus", "jaxnerf", "tinyview", "deferred")  # rows above the baked ones, as in the paper
@@ -46,7 +46,7 @@ OURS = {
 }
 
 
-def quality_table(study: Study, rungs: Sequence[Tuned]) -> dict[str, Any]:
+def quality_table(study: Study, rungs: Sequence[FineTune]) -> dict[str, Any]:
     """Table 2: from trained fields to what is shown. rungs: of our own bake, below the paper's."""
     own = row_of(study.run.config)
     rows = [field_row(study, name) for name in BEFORE]

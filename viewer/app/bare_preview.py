@@ -23,7 +23,7 @@ MODULE = "training.posing.preview"
 Box = tuple[int, int, int, int]
 
 
-class BarePreview:
+class BarePreview(Telling):
     """A look at `source`, from the moment this is made. Poll `news` from the main thread, and close it in the end.
 
     of_film: it is no photographs. count: pictures in all, of a film the frames that would be taken; None before it is known.
@@ -44,28 +44,13 @@ class BarePreview:
         self._told: object = None
         self._folder = Path(tempfile.mkdtemp(prefix="snerg-preview-"))
         words = [str(source.path.resolve()), str(self._folder)]
-        self._telling = Telling(
-            MODULE, words, self._take, behind=lambda: shutil.rmtree(self._folder, ignore_errors=True)
-        )
-
-    @property
-    def coming(self) -> bool:
-        """Whether more is on its way."""
-        return self._telling.coming
-
-    def wait(self) -> None:
-        """Until there will be no more."""
-        self._telling.wait()
+        super().__init__(MODULE, words, self._take, behind=lambda: shutil.rmtree(self._folder, ignore_errors=True))
 
     def news(self) -> bool:
         """Whether more has arrived since this was asked last."""
         state = (self.count, len(self.names), self.aside is None, self.seconds is None, self.coming)
         told, self._told = self._told, state
         return told != state
-
-    def close(self) -> None:
-        """Ends the process; what has arrived stays."""
-        self._telling.close()
 
     def _take(self, said: Mapping[str, Any]) -> None:
         if "name" in said:

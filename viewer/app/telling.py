@@ -28,7 +28,7 @@ class Telling:
         self, module: str, words: Sequence[str], hear: Callable[[Mapping[str, Any]], None], *,
         before: Callable[[], object] = lambda: None, behind: Callable[[], object] = lambda: None,
     ) -> None:  # fmt: skip
-        self._command, self._hear = [sys.executable, "-m", module, *words], hear
+        self._command, self._heard = [sys.executable, "-m", module, *words], hear
         self._before, self._behind = before, behind
         self._process: subprocess.Popen[bytes] | None = None
         self._closed = False
@@ -71,7 +71,7 @@ class Telling:
         assert process.stdout is not None and process.stdin is not None
         try:
             for line in process.stdout:
-                self._hear(json.loads(line))
+                self._heard(json.loads(line))
         except (ValueError, KeyError, TypeError, AttributeError):  # it was ended within a line
             pass
         finally:

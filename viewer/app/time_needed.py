@@ -16,12 +16,11 @@ MODULE = "training.speed"
 BAKING_BY_TRAINING = 1.0
 # Peaks of snerg-make on lego at 800 x 800: 2.8, 3.5 and 4.8 GB at 512, 750 and 1000 voxels.
 MEMORY, MEMORY_OF_1000 = 2.2e9, 2.6e9
-DISK_OF_1000 = (
-    1.1e9  # bytes of a bake's pieces, and its pack: lego took half of that, rooms take up to twice as many blocks
-)
+# Bytes of a bake's pieces, and its pack: lego took half of that, rooms take up to twice as many blocks.
+DISK_OF_1000 = 1.1e9
 
 
-class TimeNeeded:
+class TimeNeeded(Telling):
     """An estimate for photographs of these longer sides (pixels), from the moment this is made. Poll `news`, and close it.
 
     forward: they look one way. after: waits for what else is being measured.
@@ -32,16 +31,7 @@ class TimeNeeded:
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
         self._told: object = None
-        self._telling = Telling(MODULE, words, self._hear, before=after)
-
-    @property
-    def coming(self) -> bool:
-        """Whether more is on its way."""
-        return self._telling.coming
-
-    def wait(self) -> None:
-        """Until there will be no more."""
-        self._telling.wait()
+        super().__init__(MODULE, words, self._hear, before=after)
 
     def news(self) -> bool:
         """Whether more is known since this was asked last."""
@@ -60,10 +50,6 @@ class TimeNeeded:
         """Bytes for the run, the bake's pieces and the pack; None where it is not known."""
         run = self._runs.get(preset, {}).get(str(side))
         return None if run is None else run["disk"] + DISK_OF_1000 * _share(preset, side)
-
-    def close(self) -> None:
-        """Ends the process."""
-        self._telling.close()
 
     def _hear(self, said: Mapping[str, Any]) -> None:
         self._runs = said.get("runs", self._runs)

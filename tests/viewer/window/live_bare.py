@@ -85,7 +85,7 @@ def test_bare_photographs_that_are_dropped_are_shown_with_what_is_set_aside_and_
     dialog = window.screenshot()
     assert blue_pixels(dialog) > 300  # of the photographs; nothing else there is blue
     assert window.app.making.plan.problem() is None
-    process = preview._telling._process
+    process = preview._process
     xdotool("key", "Escape")
     pump(window)
     assert window.app.making.plan is None and process.poll() is not None

@@ -1,0 +1,5 @@
+"""What may be tuned after baking, as the options of commands name it."""
+
+from typing import Literal
+
+FineTune = Literal["none", "view-mlp", "all", "compact"]
