@@ -1,7 +1,7 @@
 """The atlas out of a pack whose codec stores pieces, and into one; `reader` and `writer` do the rest.
 
-Under "snerg" such a pack keeps "codec_settings": layout ("atlas" or "grid") and planes of a piece, without which it
-cannot be read, and the quality it was encoded with.
+Under "snerg" such a pack keeps "codec_settings": layout ("atlas" or "grid") and planes of a piece, and the steps that values are
+counted in where they are coarse, without which it cannot be read, and the quality it was encoded with.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from scenepack.budget import require_memory
 from scenepack.codecs import CodecError, PieceCodec
 from scenepack.codecs.apart import Decoders
 from scenepack.codecs.pieces import Piece, cut, follows_grid
+from scenepack.codecs.steps import MOST_STEP, counted, steps_of, times
 from scenepack.files import PackFiles
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 
-SETTINGS = "codec_settings"
+SETTINGS, STEPS = "codec_settings", "steps"
 LIKED_PLANES = 128  # more than any codec of ours asks for, however shallow the atlas
 NOTICED_S = 0.2  # how long Ctrl-C may wait
 OnDone = Callable[[int], None]
@@ -30,12 +31,15 @@ OnDone = Callable[[int], None]
 
 def settings_for(pack: Pack, codec: PieceCodec, quality: int | None) -> dict[str, Any]:
     """The codec_settings to write `pack` with."""
-    layout = codec.layout
-    if codec.default_quality is None and layout == "grid":
+    parts = [pack.atlas_rgba] if pack.atlas_features is None else [pack.atlas_rgba, pack.atlas_features]
+    layout, steps = codec.layout, (1, 1)
+    if codec.default_quality is None:
         # Without loss means the atlas voxel by voxel, even where it is not as it should be.
-        parts = [pack.atlas_rgba] if pack.atlas_features is None else [pack.atlas_rgba, pack.atlas_features]
-        layout = "grid" if all(follows_grid(pack, part) for part in parts) else "atlas"
+        layout = "grid" if layout == "grid" and all(follows_grid(pack, part) for part in parts) else "atlas"
+        steps = steps_of(pack.atlas_rgba, pack.atlas_features)
     settings: dict[str, Any] = {"layout": layout, "planes": codec.planes(layout, pack.block_size)}
+    if steps != (1, 1):
+        settings[STEPS] = list(steps)
     return settings if quality is None else {**settings, "quality": quality}
 
 
@@ -47,7 +51,8 @@ def encoding_jobs(
     def job(number: int, piece: Piece) -> Callable[[], list[tuple[str, bytes]]]:
         def encode() -> list[tuple[str, bytes]]:
             features = None if pack.atlas_features is None else piece.gather(pack.atlas_features)
-            files = codec.encode(piece.gather(pack.atlas_rgba), features, settings.get("quality", 0))
+            rgba, features = counted(piece.gather(pack.atlas_rgba), features, settings.get(STEPS, (1, 1)))
+            files = codec.encode(rgba, features, settings.get("quality", 0))
             return list(zip(codec.names(number, piece.shape, features is not None), files, strict=True))
 
         return encode
@@ -105,6 +110,7 @@ class PieceFiles:
                 decoded = decoders.decode(self.codec.name, data, names, piece.shape, self.has_features)
             except CodecError as error:
                 raise self._undecodable(error.file or names[0], error) from error
+            decoded = times(*decoded, self._steps)
             for values, atlas in zip(decoded, (rgba, features), strict=True):
                 if values is not None and atlas is not None:
                     piece.scatter(values, atlas)
@@ -146,7 +152,17 @@ class PieceFiles:
                 expected=f"multiples of {step} to {most}",
                 found=repr(planes)[:40],
             )
-        self._layout = layout
+        steps = settings.get(STEPS, [1, 1])
+        if not (
+            isinstance(steps, list) and len(steps) == 2 and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
+        ):
+            raise UserError(
+                f"snerg.{SETTINGS}.{STEPS} is out of range",
+                where=where,
+                expected=f"two numbers, 1 to {MOST_STEP}",
+                found=repr(steps)[:40],
+            )
+        self._layout, self._steps = layout, (steps[0], steps[1])
         return layout, planes
 
     def _where(self, name: str) -> str:

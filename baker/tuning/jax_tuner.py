@@ -14,10 +14,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.joint_rows import VoxelRows, cells_of_rows, rows_by_slot, voxel_rows, with_content
+from baker.tuning.joint_rows import VoxelRows, cells_of_rows, odd_of_rows, rows_by_slot, voxel_rows, with_content
 from baker.tuning.pack_layout import MAX_ALPHA, PackLayout, composite, pack_layout, pack_rays, pack_sizes
 from baker.tuning.tuner import (
     BETAS,
+    DITHER,
     EXACT,
     PROBE_RAYS,
     ROOM,
@@ -53,8 +54,8 @@ class Sizes(NamedTuple):
 class Scene(NamedTuple):
     """What stays: the layout, the training rays in its frame, rows int32 [slots B³] of baker.tuning.joint_rows.
 
-    content uint8 [V + 1, 8]: the voxels as they were; cells int32 [V + 1]: the cell of each. steps float32 [8]: of what is
-    stored.
+    content uint8 [V + 1, 8]: the voxels as they were; cells int32 [V + 1]: the cell of each; dither float32 [V + 1]: what is
+    added before rounding down. steps float32 [8]: of what is stored.
     """
 
     layout: PackLayout
@@ -62,6 +63,7 @@ class Scene(NamedTuple):
     rows: jax.Array
     content: jax.Array
     cells: jax.Array
+    dither: jax.Array
     steps: jax.Array
 
 
@@ -115,8 +117,9 @@ def stored(delta: jax.Array, scene: Scene) -> jax.Array:
     alpha = jnp.minimum(-jnp.expm1(-depth * jnp.exp(moved[:, 3:4])) * 255, TOP)
     alpha = jnp.where(before > 0, jnp.maximum(jnp.round(alpha), 1.0), 0.0)
     values = jnp.clip(content / jnp.maximum(before, 1.0) + moved, 0.0, 1.0) * alpha
-    rounded = jnp.round(values.at[:, 3:4].set(alpha) / scene.steps) * scene.steps
-    return jnp.minimum(rounded, alpha).astype(jnp.uint8)
+    nearest = jnp.round(values.at[:, 3:4].set(alpha))
+    coarse = jnp.floor(values / scene.steps + scene.dither[:, None]) * scene.steps
+    return jnp.minimum(jnp.where(scene.steps == 1, nearest, coarse), alpha).astype(jnp.uint8)
 
 
 @partial(jax.jit, static_argnames=("sizes", "look"))
@@ -230,7 +233,8 @@ def scene_of(pack: Pack, rows: VoxelRows, dataset: RayDataset, cell: int, steps:
     """What stays of a pack while it is tuned."""
     cells = jnp.asarray(cells_of_rows(pack, rows, cell))
     by_slot, content = jnp.asarray(rows_by_slot(pack, rows)), jnp.asarray(rows.content)
-    return Scene(pack_layout(pack), pack_rays(pack, dataset), by_slot, content, cells, jnp.asarray(steps.channels))
+    dither, sizes = jnp.asarray(DITHER[odd_of_rows(pack, rows)]), jnp.asarray(steps.channels)
+    return Scene(pack_layout(pack), pack_rays(pack, dataset), by_slot, content, cells, dither, sizes)
 
 
 def start(scene: Scene, pack: Pack) -> Trained:

@@ -7,6 +7,7 @@ the one row, and what is written back is padded right by construction.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,9 +67,23 @@ def cells_of_rows(pack: Pack, rows: VoxelRows, side: int) -> np.ndarray:
     """int32 [V + 1]: which cell of side³ grid voxels each row lies in, numbered from 1; row 0 is cell 0."""
     width, height, _ = (-(-n * pack.block_size // side) for n in pack.grid_blocks)
     place = np.full(len(rows.content), -1, np.int64)
+    for some, at in _places(pack, rows):
+        z, y, x = (along // side for along in at)
+        place[some] = (z * height + y) * width + x
+    return np.unique(place, return_inverse=True)[1].astype(np.int32)
+
+
+def odd_of_rows(pack: Pack, rows: VoxelRows) -> np.ndarray:
+    """uint8 [V + 1]: x + 2 y + 4 z of whether each row's place in the grid is odd; 0 for row 0."""
+    odd = np.zeros(len(rows.content), np.uint8)
+    for some, (z, y, x) in _places(pack, rows):
+        odd[some] = (x & 1) + 2 * (y & 1) + 4 * (z & 1)
+    return odd
+
+
+def _places(pack: Pack, rows: VoxelRows) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:
+    """The rows of each macroblock, and where in the grid they lie: z, y, x."""
     for block in np.argwhere(pack.occupied):
         data = block_copy(pack, rows.atlas, tuple(block))[1:-1, 1:-1, 1:-1]
-        z, y, x = np.nonzero(data)
-        cell = [(i + b * pack.block_size) // side for i, b in zip((z, y, x), block.tolist(), strict=True)]
-        place[data[z, y, x]] = (cell[0] * height + cell[1]) * width + cell[2]
-    return np.unique(place, return_inverse=True)[1].astype(np.int32)
+        local = np.nonzero(data)
+        yield data[local], [i + b * pack.block_size for i, b in zip(local, block.tolist(), strict=True)]

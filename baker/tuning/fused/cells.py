@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from baker.tuning.fused.marcher import Tables
-from baker.tuning.tuner import BETAS, TINY, TOP
+from baker.tuning.tuner import BETAS, DITHER, TINY, TOP
 from scenepack.pack import Pack
 
 DEPTHS = -np.log1p(-np.minimum(np.arange(256), TOP) / 255).astype(np.float32)  # optical depth of a stored alpha
@@ -26,8 +26,8 @@ class Cells(NamedTuple):
     """side: voxels. dims int64 [3]: cells along x, y, z. numbers int32 [z y x]: of each, 0 where no voxel has alpha.
 
     first int64 [K + 2]: where the places of each cell begin; places int64: flat indices in the atlas, cell by cell. content
-    uint8 [places, 8]: rgb, alpha, features as they were, premultiplied. corners int64 [slots, 3]: grid voxel (x, y, z) of the
-    first voxel of each macroblock's copy.
+    uint8 [places, 8]: rgb, alpha, features as they were, premultiplied. odd uint8 [places]: index into DITHER. corners int64
+    [slots, 3]: grid voxel (x, y, z) of the first voxel of each macroblock's copy.
     """
 
     side: int
@@ -36,6 +36,7 @@ class Cells(NamedTuple):
     first: np.ndarray
     places: np.ndarray
     content: np.ndarray
+    odd: np.ndarray
     corners: np.ndarray
 
     @property
@@ -56,7 +57,7 @@ def cells_of(pack: Pack, tables: Tables, side: int) -> Cells:
     np.cumsum(first, out=first)
     places = np.empty(first[-1], np.int64)
     content = np.zeros((first[-1], 8), np.uint8)
-    cells = Cells(side, dims, numbers, first, places, content, corners)
+    cells = Cells(side, dims, numbers, first, places, content, np.zeros(first[-1], np.uint8), corners)
     _place(tables, cells, first[:-1].copy())
     return cells
 
@@ -102,7 +103,7 @@ def _count(tables, corners, side, dims, numbers, counts):
 
 @njit(nogil=True, cache=True)
 def _place(tables, cells, free):
-    """Fills places and content; free [K + 1]: where each cell's next place goes."""
+    """Fills places, content and odd; free [K + 1]: where each cell's next place goes."""
     wide, corners = tables.size + 2, cells.corners
     coloured = tables.features.shape[0] > 0
     for slot in range(len(corners)):
@@ -117,7 +118,7 @@ def _place(tables, cells, free):
                     if cell > 0:
                         place = free[cell]
                         free[cell] += 1
-                        cells.places[place] = at
+                        cells.places[place], cells.odd[place] = at, (i & 1) + 2 * (j & 1) + 4 * (k & 1)
                         for c in range(4):
                             cells.content[place, c] = tables.rgba[at, c]
                             if coloured:
@@ -125,9 +126,10 @@ def _place(tables, cells, free):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _rounded(value, step, alpha):
-    """The nearest multiple of `step`, at most alpha: all is premultiplied."""
-    return np.uint8(min(np.rint(value / step) * step, alpha))
+def _rounded(value, step, odd, alpha):
+    """A multiple of `step` beside the value, at most alpha: all is premultiplied."""
+    nearest = np.rint(value) if step == ONE else np.floor(value / step + DITHER[odd]) * step
+    return np.uint8(min(nearest, alpha))
 
 
 @njit(nogil=True, cache=True)
@@ -140,18 +142,19 @@ def store_cells(cells, depths, delta, steps, some, rgba, features, low, high):
         cell = some[n]
         thicker = np.exp(delta[cell, 3])
         for place in range(first[cell], first[cell + 1]):
-            at, before = places[place], content[place, 3]
+            at, odd, before = places[place], cells.odd[place], content[place, 3]
             alpha = min(-np.expm1(-depths[before] * thicker) * np.float32(255), np.float32(TOP))
             alpha = max(np.rint(alpha), ONE)
             share = ONE / np.float32(before)
             rgba[at, 3] = np.uint8(alpha)
             for c in range(3):
                 straight = np.float32(content[place, c]) * share + delta[cell, c]
-                rgba[at, c] = _rounded(min(max(straight, np.float32(0)), ONE) * alpha, steps[c], alpha)
+                rgba[at, c] = _rounded(min(max(straight, np.float32(0)), ONE) * alpha, steps[c], odd, alpha)
             if coloured:
                 for c in range(4):
                     straight = np.float32(content[place, 4 + c]) * share + delta[cell, 4 + c]
-                    features[at, c] = _rounded(min(max(straight, np.float32(0)), ONE) * alpha, steps[4 + c], alpha)
+                    value = min(max(straight, np.float32(0)), ONE) * alpha
+                    features[at, c] = _rounded(value, steps[4 + c], odd, alpha)
 
 
 @njit(nogil=True, cache=True)
