@@ -14,7 +14,7 @@ import pytest
 from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.posing.test_films import frames_of_film, write_film
 from tests.training.reconstructions import around, ball, write_colmap
-from tests.viewer.window.living import at_start_page, live, opened_window, other_program, pump
+from tests.viewer.window.living import at_start_page, live, opened_window, other_program, press, pump
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.bare_preview import BarePreview
@@ -45,29 +45,6 @@ def drop(display, window):
     """Another program drops a path on the window, by XDND."""
 
     return lambda path: other_program(display, window, "drop", path)
-
-
-@pytest.fixture
-def press(opened, window, xdotool):
-    """Clicks the widget whose label begins so, once it is there and stays where it is."""
-    _, seen = opened
-
-    def call(label: str) -> None:
-        places: list = []
-
-        def rests() -> bool:
-            places.append(
-                [each.at for (_, name), each in seen.seen.items() if name.startswith(label) and not each.disabled]
-            )
-            return len(places) > 1 and bool(places[-1]) and places[-1] == places[-2]
-
-        live(window, rests)
-        left, top = glfw.get_window_pos(window.handle)
-        x, y = places[-1][0]
-        xdotool("mousemove", left + round(x), top + round(y), "click", 1)
-        pump(window)
-
-    return call
 
 
 def test_bare_photographs_that_are_dropped_are_shown_with_what_is_set_aside_and_the_time_it_takes(
@@ -129,7 +106,7 @@ def blue_pixels(picture: np.ndarray) -> int:
 
 
 def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_training(
-    window, drop, press, xdotool, tmp_path, monkeypatch
+    opened, window, drop, xdotool, tmp_path, monkeypatch
 ):
     photographs = tmp_path / "attic"
     write_photographs(photographs)
@@ -145,7 +122,7 @@ def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_tr
     drop(photographs)
     live(window, lambda: not window.app.making.busy)  # the question has its last size
     app = window.app
-    press("Make it")
+    press(opened, xdotool, "Make it")
     assert app.making.plan is None
     live(window, lambda: app.making.review is not None)
     assert "--poses-only" in real[0] and app.making.points_shown(app)
@@ -163,7 +140,7 @@ def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_tr
     pump(window)
     assert app.scene.rig.goal.azimuth != start.azimuth
     assert app.making.review.kind == "subject"
-    press("##box")
+    press(opened, xdotool, "##box")
     live(window, lambda: app.settings.crop is not None and app.scene.rig.shown == app.scene.rig.goal)
     before = app.settings.crop
     handle, _ = project(app.camera(), crop.face_centre(before, 3)[None])  # the upper face
@@ -179,7 +156,7 @@ def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_tr
     pump(window)
     assert app.settings.crop[1][1] < before[1][1] and app.settings.crop[0] == before[0]
     assert app.making.review.seconds_left is None  # somebody is there
-    press("Train it")
+    press(opened, xdotool, "Train it")
     live(window, lambda: app.making.job is not None and app.making.job.report is not None)
     words = real[-1]
     top_of_box = float(words[words.index("--aabb") + 1].split(",")[-1])

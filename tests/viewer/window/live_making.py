@@ -13,7 +13,7 @@ import pytest
 
 from scenepack import save_pack
 from tests.viewer.rendering.shapes import shapes_pack
-from tests.viewer.window.living import at_start_page, live, opened_window, pump
+from tests.viewer.window.living import at_start_page, live, opened_window, press, pump
 from viewer.app.make_plan import Plan
 from viewer.app.projection import project
 from viewer.app.review import Review
@@ -34,24 +34,6 @@ def window(opened):
     """The window with its start page."""
     with at_start_page(opened[0]) as window:
         yield window
-
-
-def press(opened, xdotool, label: str) -> None:
-    """Clicks the widget whose label begins so, once it stays where it is."""
-    window, seen = opened
-    places: list = []
-
-    def rests() -> bool:
-        places.append(
-            [each.at for (_, name), each in seen.seen.items() if name.startswith(label) and not each.disabled]
-        )
-        return len(places) > 1 and bool(places[-1]) and places[-1] == places[-2]
-
-    live(window, rests)
-    left, top = glfw.get_window_pos(window.handle)
-    x, y = places[-1][0]
-    xdotool("mousemove", left + round(x), top + round(y), "click", 1)
-    pump(window)
 
 
 def drag(window: Window, xdotool, dx: int, dy: int) -> None:

@@ -69,3 +69,21 @@ def live(window: Window, condition: Callable[[], bool]) -> None:
         assert time.monotonic() < end, [dialog.text for dialog in window.app.messages.dialogs]
         pump(window, 0.05)
     pump(window)
+
+
+def press(opened: tuple[Window, Watch], xdotool: Callable[..., object], label: str) -> None:
+    """Clicks the widget whose label begins so, once it is there and stays where it is."""
+    window, seen = opened
+    places: list[list[tuple[float, float]]] = []
+
+    def rests() -> bool:
+        places.append(
+            [each.at for (_, name), each in seen.seen.items() if name.startswith(label) and not each.disabled]
+        )
+        return len(places) > 1 and bool(places[-1]) and places[-1] == places[-2]
+
+    live(window, rests)
+    left, top = glfw.get_window_pos(window.handle)
+    x, y = places[-1][0]
+    xdotool("mousemove", left + round(x), top + round(y), "click", 1)
+    pump(window)
