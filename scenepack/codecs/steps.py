@@ -49,7 +49,7 @@ def _step(values: np.ndarray, alpha: np.ndarray) -> int:
 
 
 def _counts(values: np.ndarray, step: int) -> np.ndarray:
-    return np.uint8((values.astype(np.uint16) + (step - 1)) // step)
+    return ((values.astype(np.uint16) + (step - 1)) // step).astype(np.uint8)
 
 
 def _times(counts: np.ndarray, step: int, alpha: np.ndarray) -> np.ndarray:
