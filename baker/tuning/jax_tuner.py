@@ -117,9 +117,11 @@ def stored(delta: jax.Array, scene: Scene) -> jax.Array:
     alpha = jnp.minimum(-jnp.expm1(-depth * jnp.exp(moved[:, 3:4])) * 255, TOP)
     alpha = jnp.where(before > 0, jnp.maximum(jnp.round(alpha), 1.0), 0.0)
     values = jnp.clip(content / jnp.maximum(before, 1.0) + moved, 0.0, 1.0) * alpha
-    nearest = jnp.round(values.at[:, 3:4].set(alpha))
-    coarse = jnp.floor(values / scene.steps + scene.dither[:, None]) * scene.steps
-    return jnp.minimum(jnp.where(scene.steps == 1, nearest, coarse), alpha).astype(jnp.uint8)
+    values = values.at[:, 3:4].set(alpha)
+    low = jnp.floor(values / scene.steps) * scene.steps
+    high = jnp.minimum(low + scene.steps, alpha)
+    coarse = jnp.where(values - low + scene.dither[:, None] * (high - low) >= high - low, high, low)
+    return jnp.where(scene.steps == 1, jnp.round(values), coarse).astype(jnp.uint8)
 
 
 @partial(jax.jit, static_argnames=("sizes", "look"))

@@ -127,9 +127,12 @@ def _place(tables, cells, free):
 
 @njit(nogil=True, cache=True, inline="always")
 def _rounded(value, step, odd, alpha):
-    """A multiple of `step` beside the value, at most alpha: all is premultiplied."""
-    nearest = np.rint(value) if step == ONE else np.floor(value / step + DITHER[odd]) * step
-    return np.uint8(min(nearest, alpha))
+    """The value in units, or as one of the two levels beside it: multiples of `step`, and alpha, for all is premultiplied."""
+    if step == ONE:
+        return np.uint8(np.rint(value))
+    low = np.floor(value / step) * step
+    high = min(low + step, alpha)
+    return np.uint8(high if value - low + DITHER[odd] * (high - low) >= high - low else low)
 
 
 @njit(nogil=True, cache=True)
