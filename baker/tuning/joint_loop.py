@@ -78,7 +78,7 @@ def joint_tune(
     steps = min(max(int(steps), 1), config.most_steps)
     before = best = now = tuner.score(held_out)
     kept = tuner.snapshot()
-    rng, order, at = np.random.default_rng(config.seed), trained_on[:0], 0
+    rng, order, at = np.random.default_rng((config.seed, 1)), trained_on[:0], 0  # not the draw of the rays to score
     colour = config.rate / 255
     rates = np.array([*[colour] * 3, config.density_rate, *[colour] * 4, config.head_rate], np.float32)
     check_every = max(steps // config.checks, 1)

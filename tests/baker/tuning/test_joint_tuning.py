@@ -298,6 +298,22 @@ def test_a_pass_of_too_many_steps_is_cut_short_and_anneals_all_the_same(dataset:
     np.testing.assert_allclose(rates[-1] / rates[0], QUICK.final_rate_factor ** (2 / 3), rtol=1e-5)
 
 
+def test_what_is_scored_is_not_what_is_trained_on_first(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without views held out, too: rays that were just trained on score better than others."""
+    trained: list[np.ndarray] = []
+    scored: list[np.ndarray] = []
+    update, score = fused_tuner.FusedTuner.update, fused_tuner.FusedTuner.score
+    monkeypatch.setattr(joint_loop, "HELD_OUT_RAYS", 512)
+    monkeypatch.setattr(joint_loop, "FEWEST_SAMPLES", 4096)
+    monkeypatch.setattr(
+        fused_tuner.FusedTuner, "update", lambda self, ids, *more: (trained.append(ids), update(self, ids, *more))[1]
+    )
+    monkeypatch.setattr(fused_tuner.FusedTuner, "score", lambda self, ids: (scored.append(ids), score(self, ids))[1])
+    joint_tune(pack_of(), dataset, replace(QUICK, held_out=0, most_steps=1))
+    assert len(trained) == 1 and len(scored) == 2 and len(scored[0]) == 512
+    assert np.isin(scored[0], trained[0]).mean() < 0.2, "by chance; 0.5 if both were drawn alike"
+
+
 def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(dataset: RayDataset) -> None:
     pack = problem_of(pack_of(), dataset).pack
     tuned, figures = joint_tune(copied(pack), dataset, replace(QUICK, rate=0.0, density_rate=50.0, head_rate=3.0))
