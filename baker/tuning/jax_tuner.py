@@ -54,8 +54,8 @@ class Sizes(NamedTuple):
 class Scene(NamedTuple):
     """What stays: the layout, the training rays in its frame, rows int32 [slots B³] of baker.tuning.joint_rows.
 
-    content uint8 [V + 1, 8]: the voxels as they were; cells int32 [V + 1]: the cell of each; dither float32 [V + 1]: what is
-    added before rounding down. steps float32 [8]: of what is stored.
+    content uint8 [V + 1, 8]: the voxels as they were; cells int32 [V + 1]: the cell of each; dither float32 [V + 1, 8]: what
+    is added before rounding down. steps float32 [8]: of what is stored.
     """
 
     layout: PackLayout
@@ -120,7 +120,7 @@ def stored(delta: jax.Array, scene: Scene) -> jax.Array:
     values = values.at[:, 3:4].set(alpha)
     low = jnp.floor(values / scene.steps) * scene.steps
     high = jnp.minimum(low + scene.steps, alpha)
-    coarse = jnp.where(values - low + scene.dither[:, None] * (high - low) >= high - low, high, low)
+    coarse = jnp.where(values - low + scene.dither * (high - low) >= high - low, high, low)
     return jnp.where(scene.steps == 1, jnp.round(values), coarse).astype(jnp.uint8)
 
 
@@ -235,8 +235,9 @@ def scene_of(pack: Pack, rows: VoxelRows, dataset: RayDataset, cell: int, steps:
     """What stays of a pack while it is tuned."""
     cells = jnp.asarray(cells_of_rows(pack, rows, cell))
     by_slot, content = jnp.asarray(rows_by_slot(pack, rows)), jnp.asarray(rows.content)
-    dither, sizes = jnp.asarray(DITHER[odd_of_rows(pack, rows)]), jnp.asarray(steps.channels)
-    return Scene(pack_layout(pack), pack_rays(pack, dataset), by_slot, content, cells, dither, sizes)
+    dither = jnp.full(content.shape, 0.5).at[:, :3].set(DITHER[odd_of_rows(pack, rows), None])
+    multiples = jnp.asarray(steps.channels)
+    return Scene(pack_layout(pack), pack_rays(pack, dataset), by_slot, content, cells, dither, multiples)
 
 
 def start(scene: Scene, pack: Pack) -> Trained:

@@ -19,7 +19,7 @@ from scenepack.pack import Pack
 
 DEPTHS = -np.log1p(-np.minimum(np.arange(256), TOP) / 255).astype(np.float32)  # optical depth of a stored alpha
 BETA1, BETA2 = (np.float32(beta) for beta in BETAS)
-ONE = np.float32(1.0)
+HALF, ONE = np.float32(0.5), np.float32(1.0)
 
 
 class Cells(NamedTuple):
@@ -126,13 +126,14 @@ def _place(tables, cells, free):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _rounded(value, step, odd, alpha):
-    """The value in units, or as one of the two levels beside it: multiples of `step`, and alpha, for all is premultiplied."""
+def _rounded(value, step, up, alpha):
+    """The value in units, or as one of the two levels beside it: multiples of `step`, and alpha, for all is premultiplied.
+    up: what is added, in levels, before it is rounded down."""
     if step == ONE:
         return np.uint8(np.rint(value))
     low = np.floor(value / step) * step
     high = min(low + step, alpha)
-    return np.uint8(high if value - low + DITHER[odd] * (high - low) >= high - low else low)
+    return np.uint8(high if value - low + up * (high - low) >= high - low else low)
 
 
 @njit(nogil=True, cache=True)
@@ -145,19 +146,19 @@ def store_cells(cells, depths, delta, steps, some, rgba, features, low, high):
         cell = some[n]
         thicker = np.exp(delta[cell, 3])
         for place in range(first[cell], first[cell + 1]):
-            at, odd, before = places[place], cells.odd[place], content[place, 3]
+            at, before, up = places[place], content[place, 3], DITHER[cells.odd[place]]
             alpha = min(-np.expm1(-depths[before] * thicker) * np.float32(255), np.float32(TOP))
             alpha = max(np.rint(alpha), ONE)
             share = ONE / np.float32(before)
             rgba[at, 3] = np.uint8(alpha)
             for c in range(3):
                 straight = np.float32(content[place, c]) * share + delta[cell, c]
-                rgba[at, c] = _rounded(min(max(straight, np.float32(0)), ONE) * alpha, steps[c], odd, alpha)
+                rgba[at, c] = _rounded(min(max(straight, np.float32(0)), ONE) * alpha, steps[c], up, alpha)
             if coloured:
                 for c in range(4):
                     straight = np.float32(content[place, 4 + c]) * share + delta[cell, 4 + c]
                     value = min(max(straight, np.float32(0)), ONE) * alpha
-                    features[at, c] = _rounded(value, steps[4 + c], odd, alpha)
+                    features[at, c] = _rounded(value, steps[4 + c], HALF, alpha)
 
 
 @njit(nogil=True, cache=True)

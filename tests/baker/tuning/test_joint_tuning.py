@@ -86,7 +86,7 @@ def test_what_has_not_moved_is_stored_as_it_was_to_the_byte(problem: Problem) ->
     assert np.array_equal(stored(problem.trained.delta, problem.scene), problem.rows.content)
     alpha = np.arange(256)
     every = np.stack([alpha // 2, 0 * alpha, alpha, alpha, alpha, np.minimum(alpha, 1), alpha // 3, 0 * alpha], -1)
-    none = jnp.zeros(256)
+    none = jnp.zeros((256, 8))
     scene = problem.scene._replace(content=jnp.asarray(every, jnp.uint8), cells=jnp.arange(256), dither=none)
     assert np.array_equal(stored(jnp.zeros((256, 8)), scene), every)
 
