@@ -13,7 +13,6 @@ import numpy as np
 
 Steps = tuple[int, int]  # of colours, and of features
 MOST_STEP = 128  # beyond, there is all or nothing
-PLANES_AT_ONCE = 8
 
 
 def steps_of(rgba: np.ndarray, features: np.ndarray | None) -> Steps:
@@ -38,11 +37,13 @@ def times(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> tuple[
 
 def _step(values: np.ndarray, alpha: np.ndarray) -> int:
     step = 0
-    for z in range(0, len(values), PLANES_AT_ONCE):
-        some, most = values[z : z + PLANES_AT_ONCE], alpha[z : z + PLANES_AT_ONCE, ..., None]
-        if np.any(some > most):  # not premultiplied
+    for plane, most in zip(values, alpha, strict=True):  # one by one, for counting takes eight bytes a value
+        if np.any(plane > most[..., None]):  # not premultiplied
             return 1
-        step = gcd(step, *(int(value) for value in np.flatnonzero(np.bincount(some[some < most], minlength=256))))
+        used = most > 0
+        some = plane[used]
+        below = some[some < most[used][:, None]]
+        step = gcd(step, *(int(value) for value in np.flatnonzero(np.bincount(below, minlength=256))))
         if step == 1:
             break
     return step if 1 <= step <= MOST_STEP else 1
