@@ -339,6 +339,27 @@ def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkey
     assert joint_loop.shown_psnr(pack, dataset, 0) == pytest.approx(known, abs=0.005)
 
 
+@pytest.mark.parametrize(
+    ("scores", "held_out", "steps"),
+    [
+        ([30.0, 29.8, 29.8], 4, 2),  # checks at an eighth and two eighths of eight steps
+        ([30.0, 29.7, 29.9] + 6 * [29.95], 4, 8),
+        ([30.0, 29.9, 29.9, 30.1, 29.5], 4, 4),
+        ([30.0] + 8 * [29.0], 0, 8),
+    ],
+)
+def test_tuning_is_given_up_where_held_out_views_have_lost_too_much_after_a_quarter(
+    dataset: RayDataset, monkeypatch: pytest.MonkeyPatch, scores: list[float], held_out: int, steps: int
+) -> None:
+    told: list[tuple[float, str]] = []
+    known = iter(scores)
+    monkeypatch.setattr(fused_tuner.FusedTuner, "score", lambda self, ids: (next(known), 5.0))
+    config = replace(QUICK, passes=50, most_steps=8, checks=8, held_out=held_out)
+    figures = joint_tune(pack_of(), dataset, config, lambda share, text: told.append((share, text)))[1]
+    assert len(told) == steps and told[-1][0] == 1.0 and told[-1][1].startswith(f"step {steps} of 8")
+    assert figures["held_out_psnr_after"] == (scores[8] if not held_out else max(scores[: steps + 1]))
+
+
 def test_a_pack_that_no_ray_meets_comes_back_as_it_is(dataset: RayDataset) -> None:
     pack = replace(pack_of(), min_xyz=np.array([1e3, 1e3, 1e3]))
     assert joint_tune(pack, dataset, QUICK) == (pack, {})
