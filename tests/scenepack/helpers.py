@@ -7,6 +7,7 @@ import os
 import shutil
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from scenepack import Pack, save_pack
+from scenepack.blocks import atlas_from_dense
 from tests.scenepack.random_packs import random_pack
 
 
@@ -24,9 +26,31 @@ def small_pack(seed: int = 0, **options: Any) -> Pack:
     return random_pack(np.random.default_rng(seed), **{**settings, **options})
 
 
+def smooth_pack() -> Pack:
+    """Smooth content in 12 macroblocks with a few empty ones between, like a bake."""
+    size, blocks = 14, (3, 2, 2)
+    x, y, z = (n * size - 3 for n in blocks)
+    gz, gy, gx = np.ogrid[:z, :y, :x]
+    radius = np.sqrt((gz - z / 2) ** 2 + (gy - y / 2) ** 2 + (gx - x / 3) ** 2)
+    alpha = np.clip(255 - 30 * np.abs(radius - 9), 0, 255)
+    waves = [0.5 + 0.4 * np.sin(gx / (3 + i) + gy / 5 + i * gz / 9) for i in range(7)]
+    values = np.stack([np.rint(wave * alpha) for wave in waves], axis=-1).astype(np.uint8)
+    alpha = alpha.astype(np.uint8)
+    values = np.minimum(values, alpha[..., None])
+    rgba = np.concatenate([values[..., :3], alpha[..., None]], axis=-1)
+    base = random_pack(np.random.default_rng(5), block_size=size, grid_blocks=blocks, style="blob")
+    indices, atlas, atlas_features = atlas_from_dense(rgba, values[..., 3:], size, atlas_blocks=(3, 2, 2))
+    return replace(base, grid_size=(x, y, z), atlas_indices=indices, atlas_rgba=atlas, atlas_features=atlas_features)
+
+
 def written(folder: Path, pack: Pack | None = None) -> Path:
     save_pack(small_pack() if pack is None else pack, folder, png_level=1)
     return folder
+
+
+def images(folder: Path) -> list[Path]:
+    """The files of a pack that hold its atlas."""
+    return sorted(f for f in folder.iterdir() if f.name not in ("scene_params.json", "atlas_indices.png"))
 
 
 def edit_json(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:

@@ -18,14 +18,11 @@ import pytest
 
 from console import UserError
 from scenepack import Pack, check_pack, load_pack, open_pack, save_pack
-from scenepack.blocks import atlas_from_dense
 from scenepack.codecs import CODECS
 from scenepack.codecs.pieces import cut, follows_grid
-from scenepack.codecs.steps import steps_of
 from scenepack.commands import main
 from scenepack.padding import restore_padding
-from tests.scenepack.helpers import edit_json, read_json, same_pack, small_pack, written
-from tests.scenepack.random_packs import random_pack
+from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
 from tests.told import told
 
 LOSSLESS = {"png", "webp"}
@@ -36,20 +33,7 @@ MOST_ALPHA_ERROR, LEAST_PSNR = 2.5, 36.0
 
 @pytest.fixture(scope="module")
 def pack() -> Pack:
-    """Smooth content in 12 macroblocks with a few empty ones between, like a bake."""
-    size, blocks = 14, (3, 2, 2)
-    x, y, z = (n * size - 3 for n in blocks)
-    gz, gy, gx = np.ogrid[:z, :y, :x]
-    radius = np.sqrt((gz - z / 2) ** 2 + (gy - y / 2) ** 2 + (gx - x / 3) ** 2)
-    alpha = np.clip(255 - 30 * np.abs(radius - 9), 0, 255)
-    waves = [0.5 + 0.4 * np.sin(gx / (3 + i) + gy / 5 + i * gz / 9) for i in range(7)]
-    values = np.stack([np.rint(wave * alpha) for wave in waves], axis=-1).astype(np.uint8)
-    alpha = alpha.astype(np.uint8)
-    values = np.minimum(values, alpha[..., None])
-    rgba = np.concatenate([values[..., :3], alpha[..., None]], axis=-1)
-    base = random_pack(np.random.default_rng(5), block_size=size, grid_blocks=blocks, style="blob")
-    indices, atlas, atlas_features = atlas_from_dense(rgba, values[..., 3:], size, atlas_blocks=(3, 2, 2))
-    return replace(base, grid_size=(x, y, z), atlas_indices=indices, atlas_rgba=atlas, atlas_features=atlas_features)
+    return smooth_pack()
 
 
 @pytest.fixture(params=sorted(CODECS))
@@ -57,10 +41,6 @@ def codec(request: pytest.FixtureRequest) -> str:
     if request.param == "h264":
         pytest.importorskip("av", reason="PyAV is not installed: pip install 'snerg[video]'")
     return request.param
-
-
-def images(folder: Path) -> list[Path]:
-    return sorted(f for f in folder.iterdir() if f.name not in ("scene_params.json", "atlas_indices.png"))
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:
@@ -137,50 +117,6 @@ def test_webp_keeps_packs_voxel_by_voxel_that_break_the_rules(tmp_path: Path) ->
     save_pack(untidy, tmp_path / "pack", codec="webp")
     assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["layout"] == "atlas"
     assert same_pack(load_pack(tmp_path / "pack"), untidy)
-
-
-def in_steps(pack: Pack, colour: int, feature: int) -> Pack:
-    """The pack with values rounded to steps, at most alpha."""
-    alpha = pack.atlas_rgba[..., 3:]
-    assert pack.atlas_features is not None
-
-    def rounded(values: np.ndarray, step: int) -> np.ndarray:
-        return np.minimum(np.rint(values / step) * step, alpha).astype(np.uint8)
-
-    rgba = np.concatenate([rounded(pack.atlas_rgba[..., :3], colour), alpha], axis=-1)
-    return replace(pack, atlas_rgba=rgba, atlas_features=rounded(pack.atlas_features, feature))
-
-
-@pytest.mark.parametrize("steps", [(4, 16), (4, 1), (1, 16), (3, 100)])
-def test_webp_counts_in_the_steps_that_values_are_in_and_loses_nothing(
-    pack: Pack, tmp_path: Path, steps: tuple[int, int]
-) -> None:
-    coarse = in_steps(pack, *steps)
-    save_pack(coarse, tmp_path / "pack", codec="webp")
-    assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["steps"] == list(steps)
-    assert same_pack(load_pack(tmp_path / "pack"), coarse)
-
-
-def test_what_is_counted_in_steps_takes_fewer_bytes(
-    pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sizes = []
-    for found in (steps_of, lambda *_: (1, 1)):
-        monkeypatch.setattr("scenepack.piece_files.steps_of", found)
-        save_pack(in_steps(pack, 4, 16), tmp_path / "pack", codec="webp")
-        sizes.append(sum(f.stat().st_size for f in images(tmp_path / "pack")))
-    assert sizes[0] < 0.97 * sizes[1]
-
-
-def test_webp_counts_single_values_where_a_step_would_change_any(pack: Pack, tmp_path: Path) -> None:
-    brighter, odd = in_steps(pack, 4, 16), in_steps(pack, 4, 16)
-    z, y, x = np.argwhere((brighter.atlas_rgba[..., 3] > 4) & (brighter.atlas_rgba[..., 3] < 200))[0]
-    brighter.atlas_rgba[z, y, x, 0] = 252  # a multiple, but brighter than alpha allows
-    odd.atlas_rgba[z, y, x, 0] = 3
-    for untidy in (brighter, odd):
-        save_pack(untidy, tmp_path / "pack", codec="webp")
-        assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["steps"] == [1, 16]
-        assert same_pack(load_pack(tmp_path / "pack"), untidy)
 
 
 def test_webp_is_smaller_than_png_and_avif_than_jpeg(pack: Pack, tmp_path: Path) -> None:
