@@ -18,7 +18,7 @@ from scenepack.budget import require_memory
 from scenepack.codecs import CodecError, PieceCodec
 from scenepack.codecs.apart import Decoders
 from scenepack.codecs.pieces import Piece, cut, follows_grid
-from scenepack.codecs.steps import MOST_STEP, counted, steps_of, times
+from scenepack.codecs.steps import MOST_STEP, SINGLE, Steps, counted, steps_of, times
 from scenepack.files import PackFiles
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
@@ -32,14 +32,14 @@ OnDone = Callable[[int], None]
 def settings_for(pack: Pack, codec: PieceCodec, quality: int | None) -> dict[str, Any]:
     """The codec_settings to write `pack` with."""
     parts = [pack.atlas_rgba] if pack.atlas_features is None else [pack.atlas_rgba, pack.atlas_features]
-    layout, steps = codec.layout, (1, 1)
+    layout, steps = codec.layout, SINGLE
     if codec.default_quality is None:
         # Without loss means the atlas voxel by voxel, even where it is not as it should be.
         layout = "grid" if layout == "grid" and all(follows_grid(pack, part) for part in parts) else "atlas"
         steps = steps_of(pack.atlas_rgba, pack.atlas_features)
     settings: dict[str, Any] = {"layout": layout, "planes": codec.planes(layout, pack.block_size)}
-    if steps != (1, 1):
-        settings[STEPS] = list(steps)
+    if steps != SINGLE:
+        settings[STEPS] = list(steps if steps.alpha > 1 else steps[:2])
     return settings if quality is None else {**settings, "quality": quality}
 
 
@@ -51,7 +51,7 @@ def encoding_jobs(
     def job(number: int, piece: Piece) -> Callable[[], list[tuple[str, bytes]]]:
         def encode() -> list[tuple[str, bytes]]:
             features = None if pack.atlas_features is None else piece.gather(pack.atlas_features)
-            rgba, features = counted(piece.gather(pack.atlas_rgba), features, settings.get(STEPS, (1, 1)))
+            rgba, features = counted(piece.gather(pack.atlas_rgba), features, Steps(*settings.get(STEPS, SINGLE)))
             files = codec.encode(rgba, features, settings.get("quality", 0))
             return list(zip(codec.names(number, piece.shape, features is not None), files, strict=True))
 
@@ -154,15 +154,17 @@ class PieceFiles:
             )
         steps = settings.get(STEPS, [1, 1])
         if not (
-            isinstance(steps, list) and len(steps) == 2 and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
+            isinstance(steps, list)
+            and len(steps) in (2, 3)
+            and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
         ):
             raise UserError(
                 f"snerg.{SETTINGS}.{STEPS} is out of range",
                 where=where,
-                expected=f"two numbers, 1 to {MOST_STEP}",
+                expected=f"two or three numbers, 1 to {MOST_STEP}",
                 found=repr(steps)[:40],
             )
-        self._layout, self._steps = layout, (steps[0], steps[1])
+        self._layout, self._steps = layout, Steps(*steps)
         return layout, planes
 
     def _where(self, name: str) -> str:

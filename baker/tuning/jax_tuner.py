@@ -115,13 +115,21 @@ def stored(delta: jax.Array, scene: Scene) -> jax.Array:
     before = content[:, 3:4]
     depth = -jnp.log1p(-jnp.minimum(before, TOP) / 255)
     alpha = jnp.minimum(-jnp.expm1(-depth * jnp.exp(moved[:, 3:4])) * 255, TOP)
-    alpha = jnp.where(before > 0, jnp.maximum(jnp.round(alpha), 1.0), 0.0)
+    alpha = jnp.maximum(_rounded(alpha, scene.steps[3], 0.5, 255.0), scene.steps[3])
+    alpha = jnp.where(before > 0, alpha, 0.0)
     values = jnp.clip(content / jnp.maximum(before, 1.0) + moved, 0.0, 1.0) * alpha
-    values = values.at[:, 3:4].set(alpha)
-    low = jnp.floor(values / scene.steps) * scene.steps
-    high = jnp.minimum(low + scene.steps, alpha)
-    coarse = jnp.where(values - low + scene.dither * (high - low) >= high - low, high, low)
-    return jnp.where(scene.steps == 1, jnp.round(values), coarse).astype(jnp.uint8)
+    values = _rounded(values, scene.steps, scene.dither, alpha)
+    return values.at[:, 3:4].set(alpha).astype(jnp.uint8)
+
+
+def _rounded(values: jax.Array, steps: jax.Array, up: jax.Array | float, most: jax.Array | float) -> jax.Array:
+    """Values in units, or as one of the two levels beside each: multiples of `steps`, and `most`. up: what is added, in levels,
+    before they are rounded down."""
+    low = jnp.floor(values / steps) * steps
+    high = jnp.minimum(low + steps, most)
+    return jnp.where(
+        steps == 1, jnp.round(values), jnp.where(values - low + up * (high - low) >= high - low, high, low)
+    )
 
 
 @partial(jax.jit, static_argnames=("sizes", "look"))

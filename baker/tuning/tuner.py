@@ -46,18 +46,19 @@ class Look(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """What stored colours and features are multiples of, in units of 1/255, where they are not as bright as alpha allows. In
-    coarse steps a pack takes fewer bytes. Colours of eight neighbours are rounded by eight thresholds (DITHER), so that what is
-    rounded up and down cancels along a ray; features, which a view MLP bends, gain nothing by that. Tuning makes up for most of
-    what is still lost."""
+    """What stored colours, features and alphas are multiples of, in units of 1/255, where they are not as bright as can be (as
+    alpha allows, or 255). In coarse steps a pack takes fewer bytes. Colours of eight neighbours are rounded by eight thresholds
+    (DITHER), so that what is rounded up and down cancels along a ray; features, which a view MLP bends, gain nothing by that.
+    Tuning makes up for most of what is still lost."""
 
     colour: int = 1
     feature: int = 1
+    alpha: int = 1
 
     @property
     def channels(self) -> np.ndarray:
         """float32 [8], of colour, alpha and features."""
-        return np.array([*[self.colour] * 3, 1, *[self.feature] * 4], np.float32)
+        return np.array([*[self.colour] * 3, self.alpha, *[self.feature] * 4], np.float32)
 
 
 EXACT = Steps()

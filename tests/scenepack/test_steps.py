@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from console import UserError
 from scenepack import Pack, load_pack, save_pack
-from scenepack.codecs.steps import steps_of
+from scenepack.codecs.steps import SINGLE, steps_of
 from tests.scenepack.helpers import images, read_json, same_pack, smooth_pack
 
 
@@ -18,9 +20,9 @@ def pack() -> Pack:
     return smooth_pack()
 
 
-def in_steps(pack: Pack, colour: int, feature: int) -> Pack:
+def in_steps(pack: Pack, colour: int, feature: int, opacity: int = 1) -> Pack:
     """The pack with values rounded to steps, at most alpha."""
-    alpha = pack.atlas_rgba[..., 3:]
+    alpha = np.minimum(-(pack.atlas_rgba[..., 3:].astype(int) // -opacity) * opacity, 255).astype(np.uint8)
     assert pack.atlas_features is not None
 
     def rounded(values: np.ndarray, step: int) -> np.ndarray:
@@ -30,9 +32,9 @@ def in_steps(pack: Pack, colour: int, feature: int) -> Pack:
     return replace(pack, atlas_rgba=rgba, atlas_features=rounded(pack.atlas_features, feature))
 
 
-@pytest.mark.parametrize("steps", [(4, 16), (4, 1), (1, 16), (3, 100)])
+@pytest.mark.parametrize("steps", [(4, 16), (4, 1), (1, 16), (3, 100), (4, 16, 4), (1, 1, 7)])
 def test_webp_counts_in_the_steps_that_values_are_in_and_loses_nothing(
-    pack: Pack, tmp_path: Path, steps: tuple[int, int]
+    pack: Pack, tmp_path: Path, steps: tuple[int, ...]
 ) -> None:
     coarse = in_steps(pack, *steps)
     save_pack(coarse, tmp_path / "pack", codec="webp")
@@ -44,7 +46,7 @@ def test_what_is_counted_in_steps_takes_fewer_bytes(
     pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sizes = []
-    for found in (steps_of, lambda *_: (1, 1)):
+    for found in (steps_of, lambda *_: SINGLE):
         monkeypatch.setattr("scenepack.piece_files.steps_of", found)
         save_pack(in_steps(pack, 4, 16), tmp_path / "pack", codec="webp")
         sizes.append(sum(f.stat().st_size for f in images(tmp_path / "pack")))
@@ -60,3 +62,13 @@ def test_webp_counts_single_values_where_a_step_would_change_any(pack: Pack, tmp
         save_pack(untidy, tmp_path / "pack", codec="webp")
         assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["steps"] == [1, 16]
         assert same_pack(load_pack(tmp_path / "pack"), untidy)
+
+
+@pytest.mark.parametrize("steps", [[4], [4, 16, 0], [4, 16, 8, 2], [4, True], [4, 16, 129], "4"])
+def test_steps_that_make_no_sense_are_refused(pack: Pack, tmp_path: Path, steps: object) -> None:
+    save_pack(in_steps(pack, 4, 16, 8), tmp_path / "pack", codec="webp")
+    params = read_json(tmp_path / "pack")
+    params["snerg"]["codec_settings"]["steps"] = steps
+    (tmp_path / "pack" / "scene_params.json").write_text(json.dumps(params))
+    with pytest.raises(UserError, match="steps is out of range"):
+        load_pack(tmp_path / "pack")

@@ -148,7 +148,7 @@ def store_cells(cells, depths, delta, steps, some, rgba, features, low, high):
         for place in range(first[cell], first[cell + 1]):
             at, before, up = places[place], content[place, 3], DITHER[cells.odd[place]]
             alpha = min(-np.expm1(-depths[before] * thicker) * np.float32(255), np.float32(TOP))
-            alpha = max(np.rint(alpha), ONE)
+            alpha = np.float32(max(_rounded(alpha, steps[3], HALF, np.float32(255)), steps[3]))
             share = ONE / np.float32(before)
             rgba[at, 3] = np.uint8(alpha)
             for c in range(3):

@@ -121,7 +121,7 @@ def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
         assert last.held_out == 0 and last.seed != first.seed
         assert figures["passes"] == first.passes + last.passes and figures["samples_a_ray_after"] == 10.0 - len(calls)
     if "prune" in expected:
-        assert calls[1][1] == (baking.MOST_LOST, pytest.approx(0.04), FIRM)
+        assert calls[1][1] == (baking.MOST_LOST_AGAIN, pytest.approx(0.04), FIRM)
         assert removed == Pruned(100, 80, 3, pytest.approx(0.04)) and tuned.params == {"thinner": True}
     else:
         assert removed is None and tuned is pack

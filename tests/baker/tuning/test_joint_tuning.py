@@ -365,15 +365,19 @@ def test_a_pack_that_no_ray_meets_comes_back_as_it_is(dataset: RayDataset) -> No
     assert joint_tune(pack, dataset, QUICK) == (pack, {})
 
 
+@pytest.mark.parametrize("steps", [Steps(4, 16), Steps(4, 12, 8)])
 def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_as_bright_as_can_be(
-    dataset: RayDataset,
+    dataset: RayDataset, steps: Steps
 ) -> None:
-    coarse, figures = joint_tune(pack_of(), dataset, replace(QUICK, held_out=0, steps=Steps(4, 16)))
+    pack = pack_of()
+    empty = pack.atlas_rgba[..., 3] == 0
+    coarse, figures = joint_tune(pack, dataset, replace(QUICK, held_out=0, steps=steps))
     assert coarse.atlas_features is not None
     alpha = coarse.atlas_rgba[..., 3:]
-    for values, step in ((coarse.atlas_rgba[..., :3], 4), (coarse.atlas_features, 16)):
+    for values, step in ((coarse.atlas_rgba[..., :3], steps.colour), (coarse.atlas_features, steps.feature)):
         assert np.all((values % step == 0) | (values == alpha)) and np.any(values % step == 0)
-    assert len(np.unique(alpha)) > 64, "opacity is stored as finely as ever"
+    assert np.all((alpha % steps.alpha == 0) | (alpha == 255)) and np.array_equal(alpha[..., 0] == 0, empty)
+    assert len(np.unique(alpha)) > 128 // steps.alpha, "opacity is stored in all its steps"
     fine = joint_tune(pack_of(), dataset, replace(QUICK, held_out=0))[1]
     assert figures["held_out_psnr_after"] > fine["held_out_psnr_after"] - 0.5
     assert [f for f in check_pack(coarse) if f.severity in ("warning", "error")] == []

@@ -22,6 +22,7 @@ from training.voxels.fused.workers import Workers
 SAMPLES = 32_768
 RATES = np.array([*[4e-3] * 3, 0.03, *[4e-3] * 4, 1e-3], np.float32)
 COARSE = Steps(4, 16)
+ALL_COARSE = Steps(4, 16, 4)
 Both = tuple[FusedTuner, JaxTuner]
 
 
@@ -96,7 +97,7 @@ def test_a_step_moves_cells_and_view_mlp_alike(dataset: RayDataset, style: str) 
         np.testing.assert_allclose(own, other, atol=2e-3 * np.abs(other).max())
 
 
-@pytest.mark.parametrize("steps", [EXACT, COARSE])
+@pytest.mark.parametrize("steps", [EXACT, COARSE, ALL_COARSE])
 def test_what_has_moved_is_stored_alike_in_every_copy(dataset: RayDataset, steps: Steps) -> None:
     (ours, theirs), _ = both_of(pack_of(4, whole_blocks=True), dataset, steps=steps)
     delta = np.random.default_rng(0).normal(0, [0.2] * 3 + [1.5] + [0.2] * 4, ours.delta.shape).astype(np.float32)
