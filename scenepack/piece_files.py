@@ -18,7 +18,7 @@ from scenepack.budget import require_memory
 from scenepack.codecs import CodecError, PieceCodec
 from scenepack.codecs.apart import Decoders
 from scenepack.codecs.pieces import Piece, cut, follows_grid
-from scenepack.codecs.steps import MOST_STEP, SINGLE, Steps, counted, steps_of, times
+from scenepack.codecs.steps import EXACT, MOST_STEP, Steps, counted, steps_of, times
 from scenepack.files import PackFiles
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
@@ -32,13 +32,13 @@ OnDone = Callable[[int], None]
 def settings_for(pack: Pack, codec: PieceCodec, quality: int | None) -> dict[str, Any]:
     """The codec_settings to write `pack` with."""
     parts = [pack.atlas_rgba] if pack.atlas_features is None else [pack.atlas_rgba, pack.atlas_features]
-    layout, steps = codec.layout, SINGLE
+    layout, steps = codec.layout, EXACT
     if codec.default_quality is None:
         # Without loss means the atlas voxel by voxel, even where it is not as it should be.
         layout = "grid" if layout == "grid" and all(follows_grid(pack, part) for part in parts) else "atlas"
         steps = steps_of(pack.atlas_rgba, pack.atlas_features)
     settings: dict[str, Any] = {"layout": layout, "planes": codec.planes(layout, pack.block_size)}
-    if steps != SINGLE:
+    if steps != EXACT:
         settings[STEPS] = list(steps if steps.alpha > 1 else steps[:2])
     return settings if quality is None else {**settings, "quality": quality}
 
@@ -51,7 +51,7 @@ def encoding_jobs(
     def job(number: int, piece: Piece) -> Callable[[], list[tuple[str, bytes]]]:
         def encode() -> list[tuple[str, bytes]]:
             features = None if pack.atlas_features is None else piece.gather(pack.atlas_features)
-            rgba, features = counted(piece.gather(pack.atlas_rgba), features, Steps(*settings.get(STEPS, SINGLE)))
+            rgba, features = counted(piece.gather(pack.atlas_rgba), features, Steps(*settings.get(STEPS, EXACT)))
             files = codec.encode(rgba, features, settings.get("quality", 0))
             return list(zip(codec.names(number, piece.shape, features is not None), files, strict=True))
 

@@ -26,11 +26,11 @@ from baker.tuning.choice import FineTune
 from baker.tuning.fine_tune import EPOCHS, FINE_TUNE_PIXELS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Pruned, prune
-from baker.tuning.tuner import EXACT, Steps
 from baker.view_mlp import from_params
 from console import Notice, UserError, progress
 from console.progress import Progress
 from scenepack.blocks import fill_atlas
+from scenepack.codecs.steps import EXACT, Steps
 from scenepack.constants import MAX_BLOCK_INDEX
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
@@ -51,7 +51,7 @@ COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
 MOST_LOST = 0.1  # dB of training rays that pruning may cost
 MOST_LOST_AGAIN = (
-    0.2  # where tuning goes on: it regains the 0.12 dB that lego at 1000³ loses, for an eighth of its voxels
+    0.2  # where tuning goes on: it regains the 0.12 dB of lego at 1000³, which a seventh of its voxels takes
 )
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
 COMPACT = Steps(4, 12, 8)  # of what is stored; on lego at 1000³ they cost 0.09 dB before tuning: 0.05, 0.04 and 0.003

@@ -54,8 +54,8 @@ def snerg_bake(
         tau_weight: Empty voxels that would make up less than this of any pixel of any training photograph, 0 ... 1; by less
             where the photographs lose 0.1 dB. 0 keeps all.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); all: the view MLP, then voxels and view
-            MLP together (sharper, takes minutes); or compact: as all, with colours stored in coarser steps (smaller
-            files, a little less sharp).
+            MLP together (sharper, takes minutes); or compact: as all, in coarser steps of what is stored
+            (smaller files, a little less sharp).
         fine_tune_epochs: Passes over the training pixels while the view MLP is tuned. Not used if nothing is tuned.
         fine_tune_pixels: Number of training pixels that tune the view MLP, an even random share; 0 for all (the paper).
         supersampling: How the content of a voxel is averaged: grain (as far as the field varies within a voxel), or paper (16

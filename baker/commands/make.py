@@ -67,7 +67,7 @@ def snerg_make(
         resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the presets cpu and
             full, 1.25 per pixel of the photographs, from 512 to 1000.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); all: also the voxels (sharper, takes minutes); or
-            compact: as all, with colours stored in coarser steps (smaller files, a little less sharp).
+            compact: as all, in coarser steps of what is stored (smaller files, a little less sharp).
         exposure: Fit exposure and white balance of each photograph, so that the scene has their average look. auto: for
             photographs whose exposures differ, never for rendered scenes (Blender).
         seed: Random seed of the training, and of finding poses.

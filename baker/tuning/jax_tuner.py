@@ -19,13 +19,11 @@ from baker.tuning.pack_layout import MAX_ALPHA, PackLayout, composite, pack_layo
 from baker.tuning.tuner import (
     BETAS,
     DITHER,
-    EXACT,
     PROBE_RAYS,
     ROOM,
     TINY,
     TOP,
     Look,
-    Steps,
     Trained,
     adam_head,
     bias_correction,
@@ -33,6 +31,7 @@ from baker.tuning.tuner import (
     squared_error,
 )
 from baker.view_mlp import from_params, to_params
+from scenepack.codecs.steps import EXACT, Steps
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset

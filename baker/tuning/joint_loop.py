@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from baker.tuning.marcher import Accumulated, make_marcher
-from baker.tuning.tuner import EXACT, Look, Steps, make_tuner, psnr_of, squared_error
+from baker.tuning.tuner import Look, make_tuner, psnr_of, squared_error
 from baker.view_mlp import to_params
+from scenepack.codecs.steps import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from baker.tuning.marcher import Accumulated, compiled_loops
 from baker.tuning.pack_layout import over_background
+from scenepack.codecs.steps import EXACT, Steps
 from scenepack.constants import TRANSMITTANCE_SHADED
 from scenepack.pack import Pack
 from training.dataset import RayDataset
@@ -45,25 +46,9 @@ class Look(NamedTuple):
     by_opacity: bool
 
 
-class Steps(NamedTuple):
-    """What stored colours, features and alphas are multiples of, in units of 1/255, where they are not as bright as can be (as
-    alpha allows, or 255). In coarse steps a pack takes fewer bytes. Colours of eight neighbours are rounded by eight thresholds
-    (DITHER), so that what is rounded up and down cancels along a ray; features, which a view MLP bends, gain nothing by that.
-    Tuning makes up for most of what is still lost."""
-
-    colour: int = 1
-    feature: int = 1
-    alpha: int = 1
-
-    @property
-    def channels(self) -> np.ndarray:
-        """float32 [8], of colour, alpha and features."""
-        return np.array([*[self.colour] * 3, self.alpha, *[self.feature] * 4], np.float32)
-
-
-EXACT = Steps()
-# What is added to a voxel's colour, in steps, before it is rounded down (ordered dithering, in three dimensions), by whether its
-# place in the grid is odd: x + 2 y + 4 z. On the demo, errors of steps of 4 are 2.6 dB below those of plain rounding.
+# What is added to a voxel's colour, in coarse steps, before it is rounded down (ordered dithering, in three dimensions), by
+# whether its place in the grid is odd: x + 2 y + 4 z. What is rounded up and down cancels along a ray: on the demo, errors of
+# steps of 4 are 2.6 dB below those of plain rounding. Features, which a view MLP bends, gain nothing by that.
 DITHER = ((np.array([0, 4, 6, 2, 5, 1, 3, 7]) + 0.5) / 8).astype(np.float32)
 
 

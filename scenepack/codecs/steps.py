@@ -17,14 +17,19 @@ OPAQUE = 255
 
 
 class Steps(NamedTuple):
-    """Of colours, features and alphas."""
+    """Of colours, features and alphas, in units of 1/255."""
 
     colour: int = 1
     feature: int = 1
     alpha: int = 1
 
+    @property
+    def channels(self) -> np.ndarray:
+        """float32 [8], of colour, alpha and features."""
+        return np.array([*[self.colour] * 3, self.alpha, *[self.feature] * 4], np.float32)
 
-SINGLE = Steps()
+
+EXACT = Steps()
 
 
 def steps_of(rgba: np.ndarray, features: np.ndarray | None) -> Steps:

@@ -11,7 +11,7 @@ import pytest
 
 from console import UserError
 from scenepack import Pack, load_pack, save_pack
-from scenepack.codecs.steps import SINGLE, steps_of
+from scenepack.codecs.steps import EXACT, steps_of
 from tests.scenepack.helpers import images, read_json, same_pack, smooth_pack
 
 
@@ -46,7 +46,7 @@ def test_what_is_counted_in_steps_takes_fewer_bytes(
     pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sizes = []
-    for found in (steps_of, lambda *_: SINGLE):
+    for found in (steps_of, lambda *_: EXACT):
         monkeypatch.setattr("scenepack.piece_files.steps_of", found)
         save_pack(in_steps(pack, 4, 16), tmp_path / "pack", codec="webp")
         sizes.append(sum(f.stat().st_size for f in images(tmp_path / "pack")))

@@ -24,10 +24,8 @@ from baker.tuning.fused.marcher import LISTED, FusedMarcher, Tables, list_contri
 from baker.tuning.marcher import Accumulated, Box
 from baker.tuning.pack_layout import MAX_ALPHA
 from baker.tuning.tuner import (
-    EXACT,
     PROBE_RAYS,
     Look,
-    Steps,
     Trained,
     adam_head,
     bias_correction,
@@ -35,6 +33,7 @@ from baker.tuning.tuner import (
     squared_error,
 )
 from baker.view_mlp import from_params, to_params
+from scenepack.codecs.steps import EXACT, Steps
 from scenepack.constants import TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset

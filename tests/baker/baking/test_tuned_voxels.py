@@ -12,7 +12,7 @@ import pytest
 from baker.baking import bake as baking
 from baker.baking.bake import BakeConfig, Stages
 from baker.tuning.pruning import FIRM, Pruned
-from baker.tuning.tuner import EXACT
+from scenepack.codecs.steps import EXACT
 from tests.scenepack.random_packs import random_pack
 from training.dataset import RayDataset
 from training.scenes import Scene

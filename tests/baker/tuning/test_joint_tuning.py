@@ -26,9 +26,10 @@ from baker.tuning.jax_tuner import (
 from baker.tuning.joint_loop import JointConfig, cell_for, joint_tune, split_by_view
 from baker.tuning.joint_rows import VoxelRows, cells_of_rows, rows_by_slot, voxel_rows, with_content
 from baker.tuning.pack_layout import composite, pack_sizes, pack_voxels
-from baker.tuning.tuner import BETAS, EXACT, Look, Steps, Trained, shown
+from baker.tuning.tuner import BETAS, Look, Trained, shown
 from scenepack import Pack, check_pack
 from scenepack.blocks import dense_from_pack
+from scenepack.codecs.steps import EXACT, Steps
 from tests.baker.tuning.helpers import pack_of
 from training.dataset import RayDataset
 from training.marching.batches import rays_that_meet

@@ -13,8 +13,9 @@ import pytest
 from baker.tuning.fused import tuner as fused_tuner
 from baker.tuning.fused.tuner import FusedTuner
 from baker.tuning.jax_tuner import JaxTuner, gather, stored
-from baker.tuning.tuner import BETAS, EXACT, Look, Steps
+from baker.tuning.tuner import BETAS, Look
 from scenepack import Pack
+from scenepack.codecs.steps import EXACT, Steps
 from tests.baker.tuning.helpers import pack_of
 from training.dataset import RayDataset
 from training.voxels.fused.workers import Workers
