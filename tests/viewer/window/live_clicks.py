@@ -182,14 +182,32 @@ class Hand:
 
     def press(self, name: tuple[str, str]) -> None:
         """Clicks a widget, and waits until it says that it was pressed."""
-        each = self.scroll_to(name)
-        width, height = glfw.get_window_size(self.window.handle)
-        assert inside(each.at, (0, 0, width, height)), f"{name} is outside of the window, at {each.at}"
+        each = self.hover(name)
         self.watch.forget()
-        self.point_at(*each.at, *CLICK)
+        self.xdotool(*CLICK)
         if not self.until(lambda: name in self.watch.pressed):
             under = imgui.get_current_context().hovered_window
-            pytest.fail(f"{name} at {each.at} takes no click; under the mouse is {under.name if under else 'nothing'}")
+            now = self.watch.seen.get(name)
+            pytest.fail(
+                f"{name} at {each.at}, now at {now and now.at}, takes no click; under the mouse at "
+                f"{imgui.get_io().mouse_pos} is {under.name if under else 'nothing'}"
+            )
+
+    def hover(self, name: tuple[str, str]) -> Seen:
+        """Moves the mouse onto a widget. Where turns of the wheel came late and moved it meanwhile, goes after it."""
+        width, height = glfw.get_window_size(self.window.handle)
+        for _ in range(10):
+            each = self.scroll_to(name)
+            assert inside(each.at, (0, 0, width, height)), f"{name} is outside of the window, at {each.at}"
+            x, y = (round(at) for at in each.at)
+            self.point_at(x, y)
+            mouse = imgui.get_io().mouse_pos
+            assert self.until(lambda: abs(mouse.x - x) < 1 and abs(mouse.y - y) < 1), f"the mouse is at {mouse}"  # noqa: B023
+            self.settle()
+            now = self.watch.seen.get(name)
+            if now is not None and now.rect == each.rect:
+                return now
+        pytest.fail(f"{name} does not come to rest")
 
 
 clicked: dict[tuple[int, int], set[tuple[str, str]]] = {size: set() for size in SIZES}
