@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 DPI, SAVED_DPI = 100, 150  # sizes are meant at the first; the second is for screens with fine pixels
+LEFT, RIGHT, ABOVE, BELOW, LEGEND_ROW = 72, 14, 34, 50, 20  # around axes, pixels at DPI
 LEGEND_LETTERS = 110  # in a row
 INK, FAINT, GRID, PAPER = (36, 41, 47), (101, 109, 118), (225, 228, 232), (255, 255, 255)
 COLOURS = ("#0969da", "#cf4a22", "#1a7f37", "#8250df", "#9a6700", "#bf3989", "#57606a")
@@ -63,13 +64,21 @@ def draw_plots(path: Path, plots: Sequence[Plot], size: tuple[int, int] = (720, 
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a first start need not tell of its font cache
     from matplotlib.figure import Figure  # not pyplot, which keeps figures and may look for a display
 
-    width, height = size[0] / DPI, size[1] / DPI
-    figure = Figure((width, height * len(plots)), DPI, layout="constrained", facecolor=_rgb(PAPER))
-    for axes, plot in zip(figure.subplots(len(plots), squeeze=False)[:, 0], plots, strict=True):
-        _draw(axes, plot)
+    width, height = size
+    figure = Figure((width / DPI, height * len(plots) / DPI), DPI, facecolor=_rgb(PAPER))
+    for number, plot in enumerate(reversed(plots)):  # matplotlib's own layout draws everything twice
+        above = ABOVE + (LEGEND_ROW * _legend_shape(plot.lines)[0])
+        place = (LEFT, number * height + BELOW, width - LEFT - RIGHT, height - BELOW - above)
+        _draw(figure.add_axes(_in_figure(place, width, height * len(plots))), plot)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as new:
         figure.savefig(new, format="png", dpi=SAVED_DPI, metadata={"Software": None})
+
+
+def _in_figure(place: tuple[float, ...], width: float, height: float) -> tuple[float, float, float, float]:
+    """left, bottom, width, height in pixels as shares of a figure."""
+    left, bottom, wide, high = place
+    return left / width, bottom / height, wide / width, high / height
 
 
 def _draw(axes: Axes, plot: Plot) -> None:

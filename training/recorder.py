@@ -19,7 +19,7 @@ from training.run import Run
 from training.validation import validate, validation_photographs
 
 VALIDATION_PIXELS = 200 * 200  # a validation picture should cost seconds, not minutes
-DRAW_EVERY_SECONDS = 15.0  # curves are drawn anew at most so often, and with every validation
+DRAW_EVERY_SECONDS = 15.0  # curves are drawn anew at most so often, and at the end
 
 
 class Recorder:
@@ -49,12 +49,11 @@ class Recorder:
                 record["samples_per_second"] = round(metrics["samples"] * steps, 1)
             shown["rays_per_second"] = rays
         self.journal.write(record)
-        if self.clock.seconds - self._drawn > DRAW_EVERY_SECONDS:
-            self._draw()
+        self._draw_now_and_then()
         return shown
 
     def validate(self) -> None:
-        """Renders held-out photographs: mean PSNR to the journal, one picture, the curves drawn anew."""
+        """Renders held-out photographs: mean PSNR to the journal, and one picture."""
         run = self.run
         picture = run.path / "validation" / f"step_{run.step:08d}.png"
         when = self._when()
@@ -70,7 +69,7 @@ class Recorder:
         if len(scores) > 1:
             record |= {"views": len(scores)}
         self.journal.write(record)
-        self._draw()
+        self._draw_now_and_then()
 
     def has_validated(self) -> bool:
         """Whether the journal has a validation of the step that the run stands at."""
@@ -89,6 +88,10 @@ class Recorder:
             "seconds": round(self.clock.seconds, 3),
             "training_seconds": round(self.clock.training_seconds, 3),
         }
+
+    def _draw_now_and_then(self) -> None:
+        if self.clock.seconds - self._drawn > DRAW_EVERY_SECONDS:
+            self._draw()
 
     def _draw(self) -> None:
         if not is_writer():
