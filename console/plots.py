@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 DPI, SAVED_DPI = 100, 150  # sizes are meant at the first; the second is for screens with fine pixels
-LEFT, RIGHT, ABOVE, BELOW, LEGEND_ROW = 72, 14, 34, 50, 20  # around axes, pixels at DPI
+LEFT, RIGHT, ABOVE, BELOW, LEGEND_ROW = 80, 24, 34, 50, 20  # around axes, pixels at DPI
 LEGEND_LETTERS = 110  # in a row
 INK, FAINT, GRID, PAPER = (36, 41, 47), (101, 109, 118), (225, 228, 232), (255, 255, 255)
 COLOURS = ("#0969da", "#cf4a22", "#1a7f37", "#8250df", "#9a6700", "#bf3989", "#57606a")
@@ -67,7 +67,7 @@ def draw_plots(path: Path, plots: Sequence[Plot], size: tuple[int, int] = (720, 
     width, height = size
     figure = Figure((width / DPI, height * len(plots) / DPI), DPI, facecolor=_rgb(PAPER))
     for number, plot in enumerate(reversed(plots)):  # matplotlib's own layout draws everything twice
-        above = ABOVE + (LEGEND_ROW * _legend_shape(plot.lines)[0])
+        above = ABOVE + LEGEND_ROW * _legend_shape(plot.lines)[0]
         place = (LEFT, number * height + BELOW, width - LEFT - RIGHT, height - BELOW - above)
         _draw(figure.add_axes(_in_figure(place, width, height * len(plots))), plot)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -91,7 +91,9 @@ def _draw(axes: Axes, plot: Plot) -> None:
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
-    elif plot.y_axis == "zero":
+    else:
+        axes.ticklabel_format(axis="y", style="plain", useOffset=False)  # no power of ten above, where the legend is
+    if plot.y_axis == "zero":
         axes.set_ylim(bottom=0, top=max(axes.get_ylim()[1], 1e-9))
     xs = [x for line in plot.lines for x in line.xs]
     if xs and 0 <= min(xs) < 0.35 * max(xs):

@@ -108,7 +108,7 @@ class Hand:
         if window.app.filming.export is not None:
             window.app.filming.cancel(window.app)
         imgui.set_current_context(window.ui.context)
-        if imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
+        if self.popup:
             imgui.internal.close_popup_to_level(0, False)
         imgui.internal.clear_active_id()
         app = App()
@@ -127,7 +127,7 @@ class Hand:
         self.frames(2)  # the usual layout is there before a page is moved out of it
         PLACES[place](app, self.scenes)
         self.settle()
-        self.asked = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+        self.asked = self.popup
 
     def settle(self) -> None:
         """Frames until every widget stays where it is."""
@@ -150,7 +150,7 @@ class Hand:
             and glfw.get_window_size(self.window.handle) == size
             and app.loading is None
             and not app.interface.help_shown
-            and imgui.is_popup_open("", imgui.PopupFlags_.any_popup) == self.asked
+            and self.popup == self.asked
         )
 
     def offered(self) -> dict[tuple[str, str], Seen]:
@@ -181,20 +181,27 @@ class Hand:
         self.xdotool("mousemove", left + round(x), top + round(y), *more)
 
     def press(self, name: tuple[str, str]) -> None:
-        """Clicks a widget, and waits until it says that it was pressed."""
-        each = self.hover(name)
-        self.watch.forget()
-        self.xdotool(*CLICK)
-        if not self.until(lambda: name in self.watch.pressed):
-            under = imgui.get_current_context().hovered_window
+        """Clicks a widget, and waits until it says that it was pressed; once more where it moved from under the mouse meanwhile,
+        or where the click closed a list that was open."""
+        for _ in range(3):
+            each, open_before = self.hover(name), self.popup
+            self.watch.forget()
+            self.xdotool(*CLICK)
+            if self.until(lambda: name in self.watch.pressed):
+                return
             now = self.watch.seen.get(name)
-            pytest.fail(
-                f"{name} at {each.at}, now at {now and now.at}, takes no click; under the mouse at "
-                f"{imgui.get_io().mouse_pos} is {under.name if under else 'nothing'}"
-            )
+            if now is not None and now.rect == each.rect and self.popup == open_before:
+                break
+        under = imgui.get_current_context().hovered_window
+        pytest.fail(f"{name} at {each.at} takes no click; under the mouse is {under.name if under else 'nothing'}")
+
+    @property
+    def popup(self) -> bool:
+        """Whether a dialog or a list is open."""
+        return imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
 
     def hover(self, name: tuple[str, str]) -> Seen:
-        """Moves the mouse onto a widget. Where turns of the wheel came late and moved it meanwhile, goes after it."""
+        """Moves the mouse onto a widget, and after it where it moves meanwhile."""
         width, height = glfw.get_window_size(self.window.handle)
         for _ in range(10):
             each = self.scroll_to(name)
@@ -202,7 +209,8 @@ class Hand:
             x, y = (round(at) for at in each.at)
             self.point_at(x, y)
             mouse = imgui.get_io().mouse_pos
-            assert self.until(lambda: abs(mouse.x - x) < 1 and abs(mouse.y - y) < 1), f"the mouse is at {mouse}"  # noqa: B023
+            there = self.until(lambda x=x, y=y, mouse=mouse: abs(mouse.x - x) < 1 and abs(mouse.y - y) < 1)
+            assert there, f"the mouse is at {mouse}"
             self.settle()
             now = self.watch.seen.get(name)
             if now is not None and now.rect == each.rect:
