@@ -211,7 +211,7 @@ class Hand:
             mouse = imgui.get_io().mouse_pos
             there = self.until(lambda x=x, y=y, mouse=mouse: abs(mouse.x - x) < 1 and abs(mouse.y - y) < 1)
             assert there, f"the mouse is at {mouse}"
-            self.settle()
+            self.frames()
             now = self.watch.seen.get(name)
             if now is not None and now.rect == each.rect:
                 return now
