@@ -24,8 +24,9 @@ from baker.baking.supersample import Sampler, Supersampling, supersample, supers
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.choice import FineTune
 from baker.tuning.fine_tune import EPOCHS, FINE_TUNE_PIXELS, fine_tune
+from baker.tuning.hidden import follow_neighbours
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
-from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Pruned, prune
+from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Pruned, light_of, prune
 from baker.view_mlp import from_params
 from console import Notice, UserError, progress
 from console.progress import Progress
@@ -71,9 +72,10 @@ class BakeConfig:
     tau_weight: float = TAU_WEIGHT
     """Voxels that would make up less than this of any pixel of any training photograph are emptied, or less where the photographs
     lose MOST_LOST by it; 0 leaves all (the paper)."""
-    fine_tune: FineTune = "all"
-    """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together; compact:
-    as all, and what is stored ends in COMPACT steps."""
+    fine_tune: FineTune = "auto"
+    """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together (all);
+    compact: as all, and what is stored ends in COMPACT steps; auto: as compact where tuning helps, which makes up for them,
+    elsewhere as all."""
     fine_tune_epochs: int = EPOCHS
     """Passes over the training pixels that refine the view MLP; 0 for none."""
     fine_tune_pixels: int = FINE_TUNE_PIXELS
@@ -169,7 +171,7 @@ def bake(
                 "epochs": config.fine_tune_epochs,
                 "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
             }  # fmt: skip
-    if config.fine_tune in ("all", "compact"):
+    if config.fine_tune in ("auto", "all", "compact"):
         handed_over = [pack]
         del pack  # nobody else holds it, so that what pruning leaves takes its place
         pack, figures, again = _with_tuned_voxels(handed_over.pop(), photographs, config, stages, by_opacity)
@@ -188,7 +190,7 @@ def bake(
             "before": removed.voxels_before, "after": removed.voxels_after, "tau_weight": removed.tau_weight,
         }  # fmt: skip
     if tuned:
-        provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}
+        provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}  # of auto, tuning tells what it came to
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
 
 
@@ -213,14 +215,18 @@ def _with_tuned_voxels(
     First some views are held out, which tell whether tuning helps. Where it does, voxels are pruned once more, harder than
     those that nothing makes up for, and tuning goes on, on all views. A scene whose photographs disagree (rough masks, things
     that move) is mist where they do: pruning it costs too much, and is left. What is compact is rounded where tuning goes on,
-    which therefore it does in any case.
+    which therefore it does in any case; then hidden voxels follow their neighbours.
     """
     name, label = "voxels and view MLP", "fine-tuning voxels and view MLP"
     first = JointConfig(seed=config.seed)
     with stages(name), progress(label, 1.0, stage=STAGE) as bar:
         pack, figures = joint_tune(pack, dataset, first, bar.update, by_opacity)
-    helps = bool(figures) and figures["held_out_psnr_after"] > figures["held_out_psnr_before"]
-    if not figures or not (helps or config.fine_tune == "compact"):
+    if not figures:
+        return pack, figures, None
+    helps = figures["held_out_psnr_after"] > figures["held_out_psnr_before"]
+    coarse = config.fine_tune == "compact" or (config.fine_tune == "auto" and helps)
+    figures["of"] = "compact" if coarse else "all"
+    if not (helps or coarse):
         return pack, figures, None
     removed = None
     if helps and config.tau_weight > 0:
@@ -228,13 +234,17 @@ def _with_tuned_voxels(
             pack, removed = _pruned(pack, dataset, config, by_opacity, bar, again=True)
     second = JointConfig(
         seed=config.seed + 1, held_out=0 if helps else first.held_out, rate=SECOND_RATE,
-        steps=COMPACT if config.fine_tune == "compact" else EXACT,
+        steps=COMPACT if coarse else EXACT,
     )  # fmt: skip
     with stages(name), progress(f"{label}, {'all views' if helps else 'in coarser steps'}", 1.0, stage=STAGE) as bar:
         pack, last = joint_tune(pack, dataset, second, bar.update, by_opacity)
     figures |= {
         "passes": round(figures["passes"] + last["passes"], 2), "samples_a_ray_after": last["samples_a_ray_after"],
     }  # fmt: skip
+    if coarse:
+        with stages("hidden voxels"), progress("smoothing hidden voxels", 1.0, stage=STAGE) as bar:
+            light = light_of(pack, with_views_between(dataset), config.seed, bar.update)
+            pack = pack if light is None else follow_neighbours(pack, light, COMPACT)
     return pack, figures, removed
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from baker.baking.bake import STAGE, BakeConfig, NothingThere, Stages, bake, check_bake, help_bake, work_key
@@ -11,6 +12,7 @@ from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
 from console import UserError, progress
 from console.progress import duration
 from scenepack import Pack, save_pack
+from scenepack.codecs import chosen_quality, codec_named
 from training.devices import launched
 from training.run import Run
 
@@ -46,8 +48,13 @@ def bake_to(
 ) -> dict[str, float]:
     """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it. last: see bake.
 
+    Where the config leaves open what is tuned (auto), nothing is rounded for a codec that rounds by itself: a lossy one spends
+    bytes on coarse steps, which are dithered.
+
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
     """
+    if config.fine_tune == "auto" and chosen_quality(codec_named(codec, "--codec"), None) is not None:
+        config = replace(config, fine_tune="all")
     check_bake(run, config)
     stages = Stages()
     work = WorkFolder(work_beside(out), work_key(run, config), share)

@@ -14,6 +14,7 @@ from typing import Any, Literal
 from baker.tuning.choice import FineTune
 from console import UserError, run_command
 from console.arguments import join_negative_values
+from scenepack.constants import CodecName
 
 DESCRIPTION = "Bakes a trained run into a pack: a sparse voxel grid that the viewer renders in real time."
 
@@ -24,11 +25,11 @@ def snerg_bake(
     out: Path,
     preset: Literal["snerg", "paper"] = "snerg",
     resolution: int | None = 512,
-    codec: Literal["png", "webp", "jpeg", "h264", "avif"] = "png",
+    codec: CodecName = "png",
     tau_alpha: float = 0.005,
     tau_vis: float = 0.01,
     tau_weight: float = 0.0085,
-    fine_tune: FineTune = "all",
+    fine_tune: FineTune = "auto",
     fine_tune_epochs: int = 100,
     fine_tune_pixels: int = 1_000_000,
     supersampling: Literal["grain", "paper"] = "grain",
@@ -54,8 +55,8 @@ def snerg_bake(
         tau_weight: Empty voxels that would make up less than this of any pixel of any training photograph, 0 ... 1; by less
             where the photographs lose 0.1 dB. 0 keeps all.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); all: the view MLP, then voxels and view
-            MLP together (sharper, takes minutes); or compact: as all, in coarser steps of what is stored
-            (smaller files, a little less sharp).
+            MLP together (sharper, takes minutes); compact: as all, in coarser steps of what is stored (half the bytes, a
+            little less sharp); or auto: compact where the codec is lossless and tuning makes up for it, otherwise all.
         fine_tune_epochs: Passes over the training pixels while the view MLP is tuned. Not used if nothing is tuned.
         fine_tune_pixels: Number of training pixels that tune the view MLP, an even random share; 0 for all (the paper).
         supersampling: How the content of a voxel is averaged: grain (as far as the field varies within a voxel), or paper (16

@@ -17,6 +17,7 @@ import tyro
 from baker.tuning.choice import FineTune
 from console import Notice, UserError, run_command
 from console.arguments import join_negative_values
+from scenepack.constants import CodecName
 from training.posing.find import FRAMES, SCENE, posed_scene
 from training.scenes.presets import PRESETS, BakeablePreset, names_with_about
 from training.scenes.sources import FEWEST
@@ -40,7 +41,8 @@ def snerg_make(
     up: str | None = None,
     steps: int | None = None,
     resolution: int | None = None,
-    fine_tune: FineTune = "all",
+    fine_tune: FineTune = "auto",
+    codec: CodecName = "png",
     exposure: Literal["auto", "on", "off"] = "auto",
     seed: int = 0,
     frames: int = FRAMES,
@@ -66,8 +68,10 @@ def snerg_make(
         steps: Number of training steps. The default is the preset's.
         resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the presets cpu and
             full, 1.25 per pixel of the photographs, from 512 to 1000.
-        fine_tune: What to tune after baking: none; view-mlp (as in the paper); all: also the voxels (sharper, takes minutes); or
-            compact: as all, in coarser steps of what is stored (smaller files, a little less sharp).
+        fine_tune: What to tune after baking: none; view-mlp (as in the paper); all: also the voxels (sharper, takes minutes);
+            compact: as all, in coarser steps of what is stored (half the bytes, a little less sharp); or auto: compact where
+            the codec is lossless and tuning makes up for it, otherwise all.
+        codec: Codec of the pack: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
         exposure: Fit exposure and white balance of each photograph, so that the scene has their average look. auto: for
             photographs whose exposures differ, never for rendered scenes (Blender).
         seed: Random seed of the training, and of finding poses.
@@ -130,7 +134,7 @@ def snerg_make(
     if resolution is None:
         pixels = max(max(photo.camera.width, photo.camera.height) for photo in run.scene.splits["train"])
         baking = dataclasses.replace(baking, resolution=PRESETS[preset].resolution_for(pixels))
-    bake_to(run, baking, pack_path, last=True)
+    bake_to(run, baking, pack_path, codec, last=True)
     shown.remove()
     baked = time.monotonic()
     posed = f"poses found in {minutes(started - began)}, " if scene == out / SCENE else ""

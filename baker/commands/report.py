@@ -32,7 +32,7 @@ def snerg_report(
     resolution: int | None = None,
     resolutions: str = "1000,750,500",
     bake: Literal["paper", "snerg"] = "paper",
-    fine_tune: str = "all",
+    fine_tune: str = "auto",
     fine_tune_epochs: int | None = None,
     most_macroblocks: int | None = None,
     against: Path | None = None,
@@ -57,7 +57,8 @@ def snerg_report(
             scenes, 1300 for photographs.
         resolutions: Voxels along the longest side, separated by commas, for the table resolution.
         bake: Which bake the tables storage and resolution are of: paper (as the paper writes), or snerg (our default settings).
-        fine_tune: Rows of our own bake in the table quality, separated by commas: none, view-mlp, all, compact.
+        fine_tune: Rows of our own bake in the table quality, separated by commas: auto (our default), none, view-mlp, all,
+            compact.
         fine_tune_epochs: Passes over the training pixels while the view MLP is tuned, if not those of snerg-bake.
         most_macroblocks: If more would be kept, grids are made coarser. The default is that of each bake: none in the paper's.
         against: A second run of the same scene, trained without the sparsity loss.

@@ -45,7 +45,7 @@ class Wanted:
     the tables of storage and resolution are of. quick: only each codec's default quality.
     """
 
-    rungs: Sequence[FineTune] = ("all",)
+    rungs: Sequence[FineTune] = ("auto",)
     resolutions: Sequence[int] = (1000, 750, 500)
     preset: BakePreset = "paper"
     drawing: Drawing = field(default_factory=Drawing)

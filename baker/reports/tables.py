@@ -39,6 +39,7 @@ SNERG = {
 }
 CODECS = {"png": "PNG", "webp": "WebP", "jpeg": "JPEG", "h264": "H264", "avif": "AVIF"}
 OURS = {
+    "auto": "ours: by default settings",
     "none": "ours: pruned, not fine-tuned",
     "view-mlp": "ours: pruned, view MLP fine-tuned",
     "all": "ours: pruned, voxels and view MLP fine-tuned",

@@ -2,4 +2,4 @@
 
 from typing import Literal
 
-FineTune = Literal["none", "view-mlp", "all", "compact"]
+FineTune = Literal["auto", "none", "view-mlp", "all", "compact"]

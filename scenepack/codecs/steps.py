@@ -55,6 +55,11 @@ def times(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> tuple[
     return rgba, features if features is None or steps.feature == 1 else _times(features, steps.feature, alpha)
 
 
+def in_steps(values: np.ndarray, step: int, most: np.ndarray | int) -> np.ndarray:
+    """What is in steps below some bound, in steps below another: uint8, the same counts of steps, or `most`."""
+    return _times(_counts(values, step), step, most) if step > 1 else np.minimum(values, most)
+
+
 def _step(values: np.ndarray, most: np.ndarray) -> int:
     step = 0
     for plane, bound in zip(values, most, strict=True):  # one by one, for counting takes eight bytes a value

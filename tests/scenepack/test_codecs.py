@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from scenepack import Pack, check_pack, load_pack, open_pack, save_pack
 from scenepack.codecs import CODECS
 from scenepack.codecs.pieces import cut, follows_grid
 from scenepack.commands import main
+from scenepack.constants import CodecName
 from scenepack.padding import restore_padding
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
 from tests.told import told
@@ -117,6 +118,10 @@ def test_webp_keeps_packs_voxel_by_voxel_that_break_the_rules(tmp_path: Path) ->
     save_pack(untidy, tmp_path / "pack", codec="webp")
     assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["layout"] == "atlas"
     assert same_pack(load_pack(tmp_path / "pack"), untidy)
+
+
+def test_commands_name_every_codec() -> None:
+    assert get_args(CodecName) == tuple(CODECS)
 
 
 def test_webp_is_smaller_than_png_and_avif_than_jpeg(pack: Pack, tmp_path: Path) -> None:

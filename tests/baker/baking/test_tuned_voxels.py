@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from baker.baking import bake as baking
+from baker.baking import to_pack
 from baker.baking.bake import BakeConfig, Stages
 from baker.tuning.pruning import FIRM, Pruned
 from scenepack.codecs.steps import EXACT
@@ -79,23 +81,62 @@ def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
         assert score(pack) == 29.0
         return replace(pack, params={"thinner": True}), Pruned(100, 80, 3, tau)
 
+    def follow(pack: Any, light: Any, steps: Any) -> Any:
+        noted.append(("follow", steps))
+        return pack
+
     monkeypatch.setattr(baking, "joint_tune", joint_tune)
+    monkeypatch.setattr(baking, "follow_neighbours", follow)
+    monkeypatch.setattr(baking, "light_of", lambda *_: "light")
     monkeypatch.setattr(baking, "prune", prune)
     monkeypatch.setattr(baking, "with_views_between", lambda dataset: dataset)
     monkeypatch.setattr(baking, "shown_psnr", lambda *args, **options: 29.0)
     return noted
 
 
-@pytest.mark.parametrize(("helps", "expected"), [(0.5, ["tune", "prune", "tune"]), (0.0, ["tune", "tune"])])
+def tuned(config: BakeConfig) -> Any:
+    """What a bake makes of a pack that is ready to be tuned: pack, figures, what was pruned."""
+    return baking._with_tuned_voxels(random_pack(np.random.default_rng(0)), None, config, Stages(), False)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("helps", "expected"), [(0.5, ["tune", "prune", "tune", "follow"]), (0.0, ["tune", "tune", "follow"])]
+)
 def test_what_is_compact_ends_in_coarser_steps_whether_tuning_helps_or_not(
     calls: list[Call], helps: float, expected: list[str]
 ) -> None:
     config = BakeConfig(fine_tune="compact")
-    baking._with_tuned_voxels(random_pack(np.random.default_rng(0)), None, config, Stages(), False)  # type: ignore[arg-type]
-    assert [name for name, _ in calls] == expected
-    first, last = calls[0][1], calls[-1][1]
-    assert first.steps == EXACT and last.steps == baking.COMPACT != EXACT
+    figures = tuned(config)[1]
+    assert [name for name, _ in calls] == expected and figures["of"] == "compact"
+    first, last = calls[0][1], calls[-2][1]
+    assert first.steps == EXACT and last.steps == calls[-1][1] == baking.COMPACT != EXACT
     assert last.held_out == (0 if helps else first.held_out), "what does not help is kept only where it is best"
+
+
+@pytest.mark.parametrize(("helps", "came_to"), [(0.5, "compact"), (0.0, "all")])
+def test_by_default_what_is_stored_is_rounded_where_tuning_makes_up_for_it(
+    calls: list[Call], helps: float, came_to: str
+) -> None:
+    figures = tuned(BakeConfig())[1]
+    assert figures["of"] == came_to
+    assert [name for name, _ in calls] == (["tune", "prune", "tune", "follow"] if helps else ["tune"])
+
+
+@pytest.mark.parametrize(("codec", "expected"), [("png", "auto"), ("webp", "auto"), ("jpeg", "all"), ("avif", "all")])
+def test_nothing_is_rounded_for_a_codec_that_rounds_by_itself(
+    codec: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[BakeConfig] = []
+
+    def check(run: Any, config: BakeConfig) -> None:
+        asked.append(config)
+        raise HandedOver
+
+    monkeypatch.setattr(to_pack, "check_bake", check)
+    for chosen in ("auto", "compact"):
+        with pytest.raises(HandedOver):
+            to_pack.bake_to(None, BakeConfig(fine_tune=chosen), tmp_path / "pack", codec)  # type: ignore[arg-type]
+    assert [config.fine_tune for config in asked] == [expected, "compact"]
 
 
 @pytest.mark.parametrize(
@@ -109,9 +150,7 @@ def test_what_is_compact_ends_in_coarser_steps_whether_tuning_helps_or_not(
 def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
     calls: list[Call], helps: float, tau: float, expected: list[str]
 ) -> None:
-    pack = random_pack(np.random.default_rng(0))
-    config = BakeConfig(tau_weight=tau, seed=7)
-    tuned, figures, removed = baking._with_tuned_voxels(pack, None, config, Stages(), False)  # type: ignore[arg-type]
+    pack, figures, removed = tuned(BakeConfig(tau_weight=tau, seed=7, fine_tune="all"))
     assert [name for name, _ in calls] == expected
     first = calls[0][1]
     assert first.held_out > 0 and first.seed == 7, "views are held out until they have told that tuning helps"
@@ -122,6 +161,6 @@ def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
         assert figures["passes"] == first.passes + last.passes and figures["samples_a_ray_after"] == 10.0 - len(calls)
     if "prune" in expected:
         assert calls[1][1] == (baking.MOST_LOST_AGAIN, pytest.approx(0.04), FIRM)
-        assert removed == Pruned(100, 80, 3, pytest.approx(0.04)) and tuned.params == {"thinner": True}
+        assert removed == Pruned(100, 80, 3, pytest.approx(0.04)) and pack.params == {"thinner": True}
     else:
-        assert removed is None and tuned is pack
+        assert removed is None and pack.params == {}

@@ -1,0 +1,66 @@
+"""What little light reaches is as its neighbour is, which a codec predicts (beyond the paper).
+
+Where a voxel gets less than HIDDEN of the light in every photograph and between them, its colour and features become those of
+the voxel before, along x or else along y, as near as its own alpha allows. Alphas stay, so that no surface moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from baker.tuning.pruning import Light
+from scenepack.blocks import block_copy
+from scenepack.codecs.steps import Steps, in_steps
+from scenepack.pack import Pack
+from scenepack.padding import restore_padding
+
+# Units of 1/255. Below this, 16 % of the voxels of lego at 1000³ follow: 6 % fewer bytes, and 0.015 dB. Up to a half they
+# are 20 %, for a third of the bytes at the same cost.
+HIDDEN = 102
+
+
+def follow_neighbours(pack: Pack, light: Light, steps: Steps) -> Pack:
+    """The pack with hidden voxels like their neighbours, in its own arrays where they are writable.
+
+    light: what arrives at its voxels. steps: what it is stored in, and stays in.
+    """
+    rgba, features = (
+        atlas if atlas is None or atlas.flags.writeable else atlas.copy()
+        for atlas in (pack.atlas_rgba, pack.atlas_features)
+    )
+    assert rgba is not None
+    pack = replace(pack, atlas_rgba=rgba, atlas_features=features)
+    places = np.arange(rgba[..., 0].size, dtype=np.int64).reshape(*rgba.shape[:3], 1)
+    hidden = [_hidden(pack, places, light, tuple(block)) for block in np.argwhere(pack.occupied)]
+    at, rank = (np.concatenate(parts) for parts in zip(*hidden, strict=True))
+    at = at[np.argsort(rank, kind="stable")]
+    row = rgba.shape[2]
+    # A voxel's neighbours have the rank before its own, so that voxels of one rank may follow at once. Beside a macroblock lies
+    # its padding, which is as its neighbour was.
+    for some in np.split(at, np.cumsum(np.bincount(rank))[:-1]):
+        _follow(rgba.reshape(-1, 4), None if features is None else features.reshape(-1, 4), some, row, steps)
+    for atlas in (rgba, features):
+        if atlas is not None:
+            restore_padding(atlas, pack.atlas_indices, pack.block_size)
+    return pack
+
+
+def _hidden(pack: Pack, places: np.ndarray, light: Light, block: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Where hidden voxels of a macroblock are in the atlas, int64 [n] as in places [D, H, W, 1]; x + y, which is their rank."""
+    inside = (slice(1, -1),) * 3
+    alpha = block_copy(pack, pack.atlas_rgba, block)[inside][..., 3]
+    z, y, x = np.nonzero((alpha > 0) & (light.at(block) < HIDDEN))
+    return block_copy(pack, places, block)[inside][z, y, x, 0], x + y
+
+
+def _follow(rgba: np.ndarray, features: np.ndarray | None, at: np.ndarray, row: int, steps: Steps) -> None:
+    """Voxels `at` [n] of flat atlases take what is before them, along x or else a `row` before, where that is not empty."""
+    source = np.where(rgba[at - 1, 3] > 0, at - 1, at - row)
+    some = rgba[source, 3] > 0
+    at, source = at[some], source[some]
+    alpha = rgba[at, 3:]
+    rgba[at, :3] = in_steps(rgba[source, :3], steps.colour, alpha)
+    if features is not None:
+        features[at] = in_steps(features[source], steps.feature, alpha)
