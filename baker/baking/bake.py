@@ -50,7 +50,7 @@ LARGEST_SEED = 2**32 - 1
 MOST_MACROBLOCKS = 6000  # 1.6 GB of textures, and 6 GB while it is baked; lego at 1000³ has 3,445 before it is pruned
 COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
-MOST_LOST = 0.1  # dB of training rays that pruning may cost
+MOST_LOST = 0.05  # dB of training rays that pruning may cost: scenes that tuning does not help never regain it
 MOST_LOST_AGAIN = (
     0.2  # where tuning goes on: it regains the 0.12 dB of lego at 1000³, which a seventh of its voxels takes
 )

@@ -53,7 +53,7 @@ def snerg_bake(
         tau_alpha: Drop macroblocks whose largest opacity is below this, 0 ... 1.
         tau_vis: Drop macroblocks that no training camera sees with at least this transmittance, 0 ... 1.
         tau_weight: Empty voxels that would make up less than this of any pixel of any training photograph, 0 ... 1; by less
-            where the photographs lose 0.1 dB. 0 keeps all.
+            where the photographs lose 0.05 dB. 0 keeps all.
         fine_tune: What to tune after baking: none; view-mlp (as in the paper); all: the view MLP, then voxels and view
             MLP together (sharper, takes minutes); compact: as all, in coarser steps of what is stored (half the bytes, a
             little less sharp); or auto: compact where the codec is lossless and tuning makes up for it, otherwise all.
