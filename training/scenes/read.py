@@ -7,6 +7,7 @@ downscale).
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
     wrong with the folder, its descriptions or its pictures; left-out frames and guesses are told as a Notice.
     """
     path, options = Path(path), _checked(replace(options, **changes))
-    if not path.exists():
+    if not os.path.exists(path):  # Path.exists raises where a name is too long
         raise UserError("no such folder", where=path, expected="a scene: a folder of photographs with camera poses")
     if not path.is_dir():
         raise UserError("not a folder", where=path, expected="a scene: a folder of photographs with camera poses")
@@ -60,7 +61,7 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
 
 def has_poses(path: Path) -> bool:
     """Whether a folder is laid out as a scene, whatever is wrong with it."""
-    return path.is_dir() and any(layout.recognises(path) for layout in LAYOUTS)
+    return os.path.isdir(path) and any(layout.recognises(path) for layout in LAYOUTS)
 
 
 def _checked(options: SceneOptions) -> SceneOptions:
