@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import jax
 import numpy as np
+import pytest
 
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
@@ -171,6 +172,14 @@ def sight_of(pack: Pack, dataset) -> sighting.Sight:
     sight = sighting.lines_of_sight(make_marcher(pack, dataset), dataset, seed=0)
     assert sight is not None
     return sight
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 11])
+def test_the_most_light_of_so_many_neighbours_is_found(count: int) -> None:
+    values = np.random.default_rng(count).integers(0, 256, (13, 12, 11)).astype(np.uint8)
+    for axis in range(3):
+        expected = np.lib.stride_tricks.sliding_window_view(values, count, axis=axis).max(axis=-1)
+        assert np.array_equal(pruning._most_of_neighbours(values, count, axis), expected)
 
 
 def test_rays_are_as_many_as_the_surface_in_view_asks_for_and_beyond_the_most_each_reaches_further(
