@@ -76,8 +76,10 @@ def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene:
     journal = (run / "metrics.jsonl").read_bytes()
     started = json.loads((run / "config.json").read_text())["provenance"]["started"]
     line = [str(scene), "--out", str(out), "--preset", "tiny", "--resolution", "40", *UNTUNED, "--no-view"]
+    line += ["--codec", "webp"]
 
     assert snerg_make(line) == 0
+    assert list((out / "pack").glob("rgba_*.webp")) and not list((out / "pack").glob("*_000.png"))
     assert load_pack(out / "pack").grid_size[0] <= 60, "40 in whole macroblocks: it is baked again, as this line says"
     assert (run / "metrics.jsonl").read_bytes() == journal, "not one step was taken again"
     assert {path.name: path.read_bytes() for path in (run / "checkpoints").iterdir()} == checkpoints
