@@ -1,4 +1,5 @@
-"""`make results`: writes docs/results.md from docs/results/page.md and the figures in docs/results/*.json beside it.
+"""`make results`: writes docs/results.md from docs/results/page.md and the figures in docs/results/*.json beside it, and a page
+for each scene's report, docs/results/reports/SCENE.md.
 
 No figure is typed into the page. page.md names them:
 
@@ -7,10 +8,10 @@ No figure is typed into the page. page.md names them:
     {{lego-800.device}}             another text of that file: of, commit, device
     {{lego-800.commands}}           its command lines, as a block of code (a line of its own, as are the next two)
     {{lego-800.table:packs}}        tables["packs"]: columns, formats (None: as it is), rows, and bold, a list of [row, column]
-    {{reports}}                     what docs/results/reports/*.json hold, each the report.json of a snerg-report
+    {{reports}}                     docs/results/reports/*.json, each the report.json of a snerg-report, side by side
     {{published.field:.2f}}         what the release prints of lego
 
-`python scripts/results.py --check` exits with status 1 where docs/results.md is not what it would write.
+`python scripts/results.py --check` exits with status 1 where a page is not what it would write.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from baker.reports import published  # noqa: E402
-from baker.reports.pages import SECTIONS  # noqa: E402
+from baker.reports.pages import FIGURES_NAME, SECTIONS, scenes_tables  # noqa: E402
+from baker.reports.scenes import scenes_document  # noqa: E402
 
 DOCS = ROOT / "docs"
 MARK = re.compile(r"\{\{([\w-]+)(?:\.(\w+))?(?::([^}]+))?\}\}")
@@ -87,26 +89,48 @@ def _line(cells: list[str]) -> str:
 
 
 def reports_text(folder: Path) -> str:
-    """The tables of all reports in a folder; without their pictures, which are not kept there."""
-    files = sorted(folder.glob("*.json"))
-    if not files:
+    """All reports in a folder: what each is about, with a link to its page, and their tables side by side."""
+    reports = read_reports(folder)
+    if not reports:
         return NO_REPORTS
-    lines = [
-        "Columns in *italics* are not ours: they are the paper's and its release's own figures, measured on their machines."
-    ]
-    for file in files:
-        document = without_folders(json.loads(file.read_text(encoding="utf-8")))
+    lines = ["| scene | field | photographs | its tables |", "| --- | --- | --- | --- |"]
+    for stem, document in reports.items():
         about = document["about"]
-        lines += ["", f"### The tables of {about['name']}", ""]
-        lines.append(
-            f"{about['step']:,} steps; means of {about['views']} {about['split']} photographs of {about['width']} × "
-            f"{about['height']}. The paper's figures are of {about['theirs']}."
-        )
-        for name, (title, section) in SECTIONS.items():
-            if name in document["tables"]:
-                lines += ["", f"#### {title}: {about['name']}", *_made(document.get("made", {}).get(name)), ""]
-                lines += _without_pictures(section(document["tables"][name], about))
+        field = document["tables"].get("quality", {}).get("field", f"{about['step']:,} steps")
+        link = f"[{', '.join(name for name in SECTIONS if name in document['tables'])}](results/reports/{stem}.md)"
+        size = f"{about['views']} of {about['width']} × {about['height']}"
+        lines.append(_line([about["name"], field, size, link]))
+    together = scenes_document(list(reports.values()))
+    together["tables"] = {name: table for name, table in together["tables"].items() if len(table["scenes"]) > 1}
+    if together["tables"]:
+        lines += ["", *scenes_tables(together, "###")]
     return "\n".join(lines)
+
+
+def read_reports(folder: Path) -> dict[str, dict[str, Any]]:
+    """The reports in a folder by the stem of their file, without a machine's folders."""
+    return {
+        file.stem: without_folders(json.loads(file.read_text(encoding="utf-8")))
+        for file in sorted(folder.glob("*.json"))
+    }
+
+
+def report_page(document: Mapping[str, Any]) -> str:
+    """The tables of one scene; without their pictures, which are not kept here."""
+    about = document["about"]
+    lines = [
+        f"# The paper's tables: {about['name']}",
+        "",
+        f"{about['step']:,} steps; means of {about['views']} {about['split']} photographs of {about['width']} × "
+        f"{about['height']}. Columns in *italics* are not ours: they are the paper's and its release's own figures, of "
+        f"{about['theirs']}, measured on their machines. [All scenes](../../results.md#the-papers-tables)",
+    ]
+    for name, (title, section) in SECTIONS.items():
+        if name in document["tables"]:
+            table = {key: value for key, value in document["tables"][name].items() if key != FIGURES_NAME}
+            lines += ["", f"## {title}", *_made(document.get("made", {}).get(name)), ""]
+            lines += _without_pictures(section(table, about))
+    return "\n".join(lines) + "\n"
 
 
 def without_folders(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -135,19 +159,26 @@ def _without_pictures(lines: list[str]) -> list[str]:
     return kept
 
 
+def pages() -> dict[Path, str]:
+    """Every page that is written, and its text."""
+    reports = DOCS / "results/reports"
+    scenes = {reports / f"{stem}.md": report_page(document) for stem, document in read_reports(reports).items()}
+    return {DOCS / "results.md": page(), **scenes}
+
+
 def main(words: list[str]) -> int:
-    """Writes the page, and the reports without a machine's folders; or says whether the page is as it would be written."""
-    text, path = page(), DOCS / "results.md"
+    """Writes the pages, and the reports without a machine's folders; or says whether the pages are as they would be written."""
+    stale = [path for path, text in pages().items() if not path.is_file() or path.read_text(encoding="utf-8") != text]
     if "--check" in words:
-        if path.read_text(encoding="utf-8") == text:
-            return 0
-        print(f"{path} is not what its figures give: make results", file=sys.stderr)
-        return 1
+        for path in stale:
+            print(f"{path} is not what its figures give: make results", file=sys.stderr)
+        return 1 if stale else 0
     for file in sorted((DOCS / "results/reports").glob("*.json")):
         document = json.loads(file.read_text(encoding="utf-8"))
         file.write_text(json.dumps(without_folders(document), indent=2) + "\n", encoding="utf-8")
-    path.write_text(text, encoding="utf-8")
-    print(path)
+    for path, text in pages().items():
+        path.write_text(text, encoding="utf-8")
+        print(path)
     return 0
 
 

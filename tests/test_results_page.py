@@ -29,9 +29,12 @@ def docs(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_page_is_what_its_figures_give(results: ModuleType) -> None:
-    assert (ROOT / "docs/results.md").read_text(encoding="utf-8") == results.page(), "make results"
-    assert results.main(["--check"]) == 0
+def test_the_pages_are_what_their_figures_give(results: ModuleType) -> None:
+    assert results.main(["--check"]) == 0, "make results"
+    for path, text in results.pages().items():
+        assert path.read_text(encoding="utf-8") == text
+    told = {path.stem for path in results.pages()} - {"results"}
+    assert told == {path.stem for path in (ROOT / "docs/results/reports").glob("*.json")}
 
 
 def test_every_figure_of_the_files_is_on_the_page_and_each_file_says_how_it_was_made(results: ModuleType) -> None:
@@ -76,35 +79,45 @@ def test_reports_are_kept_without_folders_of_a_machine(results: ModuleType) -> N
         assert not re.findall(r"[\" ](?:/|[A-Z]:)\w", json.dumps(document)), path.name
 
 
-def test_the_reports_of_scenes_are_put_in_as_they_are_without_folders_of_a_machine(
-    results: ModuleType, docs: Path
-) -> None:
-    about = {"name": "jewels", "step": 6000, "views": 10, "split": "test", "width": 200, "height": 200, "kind": "synthetic",
-             "theirs": "the mean", "out": "/somewhere/out", "run": "/somewhere/runs/a", "scene": "/data/jewels"}  # fmt: skip
-    row = {
-        "row": "field",
-        "label": "voxel field, 6,000 steps",
-        "psnr": 31.25,
-        "ssim": 0.95,
-        "lpips": None,
-        "paper": None,
-    }
-    lacking = {
-        "row": "diffuse",
-        "label": "Diffuse",
-        "command": "snerg-train /data/jewels --out /somewhere/out/runs/d",
-        "paper": None,
-    }
-    table = {"resolution": 512, "field": "voxel field, 6,000 steps", "rows": [row, lacking], "figures": {}}
+def report_of(name: str, psnr: float) -> dict[str, object]:
+    about = {"name": name, "step": 6000, "views": 10, "split": "test", "width": 200, "height": 200, "kind": "synthetic",
+             "theirs": "the mean", "out": "/somewhere/out", "run": "/somewhere/runs/a", "scene": f"/data/{name}"}  # fmt: skip
+    field = "voxel field, 6,000 steps"
+    row = {"row": "field", "label": field, "psnr": psnr, "ssim": 0.95, "lpips": None, "paper": None}
+    command = f"snerg-train /data/{name} --out /somewhere/out/runs/d"
+    lacking = {"row": "diffuse", "label": "Diffuse", "command": command, "paper": None}
+    pictures = {"crops": {"view": "test/r_1", "picture": "crops.png"}}
+    table = {"resolution": 512, "field": field, "rows": [row, lacking], "figures": pictures}
     made = {"command": "snerg-report /somewhere/runs/a --out /somewhere/out", "commit": "abc", "device": "2 cores"}
-    (docs / "results/reports").mkdir(exist_ok=True)
+    return {"about": about, "tables": {"quality": table}, "made": {"quality": made}}
+
+
+@pytest.fixture
+def with_reports(docs: Path) -> Path:
+    """The docs, with reports of two scenes of our own alone."""
     for old in (docs / "results/reports").glob("*.json"):
         old.unlink()
-    document = {"about": about, "tables": {"quality": table}, "made": {"quality": made}}
-    (docs / "results/reports/jewels.json").write_text(json.dumps(document))
-    text = results.page(docs)
+    for name, psnr in (("jewels", 31.25), ("lace", 28.75)):
+        (docs / f"results/reports/{name}.json").write_text(json.dumps(report_of(name, psnr)))
+    return docs
+
+
+def test_each_report_has_a_page_without_folders_of_a_machine(results: ModuleType, with_reports: Path) -> None:
+    reports = results.read_reports(with_reports / "results/reports")
+    text = results.report_page(reports["jewels"])
+    assert text.startswith("# The paper's tables: jewels\n") and text.endswith("\n")
     assert "    snerg-report RUN --out DIR" in text and "Commit abc; 2 cores." in text
     assert (
         "| voxel field, 6,000 steps | 31.25 | 0.9500 | – |" in text and "`snerg-train SCENE --out DIR/runs/d`" in text
     )
-    assert "/work" not in text and results.NO_REPORTS not in text
+    assert "/somewhere" not in text and "/data" not in text
+    assert "crops.png" not in text and "r_1" not in text, "pictures are not kept, nor what is said of them"
+
+
+def test_the_scenes_stand_side_by_side_with_their_mean(results: ModuleType, with_reports: Path) -> None:
+    text = results.page(with_reports)
+    assert results.NO_REPORTS not in text and "/somewhere" not in text
+    assert "| jewels | voxel field, 6,000 steps | 10 of 200 × 200 | [quality](results/reports/jewels.md) |" in text
+    assert "| the field itself | 30.00 | 31.25 | 28.75 |" in text
+    (with_reports / "results/reports/lace.json").unlink()
+    assert "### PSNR" not in results.page(with_reports), "one scene has its own page only"

@@ -12,6 +12,7 @@ from console.progress import duration
 Table = Mapping[str, Any]
 Row = Mapping[str, Any]
 NONE = "–"
+FIGURES_NAME = "figures"  # of a table: the pictures beside it
 THEIRS = ("*paper:* PSNR", "*SSIM*", "*LPIPS*")
 NO_SUCH_FIELD = "It shares the head and the loss of the paper's deferred NeRF, but is not that field."
 
@@ -36,13 +37,17 @@ def report_text(document: Mapping[str, Any]) -> str:
 
 
 def scenes_text(document: Mapping[str, Any]) -> str:
-    """report.md of several scenes: each column of COLUMNS as a table of rows by scenes."""
+    """report.md of several scenes."""
     names = [about["name"] for about in document["about"]["scenes"]]
+    return "\n".join([f"# {', '.join(names)}", "", *scenes_tables(document, "##")]) + "\n"
+
+
+def scenes_tables(document: Mapping[str, Any], heading: str) -> list[str]:
+    """Each column of COLUMNS that there is, as a table of rows by scenes. heading: Markdown's mark of the level of theirs."""
     lines = [
-        f"# {', '.join(names)}", "",
-        "Rows in *italics* are the paper's own figures, of the same scenes. A mean is given where every scene has the figure.",
-    ]  # fmt: skip
-    for table, key, heading, digits, unit in COLUMNS:
+        "Rows in *italics* are the paper's own figures, of the same scenes. A mean is given where every scene has the figure."
+    ]
+    for table, key, title, digits, unit in COLUMNS:
         made = document["tables"].get(f"{table} {key}")
         if made is None:
             continue
@@ -55,8 +60,8 @@ def scenes_text(document: Mapping[str, Any]) -> str:
                 cells.append(
                     [f"*{row['label']}, the paper*", *(_italic(_number(value, digits, unit)) for value in values)]
                 )
-        lines += ["", f"## {heading}", "", *_table(["", "mean", *scenes], cells)]
-    return "\n".join(lines) + "\n"
+        lines += ["", f"{heading} {title}", "", *_table(["", "mean", *scenes], cells)]
+    return lines
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
@@ -135,7 +140,7 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
         + (f" The paper prints {', '.join(means)} as means over its synthetic scenes only." if means else ""),
         *_to_fill(rows),
     ]  # fmt: skip
-    for name, told in table.get("figures", {}).items():
+    for name, told in table.get(FIGURES_NAME, {}).items():
         lines += ["", f"![{name}: {told['view']}]({told['picture']})", ""]
         lines.append(
             f"View {told['view']}, and a crop of it where the first and the last picture differ most. PSNR of the whole view in "

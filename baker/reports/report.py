@@ -24,7 +24,7 @@ from baker.reports import tables
 from baker.reports.fields import OWN, row_of
 from baker.reports.figures import FIGURES, draw_figure
 from baker.reports.float_pictures import require_compiled_loops
-from baker.reports.pages import report_text
+from baker.reports.pages import FIGURES_NAME, report_text
 from baker.reports.performance import Drawing, performance_table, resolution_table
 from baker.reports.plots import draw_report_plots
 from baker.reports.published import NAMES, whose
@@ -35,8 +35,6 @@ from console import UserError
 from console.atomic import write_file
 from scenepack.constants import MAX_BLOCK_INDEX
 from training.run import Run, load_run, read_description, require_bakeable
-
-FIGURES_NAME = "figures"
 
 
 @dataclass(frozen=True)
