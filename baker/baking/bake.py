@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +24,7 @@ from baker.baking.supersample import Sampler, Supersampling, supersample, supers
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.choice import FineTune
 from baker.tuning.fine_tune import EPOCHS, FINE_TUNE_PIXELS, fine_tune
-from baker.tuning.hidden import follow_neighbours
+from baker.tuning.hidden import smooth_hidden
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Pruned, light_of, prune
 from baker.view_mlp import from_params
@@ -51,9 +51,9 @@ MOST_MACROBLOCKS = 6000  # 1.6 GB of textures, and 6 GB while it is baked; lego 
 COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
 MOST_LOST = 0.05  # dB of training rays that pruning may cost: scenes that tuning does not help never regain it
-MOST_LOST_AGAIN = (
-    0.2  # where tuning goes on: it regains the 0.12 dB of lego at 1000³, which a seventh of its voxels takes
-)
+# Where tuning goes on: it regains the 0.12 dB of lego at 1000³, which a seventh of its voxels takes.
+MOST_LOST_AGAIN = 0.2
+MOST_LOST_HIDDEN = 0.03  # by hidden voxels that follow their neighbours, which nothing regains
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
 # Lego's compact pack at 1000³ ends at 34.19 dB after so many passes in steps of 3, at 34.14 dB after one in steps of 4.
 SECOND_PASSES, SECOND_MOST_STEPS = 1.3, 1100
@@ -217,7 +217,7 @@ def _with_tuned_voxels(
     First some views are held out, which tell whether tuning helps. Where it does, voxels are pruned once more, harder than
     those that nothing makes up for, and tuning goes on, on all views. A scene whose photographs disagree (rough masks, things
     that move) is mist where they do: pruning it costs too much, and is left. What is compact is rounded where tuning goes on,
-    which therefore it does in any case; then hidden voxels follow their neighbours.
+    which therefore it does in any case; then hidden voxels follow their neighbours, as far as that costs next to nothing.
     """
     name, label = "voxels and view MLP", "fine-tuning voxels and view MLP"
     first = JointConfig(seed=config.seed)
@@ -246,7 +246,9 @@ def _with_tuned_voxels(
     if coarse:
         with stages("hidden voxels"), progress("smoothing hidden voxels", 1.0, stage=STAGE) as bar:
             light = light_of(pack, with_views_between(dataset), config.seed, bar.update)
-            pack = pack if light is None else follow_neighbours(pack, light, COMPACT)
+            score = _score(dataset, config, by_opacity)
+            if light is not None:
+                pack, figures["hidden_below"] = smooth_hidden(pack, light, COMPACT, score, MOST_LOST_HIDDEN)
     return pack, figures, removed
 
 
@@ -261,11 +263,13 @@ def _pruned(
     if again:
         tau_weight, closing, most_lost = TUNED_TAU * config.tau_weight, FIRM, MOST_LOST_AGAIN
 
-    def score(pack: Pack) -> float:
-        return shown_psnr(pack, dataset, config.seed, by_opacity=by_opacity)
-
-    views = with_views_between(dataset)
+    views, score = with_views_between(dataset), _score(dataset, config, by_opacity)
     return prune(pack, views, tau_weight, config.seed, bar.update, closing, score, most_lost)
+
+
+def _score(dataset: RayDataset, config: BakeConfig, by_opacity: bool) -> Callable[[Pack], float]:
+    """How well a pack shows training rays, dB."""
+    return lambda pack: shown_psnr(pack, dataset, config.seed, by_opacity=by_opacity)
 
 
 def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:

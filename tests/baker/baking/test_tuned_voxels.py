@@ -81,12 +81,13 @@ def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
         assert score(pack) == 29.0
         return replace(pack, params={"thinner": True}), Pruned(100, 80, 3, tau)
 
-    def follow(pack: Any, light: Any, steps: Any) -> Any:
+    def follow(pack: Any, light: Any, steps: Any, score: Any, most_lost: float) -> Any:
         noted.append(("follow", steps))
-        return pack
+        assert light == "light" and score(pack) == 29.0 and most_lost == baking.MOST_LOST_HIDDEN
+        return pack, 64
 
     monkeypatch.setattr(baking, "joint_tune", joint_tune)
-    monkeypatch.setattr(baking, "follow_neighbours", follow)
+    monkeypatch.setattr(baking, "smooth_hidden", follow)
     monkeypatch.setattr(baking, "light_of", lambda *_: "light")
     monkeypatch.setattr(baking, "prune", prune)
     monkeypatch.setattr(baking, "with_views_between", lambda dataset: dataset)
@@ -107,7 +108,7 @@ def test_what_is_compact_ends_in_coarser_steps_whether_tuning_helps_or_not(
 ) -> None:
     config = BakeConfig(fine_tune="compact")
     figures = tuned(config)[1]
-    assert [name for name, _ in calls] == expected and figures["of"] == "compact"
+    assert [name for name, _ in calls] == expected and figures["of"] == "compact" and figures["hidden_below"] == 64
     first, last = calls[0][1], calls[-2][1]
     assert first.steps == EXACT and last.steps == calls[-1][1] == baking.COMPACT != EXACT
     assert last.held_out == (0 if helps else first.held_out), "what does not help is kept only where it is best"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baker.tuning.hidden import HIDDEN, follow_neighbours
+from baker.tuning.hidden import HIDDEN, follow_neighbours, smooth_hidden
 from baker.tuning.pruning import Light
 from scenepack import Pack, save_pack
 from scenepack.blocks import dense_from_pack
@@ -25,7 +25,7 @@ def pack() -> Pack:
 def light(pack: Pack, *, hidden: bool) -> Light:
     """Little light on all of the pack, or full light on its far half along x and little on the rest."""
     size, blocks = pack.block_size, pack.occupied.shape
-    arriving = np.full([n * size for n in blocks], HIDDEN - 1, np.uint8)
+    arriving = np.full([n * size for n in blocks], HIDDEN[0] - 1, np.uint8)
     if not hidden:
         arriving[:, :, arriving.shape[2] // 2 :] = 255
     return Light(arriving, size, 0)
@@ -34,7 +34,7 @@ def light(pack: Pack, *, hidden: bool) -> Light:
 def test_only_what_little_light_reaches_changes_and_no_alpha_does(pack: Pack) -> None:
     half = light(pack, hidden=False)
     before, of_features = (volume.copy() for volume in dense_from_pack(pack))
-    after, features = dense_from_pack(follow_neighbours(pack, half, STEPS))
+    after, features = dense_from_pack(follow_neighbours(pack, half, STEPS, HIDDEN[0]))
     lit = half.transmittance[tuple(slice(n) for n in before.shape[:3])] == 255
     assert np.array_equal(after[lit], before[lit]) and np.array_equal(features[lit], of_features[lit])
     assert np.array_equal(after[..., 3], before[..., 3])
@@ -43,7 +43,7 @@ def test_only_what_little_light_reaches_changes_and_no_alpha_does(pack: Pack) ->
 
 
 def test_a_hidden_voxel_has_the_counts_of_the_one_before_it_as_far_as_its_alpha_allows(pack: Pack) -> None:
-    after, features = dense_from_pack(follow_neighbours(pack, light(pack, hidden=True), STEPS))
+    after, features = dense_from_pack(follow_neighbours(pack, light(pack, hidden=True), STEPS, HIDDEN[0]))
     row, own = after[:, :, :-1], after[:, :, 1:]
     seen = (row[..., 3] > 0) & (own[..., 3] > 0)
     expected = np.minimum(-(row[seen][:, :3].astype(int) // -STEPS.colour) * STEPS.colour, own[seen][:, 3:])
@@ -57,7 +57,7 @@ def test_values_stay_in_their_steps_below_alpha_and_padding_follows(steps: Steps
     pack = pack_of()
     if steps != EXACT:
         pack = in_steps(pack, steps.colour, steps.feature, steps.alpha)
-    smooth = follow_neighbours(pack, light(pack, hidden=True), steps)
+    smooth = follow_neighbours(pack, light(pack, hidden=True), steps, HIDDEN[0])
     assert smooth.atlas_features is not None
     assert np.all(smooth.atlas_rgba[..., :3] <= smooth.atlas_rgba[..., 3:])
     assert np.all(smooth.atlas_features <= smooth.atlas_rgba[..., 3:])
@@ -71,5 +71,16 @@ def test_it_takes_fewer_bytes(pack: Pack, tmp_path) -> None:
         return sum(file.stat().st_size for file in (tmp_path / "pack").glob("*.webp"))
 
     before = stored()
-    pack = follow_neighbours(pack, light(pack, hidden=True), STEPS)
+    pack = follow_neighbours(pack, light(pack, hidden=True), STEPS, HIDDEN[0])
     assert stored() < 0.8 * before
+
+
+@pytest.mark.parametrize(("costs", "taken"), [((0.01,), 128), ((4.0, 0.2, 0.02), 32), ((4.0, 2.0, 1.0), 0)])
+def test_photographs_decide_how_much_light_is_little(pack: Pack, costs: tuple[float, ...], taken: int) -> None:
+    """In mist, half of what is seen lies where half of the light is gone: fern lost 4 dB."""
+    scores = iter([30.0, *(30.0 - cost for cost in costs)])
+    before = pack.atlas_rgba.copy()
+    smooth, below = smooth_hidden(pack, light(pack, hidden=False), STEPS, lambda _: next(scores), 0.03)
+    assert below == taken and next(scores, None) is None
+    assert np.array_equal(pack.atlas_rgba, before), "what is given is left alone"
+    assert (smooth is pack) == (taken == 0)
