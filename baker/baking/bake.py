@@ -51,9 +51,7 @@ MOST_MACROBLOCKS = 6000  # 1.6 GB of textures, and 6 GB while it is baked; lego 
 COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
 MOST_LOST = 0.05  # dB of training rays that pruning may cost: scenes that tuning does not help never regain it
-MOST_LOST_AGAIN = (
-    0.2  # where tuning goes on: it regains the 0.12 dB of lego at 1000³, which a seventh of its voxels takes
-)
+MOST_LOST_AGAIN = 0.2  # where tuning goes on: it regains the 0.12 dB that this costs lego at 1000³
 MOST_LOST_HIDDEN = 0.03  # by hidden voxels that follow their neighbours, which nothing regains
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
 # Lego's compact pack at 1000³ ends at 34.19 dB after so many passes in steps of 3, at 34.14 dB after one in steps of 4.
@@ -248,9 +246,8 @@ def _with_tuned_voxels(
         with stages("hidden voxels"), progress("smoothing hidden voxels", 1.0, stage=STAGE) as bar:
             light = light_of(pack, with_views_between(dataset), config.seed, bar.update)
             if light is not None:
-                pack, figures["hidden_below"] = smooth_hidden(
-                    pack, light, COMPACT, _score(dataset, config, by_opacity), MOST_LOST_HIDDEN
-                )
+                smoothed = smooth_hidden(pack, light, COMPACT, _score(dataset, config, by_opacity), MOST_LOST_HIDDEN)
+                pack, figures["hidden_below"] = smoothed
     return pack, figures, removed
 
 
