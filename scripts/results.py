@@ -168,15 +168,16 @@ def pages() -> dict[Path, str]:
 
 def main(words: list[str]) -> int:
     """Writes the pages, and the reports without a machine's folders; or says whether the pages are as they would be written."""
-    stale = [path for path, text in pages().items() if not path.is_file() or path.read_text(encoding="utf-8") != text]
+    texts = pages()
     if "--check" in words:
+        stale = [path for path, text in texts.items() if not path.is_file() or path.read_text(encoding="utf-8") != text]
         for path in stale:
             print(f"{path} is not what its figures give: make results", file=sys.stderr)
         return 1 if stale else 0
-    for file in sorted((DOCS / "results/reports").glob("*.json")):
-        document = json.loads(file.read_text(encoding="utf-8"))
-        file.write_text(json.dumps(without_folders(document), indent=2) + "\n", encoding="utf-8")
-    for path, text in pages().items():
+    for stem, document in read_reports(DOCS / "results/reports").items():
+        text = json.dumps(document, indent=2) + "\n"
+        (DOCS / f"results/reports/{stem}.json").write_text(text, encoding="utf-8")
+    for path, text in texts.items():
         path.write_text(text, encoding="utf-8")
         print(path)
     return 0
