@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from baker.reports import published  # noqa: E402
-from baker.reports.pages import FIGURES_NAME, SECTIONS, scenes_tables  # noqa: E402
+from baker.reports.pages import SECTIONS, scenes_tables, sections  # noqa: E402
 from baker.reports.scenes import scenes_document  # noqa: E402
 
 DOCS = ROOT / "docs"
@@ -125,11 +125,8 @@ def report_page(document: Mapping[str, Any]) -> str:
         f"{about['height']}. Columns in *italics* are not ours: they are the paper's and its release's own figures, of "
         f"{about['theirs']}, measured on their machines. [All scenes](../../results.md#the-papers-tables)",
     ]
-    for name, (title, section) in SECTIONS.items():
-        if name in document["tables"]:
-            table = {key: value for key, value in document["tables"][name].items() if key != FIGURES_NAME}
-            lines += ["", f"## {title}", *_made(document.get("made", {}).get(name)), ""]
-            lines += _without_pictures(section(table, about))
+    for name, title, section in sections(document, figures=False):
+        lines += ["", f"## {title}", *_made(document.get("made", {}).get(name)), "", *_without_pictures(section)]
     return "\n".join(lines) + "\n"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from baker.reports import published
@@ -30,10 +30,18 @@ def report_text(document: Mapping[str, Any]) -> str:
         f"Columns in *italics* are not ours: the paper's and its release's own figures, of {about['theirs']}, measured on their "
         "machines.",
     ]
+    for _, title, section in sections(document):
+        lines += ["", f"## {title}", "", *section]
+    return "\n".join(lines) + "\n"
+
+
+def sections(document: Mapping[str, Any], *, figures: bool = True) -> Iterator[tuple[str, str, list[str]]]:
+    """Name, title and Markdown of each table that was made, in the order of SECTIONS. figures: with pictures of views."""
     for name, (title, section) in SECTIONS.items():
         if name in document["tables"]:
-            lines += ["", f"## {title}", "", *section(document["tables"][name], about)]
-    return "\n".join(lines) + "\n"
+            table = document["tables"][name]
+            shown = table if figures else {key: value for key, value in table.items() if key != FIGURES_NAME}
+            yield name, title, section(shown, document["about"])
 
 
 def scenes_text(document: Mapping[str, Any]) -> str:
