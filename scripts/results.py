@@ -93,13 +93,14 @@ def reports_text(folder: Path) -> str:
     reports = read_reports(folder)
     if not reports:
         return NO_REPORTS
-    lines = ["| scene | field | photographs | its tables |", "| --- | --- | --- | --- |"]
+    lines = ["| scene | field | packs | photographs | its tables |", "| --- | --- | --- | --- | --- |"]
     for stem, document in reports.items():
         about = document["about"]
-        field = document["tables"].get("quality", {}).get("field", f"{about['step']:,} steps")
+        quality = document["tables"].get("quality", {})
+        field, packs = quality.get("field", f"{about['step']:,} steps"), quality.get("resolution")
         link = f"[{', '.join(name for name in SECTIONS if name in document['tables'])}](results/reports/{stem}.md)"
         size = f"{about['views']} of {about['width']} × {about['height']}"
-        lines.append(_line([about["name"], field, size, link]))
+        lines.append(_line([about["name"], field, f"{packs}³" if packs else "–", size, link]))
     together = scenes_document(list(reports.values()))
     together["tables"] = {name: table for name, table in together["tables"].items() if len(table["scenes"]) > 1}
     if together["tables"]:

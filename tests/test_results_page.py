@@ -117,7 +117,24 @@ def test_each_report_has_a_page_without_folders_of_a_machine(results: ModuleType
 def test_the_scenes_stand_side_by_side_with_their_mean(results: ModuleType, with_reports: Path) -> None:
     text = results.page(with_reports)
     assert results.NO_REPORTS not in text and "/somewhere" not in text
-    assert "| jewels | voxel field, 6,000 steps | 10 of 200 × 200 | [quality](results/reports/jewels.md) |" in text
+    assert (
+        "| jewels | voxel field, 6,000 steps | 512³ | 10 of 200 × 200 | [quality](results/reports/jewels.md) |" in text
+    )
     assert "| the field itself | 30.00 | 31.25 | 28.75 |" in text
     (with_reports / "results/reports/lace.json").unlink()
     assert "### PSNR" not in results.page(with_reports), "one scene has its own page only"
+
+
+def test_a_row_that_one_scene_alone_has_stands_where_it_stands_there(results: ModuleType, with_reports: Path) -> None:
+    path = with_reports / "results/reports/lace.json"
+    lace = json.loads(path.read_text())
+    field, lacking = lace["tables"]["quality"]["rows"]
+    own = field | {"row": "ours-auto", "label": "ours", "psnr": 27.5}
+    lace["tables"]["quality"]["rows"] = [field, own, lacking]
+    path.write_text(json.dumps(lace))
+    text = results.page(with_reports)
+    text = text[text.index("### PSNR") : text.index("### SSIM")]
+    first, ours, last = (
+        text.index(row) for row in ("| the field itself |", "| ours | – | – | 27.50 |", "| JAXNeRF+ Diffuse |")
+    )
+    assert first < ours < last, "jewels, which has no such row, comes first"

@@ -57,12 +57,8 @@ def scenes_document(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _rows(reports: Mapping[str, Mapping[str, Any]], table: str, key: str) -> list[dict[str, Any]]:
-    order: dict[str, str] = {}
-    for report in reports.values():
-        for row in report["tables"][table]["rows"]:
-            order.setdefault(row["row"], _general(row))
     rows = []
-    for name, label in order.items():
+    for name, label in _in_order([report["tables"][table]["rows"] for report in reports.values()]):
         values: dict[str, float | None] = {}
         paper: dict[str, float | None] = {}
         for scene, report in reports.items():
@@ -73,6 +69,20 @@ def _rows(reports: Mapping[str, Mapping[str, Any]], table: str, key: str) -> lis
             "row": name, "label": label, "values": values, "mean": _mean(values), "paper": paper, "paper_mean": _mean(paper),
         })  # fmt: skip
     return rows
+
+
+def _in_order(tables: Sequence[Sequence[Mapping[str, Any]]]) -> list[tuple[str, str]]:
+    """Names and labels of the rows that any table has, each behind the row that it follows where it is first met."""
+    order: list[tuple[str, str]] = []
+    for rows in tables:
+        at = 0
+        for row in rows:
+            place = next((i for i, (name, _) in enumerate(order) if name == row["row"]), None)
+            if place is None:
+                order.insert(at, (row["row"], _general(row)))
+                place = at
+            at = place + 1
+    return order
 
 
 def _general(row: Mapping[str, Any]) -> str:
