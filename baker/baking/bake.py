@@ -9,113 +9,38 @@ from __future__ import annotations
 import time
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from baker.baking.culling import TAU_ALPHA, TAU_VIS, Culling, content_box, cull
+from baker.baking.config import BLOCK_SIZE, BakeConfig
+from baker.baking.culling import Culling, content_box, cull
 from baker.baking.field_query import FieldQuery, field_query, occupied_query, within
 from baker.baking.float_grid import FloatGrid, assemble
 from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
-from baker.baking.supersample import Sampler, Supersampling, supersample, supersample_floats
+from baker.baking.stages import STAGE, Stages
+from baker.baking.supersample import Sampler, supersample, supersample_floats
+from baker.baking.tuned_voxels import pruned, with_tuned_voxels
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
-from baker.tuning.choice import FineTune
-from baker.tuning.fine_tune import EPOCHS, FINE_TUNE_PIXELS, fine_tune
-from baker.tuning.hidden import smooth_hidden
-from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
-from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Pruned, light_of, prune
+from baker.tuning.fine_tune import fine_tune
+from baker.tuning.pruning import Pruned
 from baker.view_mlp import from_params
 from console import Notice, UserError, progress
 from console.progress import Progress
 from scenepack.blocks import fill_atlas
-from scenepack.codecs.steps import EXACT, Steps
-from scenepack.constants import MAX_BLOCK_INDEX
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.allocator import keep_freed_memory
-from training.dataset import RayDataset
 from training.method import ViewMlpParams
 from training.run import Run, require_bakeable
 from training.scenes.box import OPTION, box_text, with_box
 from training.scenes.scene import Box, cameras_of
-from training.views_between import with_views_between
 
 BYTES = 32**3 * 8  # of a macroblock, with padding: colour, opacity, features
-BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
-STAGE = "baking"  # in what programs that started us read of our progress
-LARGEST_SEED = 2**32 - 1
-MOST_MACROBLOCKS = 6000  # 1.6 GB of textures, and 6 GB while it is baked; lego at 1000³ has 3,445 before it is pruned
 COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
-TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
-MOST_LOST = 0.05  # dB of training rays that pruning may cost: scenes that tuning does not help never regain it
-MOST_LOST_AGAIN = 0.2  # where tuning goes on: it regains the 0.12 dB that this costs lego at 1000³
-MOST_LOST_HIDDEN = 0.03  # by hidden voxels that follow their neighbours, which nothing regains
-SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
-# Lego's compact pack at 1000³ ends at 34.19 dB after so many passes in steps of 3, at 34.14 dB after one in steps of 4.
-SECOND_PASSES, SECOND_MOST_STEPS = 1.3, 1100
-COMPACT = Steps(3, 12, 8)  # of what is stored; on lego at 1000³ they cost 0.07 dB before tuning, which regains it
 FORMAT = 2  # of a work folder: raised whenever the same key would give other pieces
-
-
-@dataclass(frozen=True)
-class BakeConfig:
-    """How to bake."""
-
-    resolution: int = 512
-    """Voxels along the longest side of the content's box."""
-    tau_alpha: float = TAU_ALPHA
-    """Macroblocks whose largest opacity is below this are dropped."""
-    tau_vis: float = TAU_VIS
-    """Macroblocks that no training camera sees with at least this transmittance are dropped."""
-    tau_weight: float = TAU_WEIGHT
-    """Voxels that would make up less than this of any pixel of any training photograph are emptied, or less where the photographs
-    lose MOST_LOST by it; 0 leaves all (the paper)."""
-    fine_tune: FineTune = "auto"
-    """What is fine-tuned: nothing, the view MLP (the paper's), or after it the stored voxels and the view MLP together (all);
-    compact: as all, and what is stored ends in COMPACT steps; auto: as compact where tuning helps, which makes up for them,
-    elsewhere as all."""
-    fine_tune_epochs: int = EPOCHS
-    """Passes over the training pixels that refine the view MLP; 0 for none."""
-    fine_tune_pixels: int = FINE_TUNE_PIXELS
-    """Training pixels that refine the view MLP, an even random share; 0 for all (the paper)."""
-    supersampling: Supersampling = "grain"
-    """How the content of a voxel is averaged; see baker.baking.supersample."""
-    seed: int = 0
-    """Seed of the Gaussian samples within voxels and of fine-tuning."""
-    most_macroblocks: int = MOST_MACROBLOCKS
-    """Where more would be kept, the grid is made coarser."""
-    aabb: Box | None = None
-    """The box that is baked, training frame, in place of the one around the content; not for NDC scenes."""
-
-    def check(self) -> None:
-        """UserError where a number makes no sense: for commands to ask before hours of work, not after."""
-        most = MAX_BLOCK_INDEX * BLOCK_SIZE
-        ranges = {"resolution": (BLOCK_SIZE, most), "tau_alpha": (0, 1), "tau_vis": (0, 1), "tau_weight": (0, 1),
-                  "fine_tune_epochs": (0, 1_000_000), "fine_tune_pixels": (0, 2**31 - 1),
-                  "seed": (0, LARGEST_SEED), "most_macroblocks": (1, 2**31 - 1)}  # fmt: skip
-        for name, (low, high) in ranges.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                what = "too coarse" if name == "resolution" and value < low else "is out of range"
-                raise UserError(
-                    what, where=f"--{name.replace('_', '-')}", expected=f"{low} to {high}", found=str(value)[:40]
-                )
-
-
-class Stages:
-    """Seconds spent in each stage of a bake, by name, in order."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def __call__(self, name: str) -> Iterator[None]:
-        started = time.monotonic()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.monotonic() - started
 
 
 def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
@@ -158,7 +83,7 @@ def bake(
     by_opacity = config.aabb is not None  # photographs also show what lies outside of the box that is baked
     if config.tau_weight > 0:
         with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
-            pack, removed = _pruned(pack, photographs, config, by_opacity, bar)
+            pack, removed = pruned(pack, photographs, config, by_opacity, bar)
         counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
     if config.fine_tune != "none":
@@ -175,7 +100,7 @@ def bake(
     if config.fine_tune in ("auto", "all", "compact"):
         handed_over = [pack]
         del pack  # nobody else holds it, so that what pruning leaves takes its place
-        pack, figures, again = _with_tuned_voxels(handed_over.pop(), photographs, config, stages, by_opacity)
+        pack, figures, again = with_tuned_voxels(handed_over.pop(), photographs, config, stages, by_opacity)
         tuned |= figures
         if removed and again:
             emptied = removed.macroblocks + again.macroblocks
@@ -206,69 +131,6 @@ def assembled(
         worldspace_T_opengl=grid.worldspace_T_opengl, ndc=run.scene.ndc,
         input_width=camera.width, input_height=camera.height, input_focal=float(camera.fx),
     )  # fmt: skip
-
-
-def _with_tuned_voxels(
-    pack: Pack, dataset: RayDataset, config: BakeConfig, stages: Stages, by_opacity: bool
-) -> tuple[Pack, dict[str, Any], Pruned | None]:
-    """The pack with voxels and view MLP fine-tuned, figures, and what is pruned meanwhile.
-
-    First some views are held out, which tell whether tuning helps. Where it does, voxels are pruned once more, harder than
-    those that nothing makes up for, and tuning goes on, on all views. A scene whose photographs disagree (rough masks, things
-    that move) is mist where they do: pruning it costs too much, and is left. What is compact is rounded where tuning goes on,
-    which therefore it does in any case; then hidden voxels follow their neighbours, as far as that costs next to nothing.
-    """
-    name, label = "voxels and view MLP", "fine-tuning voxels and view MLP"
-    first = JointConfig(seed=config.seed)
-    with stages(name), progress(label, 1.0, stage=STAGE) as bar:
-        pack, figures = joint_tune(pack, dataset, first, bar.update, by_opacity)
-    if not figures:
-        return pack, figures, None
-    helps = figures["held_out_psnr_after"] > figures["held_out_psnr_before"]
-    coarse = config.fine_tune == "compact" or (config.fine_tune == "auto" and helps)
-    figures["of"] = "compact" if coarse else "all"
-    if not (helps or coarse):
-        return pack, figures, None
-    removed = None
-    if helps and config.tau_weight > 0:
-        with stages("pruning again"), progress("emptying voxels that are faint now", 1.0, stage=STAGE) as bar:
-            pack, removed = _pruned(pack, dataset, config, by_opacity, bar, again=True)
-    second = JointConfig(
-        SECOND_PASSES, SECOND_MOST_STEPS, seed=config.seed + 1, held_out=0 if helps else first.held_out, rate=SECOND_RATE,
-        steps=COMPACT if coarse else EXACT,
-    )  # fmt: skip
-    with stages(name), progress(f"{label}, {'all views' if helps else 'in coarser steps'}", 1.0, stage=STAGE) as bar:
-        pack, last = joint_tune(pack, dataset, second, bar.update, by_opacity)
-    figures |= {
-        "passes": round(figures["passes"] + last["passes"], 2), "samples_a_ray_after": last["samples_a_ray_after"],
-    }  # fmt: skip
-    if coarse:
-        with stages("hidden voxels"), progress("smoothing hidden voxels", 1.0, stage=STAGE) as bar:
-            light = light_of(pack, with_views_between(dataset), config.seed, bar.update)
-            if light is not None:
-                smoothed = smooth_hidden(pack, light, COMPACT, _score(dataset, config, by_opacity), MOST_LOST_HIDDEN)
-                pack, figures["hidden_below"] = smoothed
-    return pack, figures, removed
-
-
-def _pruned(
-    pack: Pack, dataset: RayDataset, config: BakeConfig, by_opacity: bool, bar: Progress, *, again: bool = False
-) -> tuple[Pack, Pruned]:
-    """The pack without the voxels that are faint by tau_weight, or by less where training rays would lose too much.
-
-    again: of a pack that was tuned, harder, since tuning goes on.
-    """
-    tau_weight, closing, most_lost = config.tau_weight, UNSEEN, MOST_LOST
-    if again:
-        tau_weight, closing, most_lost = TUNED_TAU * config.tau_weight, FIRM, MOST_LOST_AGAIN
-
-    views, score = with_views_between(dataset), _score(dataset, config, by_opacity)
-    return prune(pack, views, tau_weight, config.seed, bar.update, closing, score, most_lost)
-
-
-def _score(dataset: RayDataset, config: BakeConfig, by_opacity: bool) -> Callable[[Pack], float]:
-    """How well a pack shows training rays, dB."""
-    return lambda pack: shown_psnr(pack, dataset, config.seed, by_opacity=by_opacity)
 
 
 def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:

@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
-    from baker.baking.bake import BakeConfig  # JAX
+    from baker.baking.config import BakeConfig  # JAX
     from training.scenes import Scene
 
 BakePreset = Literal["snerg", "paper"]
@@ -43,6 +43,6 @@ def paper_resolution(scene: Scene) -> int:
 
 def preset_config(preset: BakePreset, resolution: int, **changes: Any) -> BakeConfig:
     """The settings of a preset at a resolution, some of them changed."""
-    from baker.baking.bake import BakeConfig
+    from baker.baking.config import BakeConfig
 
     return BakeConfig(resolution, **{**CHANGES[preset], **changes})

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from baker.baking.bake import BLOCK_SIZE, assembled
+from baker.baking.bake import assembled
+from baker.baking.config import BLOCK_SIZE
 from baker.baking.culling import TAU_ALPHA, content_box, cull_by_opacity
 from baker.baking.field_query import field_query, occupied_query
 from baker.baking.grid import box_in_grid_frame, make_grid

@@ -71,7 +71,7 @@ def snerg_bake(
         pictures: Put copies of the photographs into the pack, at most this many pixels a side, for viewers on other
             computers. 0 puts in none.
     """
-    from baker.baking.bake import BakeConfig  # JAX starts here, not for --help
+    from baker.baking.config import BakeConfig  # JAX starts here, not for --help
     from baker.baking.presets import SYNTHETIC_RESOLUTION, paper_resolution
     from baker.baking.to_pack import bake_to, help_with, share_of
     from scenepack import check_target

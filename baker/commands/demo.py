@@ -29,7 +29,8 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
         steps: Number of training steps.
         resolution: Voxels along the longest side of the content.
     """
-    from baker.baking.bake import BakeConfig, bake
+    from baker.baking.bake import bake
+    from baker.baking.config import BakeConfig
     from baker.baking.pictures import with_pictures
     from baker.baking.to_pack import describe_pack
     from scenepack import check_target, save_pack

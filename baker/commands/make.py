@@ -81,7 +81,7 @@ def snerg_make(
             It is removed once DIR/pack is there.
         no_view: Do not open the viewer at the end.
     """
-    from baker.baking.bake import BakeConfig
+    from baker.baking.config import BakeConfig
     from baker.baking.preview import NAME, Previews
     from baker.baking.to_pack import bake_to
     from scenepack import check_target

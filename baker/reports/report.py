@@ -18,7 +18,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from baker.baking.bake import BLOCK_SIZE
+from baker.baking.config import BLOCK_SIZE
 from baker.baking.presets import BakePreset, paper_resolution
 from baker.reports import tables
 from baker.reports.fields import OWN, row_of

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from baker.baking.bake import BakeConfig, bake_floats, work_key
+from baker.baking.bake import bake_floats, work_key
+from baker.baking.config import BakeConfig
 from baker.baking.presets import BakePreset, preset_config
 from baker.baking.to_pack import bake_to
 from baker.reports.evaluation import Drawn, evaluate

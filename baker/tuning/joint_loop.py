@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -119,6 +119,19 @@ def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool =
         dataset.colours_at(rays), jnp.ones(len(ids), bool), dataset.background, Look(pack.ndc, by_opacity), clamped=True,
     )  # fmt: skip
     return psnr_of(float(error), float(weight))
+
+
+def lost_to_steps(pack: Pack, dataset: RayDataset, steps: Steps, seed: int, *, by_opacity: bool = False) -> float:
+    """How much of shown_psnr (dB) is lost where what is stored is rounded to `steps`, before it is tuned in them."""
+    features = None if pack.atlas_features is None else pack.atlas_features.copy()
+    copied = replace(
+        pack, atlas_rgba=pack.atlas_rgba.copy(), atlas_features=features
+    )  # a tuner works on what it is given
+    tuner = make_tuner(copied, dataset, cell_for(pack, dataset.count), steps=steps)
+    rounded = tuner.tuned(tuner.snapshot())
+    return shown_psnr(pack, dataset, seed, by_opacity=by_opacity) - shown_psnr(
+        rounded, dataset, seed, by_opacity=by_opacity
+    )
 
 
 def cell_for(pack: Pack, rays: int) -> int:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from baker.baking.bake import BakeConfig, bake, bake_floats
+from baker.baking.bake import bake, bake_floats
+from baker.baking.config import BakeConfig
 from baker.baking.float_grid import FloatGrid
 from baker.reference_marcher import render_reference
 from baker.reports.float_pictures import float_pictures

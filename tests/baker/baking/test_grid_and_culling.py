@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from baker.baking import bake as baking
-from baker.baking.bake import BakeConfig, Stages
+from baker.baking.config import BakeConfig
 from baker.baking.culling import content_box, cull
 from baker.baking.grid import box_in_grid_frame, make_grid
+from baker.baking.stages import Stages
 from baker.baking.supersample import spread_of, supersample
 from baker.baking.work_folder import WorkFolder
 from console import Notice, UserError

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from baker.baking.bake import BakeConfig
+from baker.baking.config import BakeConfig
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.baking.presets import CHANGES

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from baker.baking import bake as baking
-from baker.baking import to_pack
-from baker.baking.bake import BakeConfig, Stages
+from baker.baking import to_pack, tuned_voxels
+from baker.baking.config import BakeConfig
+from baker.baking.stages import Stages
 from baker.tuning.pruning import FIRM, Pruned
 from scenepack.codecs.steps import EXACT
 from tests.scenepack.random_packs import random_pack
@@ -52,7 +53,7 @@ def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(
     monkeypatch.setattr(baking, "restore_padding", lambda *_: None)
     monkeypatch.setattr(baking, "Pack", lambda **_: pack)
     monkeypatch.setattr(baking, "fine_tune", view_mlp)
-    monkeypatch.setattr(baking, "_with_tuned_voxels", voxels)
+    monkeypatch.setattr(baking, "with_tuned_voxels", voxels)
     with pytest.raises(HandedOver):
         baking.bake(run, BakeConfig(tau_weight=0.0))
     assert len(seen) == 2
@@ -63,8 +64,14 @@ def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(
 
 
 @pytest.fixture
-def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
-    """What the stages were called with, in order, while tuning helps by so many dB."""
+def lost() -> float:
+    """dB that rounding to coarse steps costs before tuning."""
+    return 0.07
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch, helps: float, lost: float) -> list[Call]:
+    """What the stages were called with, in order, while tuning helps by so many dB, and rounding costs so many."""
     noted: list[Call] = []
 
     def joint_tune(pack: Any, dataset: Any, config: Any, on_share: Any, by_opacity: bool) -> Any:
@@ -83,21 +90,22 @@ def calls(monkeypatch: pytest.MonkeyPatch, helps: float) -> list[Call]:
 
     def follow(pack: Any, light: Any, steps: Any, score: Any, most_lost: float) -> Any:
         noted.append(("follow", steps))
-        assert light == "light" and score(pack) == 29.0 and most_lost == baking.MOST_LOST_HIDDEN
+        assert light == "light" and score(pack) == 29.0 and most_lost == tuned_voxels.MOST_LOST_HIDDEN
         return pack, 64
 
-    monkeypatch.setattr(baking, "joint_tune", joint_tune)
-    monkeypatch.setattr(baking, "smooth_hidden", follow)
-    monkeypatch.setattr(baking, "light_of", lambda *_: "light")
-    monkeypatch.setattr(baking, "prune", prune)
-    monkeypatch.setattr(baking, "with_views_between", lambda dataset: dataset)
-    monkeypatch.setattr(baking, "shown_psnr", lambda *args, **options: 29.0)
+    monkeypatch.setattr(tuned_voxels, "joint_tune", joint_tune)
+    monkeypatch.setattr(tuned_voxels, "smooth_hidden", follow)
+    monkeypatch.setattr(tuned_voxels, "light_of", lambda *_: "light")
+    monkeypatch.setattr(tuned_voxels, "prune", prune)
+    monkeypatch.setattr(tuned_voxels, "lost_to_steps", lambda pack, dataset, steps, seed, by_opacity: lost)
+    monkeypatch.setattr(tuned_voxels, "with_views_between", lambda dataset: dataset)
+    monkeypatch.setattr(tuned_voxels, "shown_psnr", lambda *args, **options: 29.0)
     return noted
 
 
 def tuned(config: BakeConfig) -> Any:
     """What a bake makes of a pack that is ready to be tuned: pack, figures, what was pruned."""
-    return baking._with_tuned_voxels(random_pack(np.random.default_rng(0)), None, config, Stages(), False)  # type: ignore[arg-type]
+    return tuned_voxels.with_tuned_voxels(random_pack(np.random.default_rng(0)), None, config, Stages(), False)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -110,17 +118,31 @@ def test_what_is_compact_ends_in_coarser_steps_whether_tuning_helps_or_not(
     figures = tuned(config)[1]
     assert [name for name, _ in calls] == expected and figures["of"] == "compact" and figures["hidden_below"] == 64
     first, last = calls[0][1], calls[-2][1]
-    assert first.steps == EXACT and last.steps == calls[-1][1] == baking.COMPACT != EXACT
+    assert first.steps == EXACT and last.steps == calls[-1][1] == tuned_voxels.COMPACT != EXACT
     assert last.held_out == (0 if helps else first.held_out), "what does not help is kept only where it is best"
 
 
-@pytest.mark.parametrize(("helps", "came_to"), [(0.5, "compact"), (0.0, "all")])
+@pytest.mark.parametrize(
+    ("helps", "lost", "came_to", "expected"),
+    [
+        (0.5, 0.07, "compact", ["tune", "prune", "tune", "follow"]),
+        (0.5, 0.8, "all", ["tune", "prune", "tune"]),  # mist: faint voxels are most of what is seen
+        (0.0, 0.07, "all", ["tune"]),
+    ],
+)
 def test_by_default_what_is_stored_is_rounded_where_tuning_makes_up_for_it(
-    calls: list[Call], helps: float, came_to: str
+    calls: list[Call], came_to: str, expected: list[str]
 ) -> None:
     figures = tuned(BakeConfig())[1]
-    assert figures["of"] == came_to
-    assert [name for name, _ in calls] == (["tune", "prune", "tune", "follow"] if helps else ["tune"])
+    assert figures["of"] == came_to and [name for name, _ in calls] == expected
+    if len(expected) > 1:
+        assert calls[2][1].steps == (tuned_voxels.COMPACT if came_to == "compact" else EXACT)
+
+
+@pytest.mark.parametrize(("helps", "lost"), [(0.5, 0.8)])
+def test_who_asks_for_a_compact_pack_gets_one_whatever_it_costs(calls: list[Call]) -> None:
+    figures = tuned(BakeConfig(fine_tune="compact"))[1]
+    assert figures["of"] == "compact" and "lost_to_steps" not in figures and calls[-1][0] == "follow"
 
 
 @pytest.mark.parametrize(("codec", "expected"), [("png", "auto"), ("webp", "auto"), ("jpeg", "all"), ("avif", "all")])
@@ -161,7 +183,7 @@ def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
         assert last.held_out == 0 and last.seed != first.seed
         assert figures["passes"] == first.passes + last.passes and figures["samples_a_ray_after"] == 10.0 - len(calls)
     if "prune" in expected:
-        assert calls[1][1] == (baking.MOST_LOST_AGAIN, pytest.approx(0.04), FIRM)
+        assert calls[1][1] == (tuned_voxels.MOST_LOST_AGAIN, pytest.approx(0.04), FIRM)
         assert removed == Pruned(100, 80, 3, pytest.approx(0.04)) and pack.params == {"thinner": True}
     else:
         assert removed is None and pack.params == {}

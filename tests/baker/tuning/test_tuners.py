@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from baker.tuning import joint_loop
 from baker.tuning.fused import tuner as fused_tuner
 from baker.tuning.fused.tuner import FusedTuner
 from baker.tuning.jax_tuner import JaxTuner, gather, stored
@@ -201,3 +202,19 @@ def test_rays_without_room_count_for_nothing(dataset: RayDataset) -> None:
     assert not ours.work.sums[~whole, :7].any() and (ours.work.sums[~whole, 7] == 1).all()
     ours.update(some, RATES, 0)
     assert np.isfinite(ours.delta).all() and ours.delta.any()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_what_steps_cost_is_told_and_the_pack_stays(
+    dataset: RayDataset, monkeypatch: pytest.MonkeyPatch, compiled: bool
+) -> None:
+    monkeypatch.setattr("baker.tuning.tuner.compiled_loops", lambda: compiled)
+    pack, steps = pack_of(), Steps(32, 64, 64)
+    before = pack.atlas_rgba.copy()
+    theirs = JaxTuner(pack, dataset, 4, Look(pack.ndc, False), steps)
+    rounded = theirs.tuned(theirs.snapshot())
+    expected = joint_loop.shown_psnr(pack, dataset, 0) - joint_loop.shown_psnr(rounded, dataset, 0)
+    assert abs(expected) > 0.02
+    assert joint_loop.lost_to_steps(pack, dataset, steps, 0) == pytest.approx(expected, abs=0.005)
+    assert joint_loop.lost_to_steps(pack, dataset, EXACT, 0) == pytest.approx(0, abs=1e-4)
+    assert np.array_equal(pack.atlas_rgba, before)
