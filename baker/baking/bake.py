@@ -22,7 +22,7 @@ from baker.baking.float_grid import FloatGrid, assemble
 from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
 from baker.baking.stages import STAGE, Stages
 from baker.baking.supersample import Sampler, supersample, supersample_floats
-from baker.baking.tuned_voxels import pruned, with_tuned_voxels
+from baker.baking.tuned_voxels import pruned, thinned, with_tuned_voxels
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.tuning.fine_tune import fine_tune
 from baker.tuning.pruning import Pruned
@@ -106,6 +106,13 @@ def bake(
             emptied = removed.macroblocks + again.macroblocks
             removed = Pruned(removed.voxels_before, again.voxels_after, emptied, removed.tau_weight)
             counts |= {"below_tau_weight": emptied, "kept": counts["kept"] - again.macroblocks}
+    thin: Pruned | None = None
+    if config.thin > 0:
+        with stages("thinning"), progress("thinning", 1.0, stage=STAGE) as bar:
+            compact = tuned.get("of") == "compact"
+            pack, thin = thinned(pack, photographs, config, by_opacity, compact, bar)
+        if thin:
+            counts |= {"thinned": thin.macroblocks, "kept": counts["kept"] - thin.macroblocks}
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
         **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": grid.resolution,
@@ -114,6 +121,10 @@ def bake(
     if removed:
         provenance["voxels"] = {
             "before": removed.voxels_before, "after": removed.voxels_after, "tau_weight": removed.tau_weight,
+        }  # fmt: skip
+    if thin:
+        provenance["thin"] = {
+            "most_lost": config.thin, "tau_weight": thin.tau_weight, "before": thin.voxels_before, "after": thin.voxels_after,
         }  # fmt: skip
     if tuned:
         provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}  # of auto, tuning tells what it came to

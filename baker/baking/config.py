@@ -14,6 +14,7 @@ from scenepack.constants import MAX_BLOCK_INDEX
 from training.scenes.scene import Box
 
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.5)
+MOST_THIN = 3.0  # dB
 LARGEST_SEED = 2**32 - 1
 MOST_MACROBLOCKS = 6000  # 1.6 GB of textures, and 6 GB while it is baked; lego at 1000³ has 3,445 before it is pruned
 
@@ -41,6 +42,8 @@ class BakeConfig:
     """Training pixels that refine the view MLP, an even random share; 0 for all (the paper)."""
     supersampling: Supersampling = "grain"
     """How the content of a voxel is averaged; see baker.baking.supersample."""
+    thin: float = 0.0
+    """dB of training rays that are given up at the end for a faster, smaller scene."""
     seed: int = 0
     """Seed of the Gaussian samples within voxels and of fine-tuning."""
     most_macroblocks: int = MOST_MACROBLOCKS
@@ -53,7 +56,7 @@ class BakeConfig:
         most = MAX_BLOCK_INDEX * BLOCK_SIZE
         ranges = {"resolution": (BLOCK_SIZE, most), "tau_alpha": (0, 1), "tau_vis": (0, 1), "tau_weight": (0, 1),
                   "fine_tune_epochs": (0, 1_000_000), "fine_tune_pixels": (0, 2**31 - 1),
-                  "seed": (0, LARGEST_SEED), "most_macroblocks": (1, 2**31 - 1)}  # fmt: skip
+                  "thin": (0, MOST_THIN), "seed": (0, LARGEST_SEED), "most_macroblocks": (1, 2**31 - 1)}  # fmt: skip
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
             if not low <= value <= high:

@@ -9,7 +9,7 @@ from baker.baking.config import BakeConfig
 from baker.baking.stages import STAGE, Stages
 from baker.tuning.hidden import smooth_hidden
 from baker.tuning.joint_loop import JointConfig, joint_tune, lost_to_steps, shown_psnr
-from baker.tuning.pruning import FIRM, UNSEEN, Pruned, light_of, prune
+from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Pruned, light_of, prune, thin
 from console import progress
 from console.progress import Progress
 from scenepack.codecs.steps import EXACT, Steps
@@ -90,6 +90,17 @@ def pruned(
 
     views, score = with_views_between(dataset), _score(dataset, config, by_opacity)
     return prune(pack, views, tau_weight, config.seed, bar.update, closing, score, most_lost)
+
+
+def thinned(
+    pack: Pack, dataset: RayDataset, config: BakeConfig, by_opacity: bool, compact: bool, bar: Progress
+) -> tuple[Pack, Pruned | None]:
+    """The pack as thin as it may be where training rays lose config.thin dB. compact: it is stored in COMPACT steps."""
+    light = light_of(pack, with_views_between(dataset), config.seed, bar.update)
+    if light is None:
+        return pack, None
+    tau_weight, steps = config.tau_weight or TAU_WEIGHT, COMPACT if compact else EXACT
+    return thin(pack, light, tau_weight, steps, _score(dataset, config, by_opacity), config.thin)
 
 
 def _score(dataset: RayDataset, config: BakeConfig, by_opacity: bool) -> Callable[[Pack], float]:

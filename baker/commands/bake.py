@@ -33,6 +33,7 @@ def snerg_bake(
     fine_tune_epochs: int = 100,
     fine_tune_pixels: int = 1_000_000,
     supersampling: Literal["grain", "paper"] = "grain",
+    thin: float = 0.0,
     seed: int = 0,
     most_macroblocks: int = 6000,
     aabb: str | None = None,
@@ -61,6 +62,8 @@ def snerg_bake(
         fine_tune_pixels: Number of training pixels that tune the view MLP, an even random share; 0 for all (the paper).
         supersampling: How the content of a voxel is averaged: grain (as far as the field varies within a voxel), or paper (16
             Gaussian samples, plain averages).
+        thin: Give up at most so many dB of the training photographs for a faster, smaller scene, 0 ... 3: voxels are
+            emptied and closed at the end.
         seed: Random seed of the samples inside voxels and of fine-tuning.
         most_macroblocks: If more would be kept, the grid is made coarser. A macroblock takes 0.26 MB on the graphics card.
         aabb: Box that is baked, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box around the content. Not for
@@ -83,7 +86,8 @@ def snerg_bake(
     check_target(out)  # now, not after the work is done
     config = BakeConfig(
         SYNTHETIC_RESOLUTION if resolution is None else resolution, tau_alpha, tau_vis, tau_weight, fine_tune,
-        fine_tune_epochs, fine_tune_pixels, supersampling, seed, most_macroblocks, None if aabb is None else parse_box(aabb),
+        fine_tune_epochs, fine_tune_pixels, supersampling, thin, seed, most_macroblocks,
+        None if aabb is None else parse_box(aabb),
     )  # fmt: skip
     config.check()
     if not 0 <= pictures <= LARGEST_SIDE:

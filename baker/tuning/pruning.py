@@ -26,6 +26,7 @@ import numpy as np
 from baker.tuning.marcher import make_marcher
 from baker.tuning.sighting import lines_of_sight
 from scenepack.blocks import block_copy, fill_atlas
+from scenepack.codecs.steps import EXACT, Steps
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.dataset import RayDataset
@@ -47,6 +48,8 @@ UNSEEN = Closing(0.3, 0.02)  # changes nothing that photographs show
 FIRM = Closing(
     0.8, 0.3
 )  # where voxels are tuned afterwards: lego at 1000³ loses a tenth of its samples, and no quality
+# Times tau_weight and closing of a scene that gives up quality for speed: what costs little enough is taken, from above.
+THINNEST = ((8.0, Closing(1.0, 0.6)), (8.0, Closing(0.9, 0.4)), (4.0, Closing(0.9, 0.4)), (2.0, FIRM), (1.0, FIRM))
 
 
 @dataclass(frozen=True)
@@ -89,13 +92,30 @@ def prune(
     return pack, _untouched(pack)
 
 
+def thin(
+    pack: Pack, lit: Light, tau_weight: float, steps: Steps, score: Callable[[Pack], float], most_lost: float
+) -> tuple[Pack, Pruned]:
+    """The pack as thin as it may be by THINNEST where score (dB) falls by no more than most_lost; otherwise as it is.
+
+    Rays end earlier and meet less: a scene that is faster and smaller, and a little less good. steps: what it is stored in,
+    and stays in.
+    """
+    least = score(pack) - most_lost
+    for times, closing in THINNEST:
+        thinner, pruned = _thinner(pack, lit, times * tau_weight, closing, steps)
+        if score(thinner) >= least:
+            return thinner, pruned
+        del thinner  # before the next takes its place
+    return pack, _untouched(pack)
+
+
 def _untouched(pack: Pack) -> Pruned:
     count = sum(int(np.count_nonzero(_data(pack, pack.atlas_rgba, block)[..., 3])) for block in _blocks(pack))
     return Pruned(count, count, 0, 0.0)
 
 
-def _thinner(pack: Pack, lit: Light, tau_weight: float, closing: Closing) -> tuple[Pack, Pruned]:
-    """The pack without its voxels that make up less than tau_weight in this light, closed."""
+def _thinner(pack: Pack, lit: Light, tau_weight: float, closing: Closing, steps: Steps = EXACT) -> tuple[Pack, Pruned]:
+    """The pack without its voxels that make up less than tau_weight in this light, closed, in multiples of `steps`."""
     assert pack.atlas_features is not None, "baking always stores features"
     before = after = 0
     kept = np.zeros(pack.occupied.shape, bool)
@@ -106,7 +126,7 @@ def _thinner(pack: Pack, lit: Light, tau_weight: float, closing: Closing) -> tup
         before, after = before + int(np.count_nonzero(rgba[..., 3])), after + int(stays.sum())
         kept[block] = stays.any()
     indices, rgba, features = fill_atlas(
-        ((block, _thinned(pack, block, lit.at(block), tau_weight, closing)) for block in blocks if kept[block]),
+        ((block, _thinned(pack, block, lit.at(block), tau_weight, closing, steps)) for block in blocks if kept[block]),
         kept, pack.block_size,
     )  # fmt: skip
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
@@ -140,14 +160,24 @@ def _stays(rgba: np.ndarray, arriving: np.ndarray, tau_weight: float) -> np.ndar
 
 
 def _thinned(
-    pack: Pack, block: tuple[int, ...], arriving: np.ndarray, tau_weight: float, closing: Closing
+    pack: Pack, block: tuple[int, ...], arriving: np.ndarray, tau_weight: float, closing: Closing, steps: Steps
 ) -> np.ndarray:
-    """rgba and features uint8 [bs, bs, bs, 8] of what stays of a macroblock, closed within."""
+    """rgba and features uint8 [bs, bs, bs, 8] of what stays of a macroblock, closed within, in multiples of `steps`."""
     assert pack.atlas_features is not None, "baking always stores features"
     rgba = _data(pack, pack.atlas_rgba, block)
     gain = _stays(rgba, arriving, tau_weight) * closing_gain(rgba[..., 3], arriving, closing)
     voxels = np.concatenate([rgba, _data(pack, pack.atlas_features, block)], axis=-1)
-    return np.round(voxels * gain[..., None]).astype(np.uint8)
+    return _in_multiples(voxels * gain[..., None], steps)
+
+
+def _in_multiples(voxels: np.ndarray, steps: Steps) -> np.ndarray:
+    """Premultiplied voxels float32 [..., 8] in multiples of `steps`, or as much as their alpha; none is lost. uint8."""
+    step = steps.channels
+    nearest = np.round(voxels / step) * step
+    alpha = np.where(voxels[..., 3:4] > 0, np.clip(nearest[..., 3:4], step[3], 255), 0)
+    nearest = np.minimum(nearest, alpha)
+    nearest[..., 3:4] = alpha
+    return nearest.astype(np.uint8)
 
 
 @dataclass(frozen=True)

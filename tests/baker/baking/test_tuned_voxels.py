@@ -15,12 +15,15 @@ from baker.baking import to_pack, tuned_voxels
 from baker.baking.config import BakeConfig
 from baker.baking.stages import Stages
 from baker.tuning.pruning import FIRM, Pruned
+from scenepack.blocks import dense_from_pack
 from scenepack.codecs.steps import EXACT
 from tests.scenepack.random_packs import random_pack
 from training.dataset import RayDataset
+from training.run import load_run
 from training.scenes import Scene
 
 Call = tuple[str, Any]
+OLDER = Path(__file__).parents[2] / "data/older"
 
 
 class HandedOver(Exception):
@@ -187,3 +190,31 @@ def test_where_tuning_helps_faint_voxels_go_and_all_views_are_tuned_on(
         assert removed == Pruned(100, 80, 3, pytest.approx(0.04)) and pack.params == {"thinner": True}
     else:
         assert removed is None and pack.params == {}
+
+
+@pytest.mark.parametrize(("compact", "steps"), [(True, tuned_voxels.COMPACT), (False, EXACT)])
+@pytest.mark.parametrize(("helps", "tau", "expected"), [(0.5, 0.01, 0.01), (0.5, 0.0, tuned_voxels.TAU_WEIGHT)])
+def test_what_gets_thinner_may_lose_what_was_asked_and_stays_in_its_steps(
+    calls: list[Call], monkeypatch: pytest.MonkeyPatch, compact: bool, steps: Any, tau: float, expected: float
+) -> None:
+    asked: list[Any] = []
+
+    def thin(pack: Any, light: Any, tau_weight: float, steps: Any, score: Any, most_lost: float) -> Any:
+        asked.append((light, tau_weight, steps, score(pack), most_lost))
+        return pack, Pruned(100, 80, 3, tau_weight)
+
+    monkeypatch.setattr(tuned_voxels, "thin", thin)
+    bar: Any = SimpleNamespace(update=None)
+    pack = random_pack(np.random.default_rng(0))
+    made, figures = tuned_voxels.thinned(pack, None, BakeConfig(tau_weight=tau, thin=0.25), False, compact, bar)  # type: ignore[arg-type]
+    assert made is pack and figures is not None and figures.macroblocks == 3
+    assert asked == [("light", expected, steps, 29.0, 0.25)]
+
+
+def test_a_bake_that_gives_up_quality_stores_less_and_says_so(tmp_path: Path) -> None:
+    loaded = load_run(OLDER / "voxels", scene_path=OLDER / "scene")
+    full, thinner = (baking.bake(loaded, BakeConfig(resolution=31, fine_tune="none", thin=thin)) for thin in (0.0, 3.0))
+    told = thinner.metadata["provenance"]["thin"]
+    assert "thin" not in full.metadata["provenance"] and told["most_lost"] == 3.0
+    voxels = [np.count_nonzero(dense_from_pack(pack)[0][..., 3]) for pack in (full, thinner)]
+    assert voxels == [told["before"], told["after"]] and voxels[1] < voxels[0]

@@ -12,9 +12,10 @@ from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.tuning import jax_marcher, pruning, sighting
 from baker.tuning.marcher import make_marcher
-from baker.tuning.pruning import FIRM, UNSEEN, closing_gain, light_of, prune
+from baker.tuning.pruning import FIRM, THINNEST, UNSEEN, closing_gain, light_of, prune, thin
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
+from scenepack.codecs.steps import EXACT, Steps, steps_of
 from tests.baker.analytic import RADIUS, ball
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.scenepack.random_packs import BLENDER_FRAME
@@ -91,6 +92,37 @@ def test_a_pack_that_no_camera_sees_is_left_alone(dataset) -> None:
     away = replace(pack, min_xyz=np.asarray(pack.min_xyz) + 100.0)
     untouched, figures = prune(away, dataset)
     assert untouched is away and figures.voxels_after == figures.voxels_before > 0
+
+
+def test_a_scene_gets_as_thin_as_the_score_allows(dataset) -> None:
+    pack, _ = hazy_ball(dataset)
+    light = light_of(pack, dataset, 0, None)
+    assert light is not None
+    full = np.count_nonzero(dense_from_pack(pack)[0][..., 3])
+
+    def score(of: Pack) -> float:
+        return 30.0 * np.count_nonzero(dense_from_pack(of)[0][..., 3]) / full
+
+    thinnest, figures = thin(pack, light, 0.002, EXACT, score, 30.0)
+    assert figures.tau_weight == pytest.approx(THINNEST[0][0] * 0.002) and figures.voxels_after < figures.voxels_before
+    allowed = score(pack) - score(thinnest) - 0.01
+    milder, between = thin(pack, light, 0.002, EXACT, score, allowed)
+    assert score(milder) >= score(pack) - allowed and between.voxels_after > figures.voxels_after
+    untouched, none = thin(pack, light, 0.002, EXACT, score, 0.0)
+    assert untouched is pack and none.tau_weight == 0.0
+
+
+def test_what_gets_thinner_stays_in_its_steps(dataset) -> None:
+    pack, _ = hazy_ball(dataset)
+    light, steps = light_of(pack, dataset, 0, None), Steps(3, 12, 8)
+    assert light is not None
+    made, _ = thin(pack, light, 0.002, steps, lambda _: 30.0, 0.0)
+    assert steps_of(made.atlas_rgba, made.atlas_features) == steps
+    (exact, _), (rounded, _) = (
+        dense_from_pack(of) for of in (thin(pack, light, 0.002, EXACT, lambda _: 30.0, 0.0)[0], made)
+    )
+    assert np.array_equal(exact[..., 3] > 0, rounded[..., 3] > 0), "rounding empties nothing"
+    assert np.abs(exact[..., 3].astype(int) - rounded[..., 3])[exact[..., 3] > 8].max() <= 4
 
 
 def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None:
