@@ -24,10 +24,11 @@ MOST_LOST_HIDDEN = 0.03  # by hidden voxels that follow their neighbours, which 
 SECOND_RATE = 1.5  # of colours and features, in units of 1/255, once they are tuned
 # Lego's compact pack at 1000³ ends at 34.19 dB after so many passes in steps of 3, at 34.14 dB after one in steps of 4.
 SECOND_PASSES, SECOND_MOST_STEPS = 1.3, 1100
-COMPACT = Steps(3, 12, 8)  # of what is stored; on lego at 1000³ they cost 0.07 dB before tuning, which regains it
-# dB of training rays that COMPACT steps may cost before tuning. Fern's mist at 512³, where rays take 38 samples, loses 0.8 dB.
-# Tuning left its test views 0.22 dB behind those of exact steps, with a grain in walls (LPIPS 0.263 instead of 0.198).
-MOST_LOST_ROUNDED = 0.3
+COMPACT = Steps(3, 12, 8)  # of what is stored; on lego at 1000³ they cost 0.2 dB before tuning, which regains it
+# dB of training rays that COMPACT steps may cost before tuning. Lego at 1000³ loses 0.19, and 0.04 of its test views in the end.
+# Fern at 512³, whose mist takes 38 samples a ray, loses 0.75, and 0.22 in the end: a grain on walls (LPIPS 0.263, not 0.198).
+# Glass loses 1.6, and fox 12.8.
+MOST_LOST_ROUNDED = 0.4
 
 
 def with_tuned_voxels(
