@@ -84,7 +84,6 @@ def bake(
     if config.tau_weight > 0:
         with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
             pack, removed = pruned(pack, photographs, config, by_opacity, bar)
-        counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     tuned: dict[str, Any] = {}
     if config.fine_tune != "none":
         with stages("view MLP"), progress("fine-tuning the view MLP", 1.0, stage=STAGE) as bar:
@@ -103,16 +102,16 @@ def bake(
         pack, figures, again = with_tuned_voxels(handed_over.pop(), photographs, config, stages, by_opacity)
         tuned |= figures
         if removed and again:
-            emptied = removed.macroblocks + again.macroblocks
-            removed = Pruned(removed.voxels_before, again.voxels_after, emptied, removed.tau_weight)
-            counts |= {"below_tau_weight": emptied, "kept": counts["kept"] - again.macroblocks}
+            removed = removed.then(again)
     thin: Pruned | None = None
     if config.thin > 0:
         with stages("thinning"), progress("thinning", 1.0, stage=STAGE) as bar:
             compact = tuned.get("of") == "compact"
             pack, thin = thinned(pack, photographs, config, by_opacity, compact, bar)
         if thin:
-            counts |= {"thinned": thin.macroblocks, "kept": counts["kept"] - thin.macroblocks}
+            removed = removed.then(thin) if removed else thin
+    if removed:
+        counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
         **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": grid.resolution,

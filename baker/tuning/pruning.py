@@ -61,6 +61,11 @@ class Pruned:
     macroblocks: int
     tau_weight: float
 
+    def then(self, later: Pruned) -> Pruned:
+        """Both, one after the other, by the first one's tau_weight."""
+        emptied = self.macroblocks + later.macroblocks
+        return Pruned(self.voxels_before, later.voxels_after, emptied, self.tau_weight)
+
 
 def prune(
     pack: Pack,

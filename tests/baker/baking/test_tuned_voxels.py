@@ -211,10 +211,13 @@ def test_what_gets_thinner_may_lose_what_was_asked_and_stays_in_its_steps(
     assert asked == [("light", expected, steps, 29.0, 0.25)]
 
 
-def test_a_bake_that_gives_up_quality_stores_less_and_says_so(tmp_path: Path) -> None:
+def test_a_bake_that_gives_up_quality_stores_less_and_says_so() -> None:
     loaded = load_run(OLDER / "voxels", scene_path=OLDER / "scene")
     full, thinner = (baking.bake(loaded, BakeConfig(resolution=31, fine_tune="none", thin=thin)) for thin in (0.0, 3.0))
-    told = thinner.metadata["provenance"]["thin"]
+    made = thinner.metadata["provenance"]
+    told = made["thin"]
     assert "thin" not in full.metadata["provenance"] and told["most_lost"] == 3.0
     voxels = [np.count_nonzero(dense_from_pack(pack)[0][..., 3]) for pack in (full, thinner)]
     assert voxels == [told["before"], told["after"]] and voxels[1] < voxels[0]
+    assert made["voxels"]["after"] == voxels[1] and made["voxels"]["before"] >= voxels[0]
+    assert made["macroblocks"]["kept"] == np.count_nonzero(thinner.occupied)
