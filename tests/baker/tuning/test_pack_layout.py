@@ -62,7 +62,7 @@ def test_fine_tuning_brings_a_spoilt_view_mlp_closer_to_the_photographs(scene, d
     size = np.array(pack.grid_size) * 0.05
     spoilt = random_view_mlp(np.random.default_rng(8))
     pack = replace(pack, voxel_size=0.05, min_xyz=-0.5 * size, view_mlp=spoilt)
-    tuned, before, after = fine_tune(pack, dataset, epochs=1500)
+    tuned, before, after = fine_tune(pack, dataset, epochs=500)
     assert after > before + 0.5
     assert tuned.view_mlp is not None and not np.array_equal(tuned.view_mlp.weights[0], spoilt.weights[0])
     assert tuned.atlas_rgba is pack.atlas_rgba, "the grid is left as it is"
