@@ -43,7 +43,7 @@ class BakeConfig:
     supersampling: Supersampling = "grain"
     """How the content of a voxel is averaged; see baker.baking.supersample."""
     thin: float = 0.0
-    """dB of training rays that are given up at the end for a faster, smaller scene."""
+    """dB of training rays that are given up for a faster, smaller scene, at the end; before, more, which tuning regains."""
     seed: int = 0
     """Seed of the Gaussian samples within voxels and of fine-tuning."""
     most_macroblocks: int = MOST_MACROBLOCKS

@@ -40,6 +40,7 @@ def with_tuned_voxels(
     those that nothing makes up for, and tuning goes on, on all views. A scene whose photographs disagree (rough masks, things
     that move) is mist where they do: pruning it costs too much, and is left. What is compact is rounded where tuning goes on,
     which therefore it does in any case; then hidden voxels follow their neighbours, as far as that costs next to nothing.
+    With config.thin, that pruning is thinning, by so much more: lego at 750³ loses 0.42 dB of training rays, and regains 0.46.
     """
     name, label = "voxels and view MLP", "fine-tuning voxels and view MLP"
     first = JointConfig(seed=config.seed)
@@ -54,7 +55,10 @@ def with_tuned_voxels(
     removed = None
     if helps and config.tau_weight > 0:
         with stages("pruning again"), progress("emptying voxels that are faint now", 1.0, stage=STAGE) as bar:
-            pack, removed = pruned(pack, dataset, config, by_opacity, bar, again=True)
+            if config.thin > 0:
+                pack, removed = thinned(pack, dataset, config, by_opacity, False, bar, MOST_LOST_AGAIN + config.thin)
+            else:
+                pack, removed = pruned(pack, dataset, config, by_opacity, bar, again=True)
     coarse = config.fine_tune == "compact"
     if config.fine_tune == "auto":
         figures["lost_to_steps"] = round(lost_to_steps(pack, dataset, COMPACT, config.seed, by_opacity=by_opacity), 3)
@@ -94,14 +98,18 @@ def pruned(
 
 
 def thinned(
-    pack: Pack, dataset: RayDataset, config: BakeConfig, by_opacity: bool, compact: bool, bar: Progress
-) -> tuple[Pack, Pruned | None]:
-    """The pack as thin as it may be where training rays lose config.thin dB. compact: it is stored in COMPACT steps."""
+    pack: Pack, dataset: RayDataset, config: BakeConfig, by_opacity: bool, compact: bool, bar: Progress,
+    most_lost: float | None = None,
+) -> tuple[Pack, Pruned | None]:  # fmt: skip
+    """The pack as thin as it may be where training rays lose most_lost dB, by default config.thin. compact: it is stored in
+    COMPACT steps.
+    """
     light = light_of(pack, with_views_between(dataset), config.seed, bar.update)
     if light is None:
         return pack, None
     tau_weight, steps = config.tau_weight or TAU_WEIGHT, COMPACT if compact else EXACT
-    return thin(pack, light, tau_weight, steps, _score(dataset, config, by_opacity), config.thin)
+    most_lost = config.thin if most_lost is None else most_lost
+    return thin(pack, light, tau_weight, steps, _score(dataset, config, by_opacity), most_lost)
 
 
 def _score(dataset: RayDataset, config: BakeConfig, by_opacity: bool) -> Callable[[Pack], float]:

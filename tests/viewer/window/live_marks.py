@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import glfw
 import numpy as np
 
 from tests.viewer.window.live_window import opened, pump, window
+from tests.viewer.window.running import PATIENCE_S
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.projection import project
 from viewer.window.window import Window
 
 __all__ = ["opened", "window"]  # fixtures
-PATIENCE = 400  # turns of the loop
 
 
 def wait(window: Window, condition: Callable[[], object]) -> None:
     """Lets the window live until `condition`."""
-    for _ in range(PATIENCE):
-        if condition():
-            return
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, "it does not come about"
         pump(window, 0.05)
-    raise AssertionError("it does not come about")
 
 
 def place_of(window: Window, point: tuple[float, float, float]) -> tuple[int, int]:
