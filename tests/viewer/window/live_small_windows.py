@@ -38,12 +38,13 @@ def test_every_icon_of_a_small_window_can_be_clicked(window, xdotool):
     rail = [48 + 10 + 16 + 40 * i for i in range(7)]  # six pages, and the menu of the others
     for page, y in zip(PAGES[:6], rail, strict=False):
         press_at(window, xdotool, x, y)
-        assert interface.over == page.id
-        assert covered(window)
+        wait_until(window, lambda page=page: interface.over == page.id)
+        wait_until(window, lambda: covered(window))
     for i, page in enumerate(PAGES[6:]):
         press_at(window, xdotool, x, rail[6])
+        wait_until(window, popups)
         press_at(window, xdotool, *menu_line(window, i, len(PAGES) - 6))
-        assert interface.over == page.id
+        wait_until(window, lambda page=page: interface.over == page.id)
     xdotool("key", "Escape")
     wait_until(window, lambda: not interface.over)
     assert window.app.scene is not None
