@@ -62,8 +62,8 @@ def snerg_bake(
         fine_tune_pixels: Number of training pixels that tune the view MLP, an even random share; 0 for all (the paper).
         supersampling: How the content of a voxel is averaged: grain (as far as the field varies within a voxel), or paper (16
             Gaussian samples, plain averages).
-        thin: Give up at most so many dB of the training photographs for a faster, smaller scene, 0 ... 3: voxels are
-            emptied and closed, before they are tuned for the last time and at the end.
+        thin: Give up so many dB of the training photographs for a faster, smaller scene, 0 ... 3: voxels are emptied and
+            closed, by at most 0.2 dB more before they are tuned for the last time, and by at most this at the end.
         seed: Random seed of the samples inside voxels and of fine-tuning.
         most_macroblocks: If more would be kept, the grid is made coarser. A macroblock takes 0.26 MB on the graphics card.
         aabb: Box that is baked, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box around the content. Not for

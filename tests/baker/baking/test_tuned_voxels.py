@@ -211,6 +211,21 @@ def test_what_gets_thinner_may_lose_what_was_asked_and_stays_in_its_steps(
     assert asked == [("light", expected, steps, 29.0, 0.25)]
 
 
+@pytest.mark.parametrize("helps", [0.5])
+def test_what_shall_be_thin_is_thinned_in_exact_steps_before_it_is_tuned_for_the_last_time(
+    calls: list[Call], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def thin(pack: Any, light: Any, tau_weight: float, steps: Any, score: Any, most_lost: float) -> Any:
+        calls.append(("thin", (steps, most_lost)))
+        return replace(pack, params={"thinner": True}), Pruned(100, 60, 5, tau_weight)
+
+    monkeypatch.setattr(tuned_voxels, "thin", thin)
+    pack, _, removed = tuned(BakeConfig(fine_tune="all", thin=0.25))
+    assert [name for name, _ in calls] == ["tune", "thin", "tune"]
+    assert calls[1][1] == (EXACT, pytest.approx(tuned_voxels.MOST_LOST_AGAIN + 0.25))
+    assert pack.params == {"thinner": True} and removed is not None and removed.voxels_after == 60
+
+
 def test_a_bake_that_gives_up_quality_stores_less_and_says_so() -> None:
     loaded = load_run(OLDER / "voxels", scene_path=OLDER / "scene")
     full, thinner = (baking.bake(loaded, BakeConfig(resolution=31, fine_tune="none", thin=thin)) for thin in (0.0, 3.0))
