@@ -20,7 +20,6 @@ def work(how: str, folder: Path, /) -> None:
     # Text that a program would misread: only stage and metrics are for programs.
     with progress("the network learns", 100, stage="training") as bar:
         bar.update(40, "PSNR 99 of the last run", metrics={"psnr": 21.5, "rays_per_second": 3000.0})
-        (folder / "pid").write_text(str(os.getpid()))
         if how == "fail":
             raise UserError("the folder is empty", where=folder, remedy="choose another")
         if how == "bug":
@@ -29,14 +28,20 @@ def work(how: str, folder: Path, /) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         if how == "deaf":
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            (folder / "deaf").touch()
         try:
+            tell_pid(folder)  # within: a test may interrupt as soon as it reads this
             while how in ("wait", "deaf") or (how == "until-told" and not (folder / "go").exists()):
                 time.sleep(0.02)
         except KeyboardInterrupt as interrupt:
             (folder / "saved").touch()
             raise KeyboardInterrupt("saved at step 40") from interrupt
     shutil.copytree(folder / "source", folder / "pack")
+
+
+def tell_pid(folder: Path) -> None:
+    """Writes FOLDER/pid whole: who finds the file finds the number in it."""
+    (folder / "pid.new").write_text(str(os.getpid()))
+    os.replace(folder / "pid.new", folder / "pid")
 
 
 if __name__ == "__main__":

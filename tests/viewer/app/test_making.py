@@ -101,7 +101,7 @@ def test_stopping_lets_the_child_save_and_a_later_attempt_goes_on(making, tmp_pa
 
 def test_a_child_that_does_not_hear_is_ended_all_the_same(making, tmp_path, monkeypatch):
     app = making("deaf")
-    live(app, lambda: (tmp_path / "deaf").exists())
+    live(app, lambda: (tmp_path / "pid").exists())
     pid = int((tmp_path / "pid").read_text())
     app.making.stop(app)
     app.making.stop(app)  # in a hurry
