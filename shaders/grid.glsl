@@ -2,17 +2,17 @@
 //
 // Source: SNeRG paper, section 5.1. The atlas is laid out anew when it is uploaded (viewer/rendering/gpu_scene.py).
 // Inputs: indirection: per macroblock the atlas block (x, y, z) and, in a, 1 where it is empty; with an empty macroblock
-//   added on every side, so that a sample that rounding puts outside of the grid needs no test. atlas_texel: 1 / atlas size.
+//   added on every side, so that a sample that rounding puts outside of the grid needs no test.
 //   atlas_rgba, atlas_features: trilinear, filtered in floating point; the paper's marcher has atlas_alpha, atlas_rgb instead.
-//   skip_grid: see march_exact.glsl. atlas_slots: macroblocks of the atlas along x, y, z.
+//   atlas_slots: macroblocks of the atlas along x, y, z.
 // Options: SLOT_WIDTH: voxels in x from one atlas block to the next; twice the others' where features lie beside.
 //   FEATURES_BESIDE: features are in atlas_rgba, PADDED_BLOCK_SIZE voxels further in x.
+//   ATLAS_TEXEL, INDIRECTION_TEXEL: 1 / size of these textures. Constants, and nearest texels by textureLod: Mesa
+//   22.3 gathers each lane's copy of a uniform anew in every turn of a loop, and each lane's mipmap level in a texelFetch.
 // A macroblock's padded copy begins one voxel before its data, so a point `local` of its data, [0, BLOCK_SIZE]^3, is
 // at atlas_block * SLOT_SIZE + 1 + local in the atlas, and a trilinear fetch there stays in the copy.
 
 uniform usampler3D indirection;
-uniform usampler3D skip_grid;
-uniform vec3 atlas_texel;
 uniform vec3 atlas_slots;
 #if MARCHER == MARCHER_PAPER
 uniform sampler3D atlas_alpha;
@@ -41,12 +41,12 @@ vec3 block_of(vec3 position) {
 
 // Where a macroblock's content is: atlas block in xyz, a = 0; or a = 1 for none.
 uvec4 indirection_of(vec3 block) {
-    return texelFetch(indirection, ivec3(block) + 1, 0);
+    return textureLod(indirection, (1.0 + block + 0.5) * INDIRECTION_TEXEL, 0.0);
 }
 
 // Texture coordinates of a point in the atlas.
 vec3 atlas_coordinates(uvec4 entry, vec3 local) {
-    return (vec3(entry.xyz) * SLOT_SIZE + 1.0 + local) * atlas_texel;
+    return (vec3(entry.xyz) * SLOT_SIZE + 1.0 + local) * ATLAS_TEXEL;
 }
 
 vec4 fetch_rgba(vec3 coordinates) {
@@ -72,22 +72,17 @@ Content content_of_slot(float order, vec3 padded) {
     float row = floor((order + 0.5) / atlas_slots.x);
     float layer = floor((row + 0.5) / atlas_slots.y);
     vec3 slot = vec3(order - row * atlas_slots.x, row - layer * atlas_slots.y, layer);
-    vec3 coordinates = (slot * SLOT_SIZE + clamp(padded, 0.5, float(PADDED_BLOCK_SIZE) - 0.5)) * atlas_texel;
+    vec3 coordinates = (slot * SLOT_SIZE + clamp(padded, 0.5, float(PADDED_BLOCK_SIZE) - 0.5)) * ATLAS_TEXEL;
     return Content(fetch_rgba(coordinates), true, coordinates);
 }
 
 vec4 features_of(Content content) {
 #ifdef FEATURES_BESIDE
-    vec3 aside = vec3(float(PADDED_BLOCK_SIZE) * atlas_texel.x, 0.0, 0.0);
+    vec3 aside = vec3(float(PADDED_BLOCK_SIZE) * ATLAS_TEXEL.x, 0.0, 0.0);
     return textureLod(atlas_rgba, content.coordinates + aside, 0.0);
 #elif defined(FEATURES_STORED)
     return textureLod(atlas_features, content.coordinates, 0.0);
 #else
     return vec4(0.0);
 #endif
-}
-
-// See march_exact.glsl.
-int skip_word(ivec3 cell) {
-    return int(texelFetch(skip_grid, cell, 0).r);
 }

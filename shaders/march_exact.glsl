@@ -6,7 +6,8 @@
 // Inputs: skip_grid: per cell of the whole grid, in the low byte the Chebyshev distance in cells to the nearest one with
 //   content (0: this one has), and above it a bit for each eighth of the cell that has some. Cell i spans
 //   CELL * i - 0.5 to CELL * (i + 1) - 0.5. content_min, content_max: the box around all content.
-// Options: CELL: voxels a side. SAMPLES_A_TEST: consecutive samples to fetch once content is found, before asking again.
+// Options: CELL: voxels a side. SKIP_TEXEL: 1 / size of skip_grid. SAMPLES_A_TEST: consecutive samples to fetch once content
+//   is found, before asking again.
 // The phase is kept: k only ever grows by whole numbers, and a position is always computed from k afresh.
 // SKIP_SLACK: a sample this close before an empty cube's far side is looked at, not jumped, whatever the rounding. The
 //   other way, content reaching this far over its cell's edge stays below ALPHA_CONTRIBUTES.
@@ -15,6 +16,11 @@
 
 uniform vec3 content_min;
 uniform vec3 content_max;
+uniform usampler3D skip_grid;
+
+int skip_word(vec3 cell) {
+    return int(textureLod(skip_grid, (cell + 0.5) * SKIP_TEXEL, 0.0).r);
+}
 
 Marched march(Ray ray) {
     Marched marched = nothing_yet();
@@ -32,7 +38,7 @@ Marched march(Ray ray) {
             vec3 point = cell_origin + k * cell_step;
             vec3 cell = floor(point);
             vec3 within = point - cell;
-            int word = skip_word(ivec3(cell));
+            int word = skip_word(cell);
             int empty = word % 256;  // the low byte
             bool some = empty == 0;
             vec3 upper = vec3(greaterThanEqual(within, vec3(0.5)));

@@ -61,6 +61,13 @@ class GpuScene:
         """Macroblocks along a side of the smallest cube that holds all of them."""
         return next(n for n in range(1, 1000) if n**3 >= self.occupied)
 
+    @property
+    def sizes(self) -> dict[str, Triple]:
+        """Texels (x, y, z) of the atlas, the indirection and, where the layout has one, the skip grid."""
+        kinds = {"indirection": "indirection", "skip": "skip_grid"}
+        grids = {kind: self.textures[name].size for kind, name in kinds.items() if name in self.textures}
+        return {"atlas": self.atlas_size, **grids}
+
     def arrive(self, seconds: float = inf) -> bool:
         """Fills the textures for about `seconds`, a layer at least; True where all has arrived.
 

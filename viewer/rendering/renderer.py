@@ -20,7 +20,7 @@ from viewer.rendering.gpu_scene import GpuScene, upload
 from viewer.rendering.half_resolution import half_resolution
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
-from viewer.rendering.shader_source import assemble, compile_program
+from viewer.rendering.shader_source import assemble, compile_program, glsl_reciprocals
 from viewer.rendering.skip_grid import CELL
 from viewer.rendering.supersampling import Supersampling
 from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
@@ -238,7 +238,7 @@ class Renderer:
         defines: dict[str, object] = {f"MARCHER_{name.upper()}": i for i, name in enumerate(MARCHERS)}
         defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
         stored = pack.view_mlp is not None and pack.atlas_features is not None
-        beside = self.scene(settings.marcher).features_beside
+        scene = self.scene(settings.marcher)
         counting = settings.counts or mode in ("samples", "jumps")
         accumulates_features = stored and (shaded or mode == "features")
         return defines | {
@@ -246,7 +246,8 @@ class Renderer:
             "MODE": MODES.index(mode),
             "BLOCK_SIZE": pack.block_size,
             "PADDED_BLOCK_SIZE": pack.padded_block_size,
-            "SLOT_WIDTH": pack.padded_block_size * (2 if beside else 1),
+            "SLOT_WIDTH": pack.padded_block_size * (2 if scene.features_beside else 1),
+            **{f"{name.upper()}_TEXEL": glsl_reciprocals(size) for name, size in scene.sizes.items()},
             "CELL": CELL,
             # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much. The
             # cost modes take the steps that the picture takes.
@@ -255,7 +256,7 @@ class Renderer:
             "DISTORTION": any(camera.distortion),
             "ORTHOGRAPHIC": camera.orthographic,
             "FEATURES_STORED": stored,
-            "FEATURES_BESIDE": beside,
+            "FEATURES_BESIDE": scene.features_beside,
             "ACCUMULATE_FEATURES": accumulates_features,
             "VIEW_MLP": shaded,
             "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
@@ -281,7 +282,6 @@ class Renderer:
     ) -> dict[str, Any]:
         return self._ray_frame.uniforms(camera, settings) | {
             "viewport_origin": viewport[:2],
-            "atlas_texel": 1.0 / np.asarray(scene.atlas_size),
             "atlas_slots": scene.slots,
             "atlas_count": scene.occupied,
             "atlas_side": scene.cube_side,

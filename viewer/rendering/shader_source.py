@@ -8,7 +8,7 @@ once, by that file or by a generated text of that name. `#line LINE FILE` direct
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +54,11 @@ def glsl_float(value: float) -> str:
         raise ValueError(f"{value!r} cannot be written into a shader")
     text = f"{number:.9g}"
     return text if any(mark in text for mark in ".e") else text + ".0"
+
+
+def glsl_reciprocals(sizes: Sequence[int]) -> str:
+    """1 / x, 1 / y, 1 / z as a GLSL vec3."""
+    return f"vec3({', '.join(glsl_float(1.0 / size) for size in sizes)})"
 
 
 def define_lines(defines: Mapping[str, object]) -> str:
