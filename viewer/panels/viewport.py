@@ -17,7 +17,7 @@ from viewer.panels import frusta, keys, layout, legend, overlays, page_photograp
 from viewer.panels.axis_gizmo import AxisGizmo
 from viewer.panels.crop_gizmo import CropGizmo
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import chip, coloured, px
+from viewer.panels.widgets import chip, px
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
 TOAST_WIDTH = 560.0
@@ -30,9 +30,10 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
     app.viewport.camera = app.camera()
     present(app, stage)
-    with coloured(window_bg=theme.BASE):
-        still = imgui.WindowFlags_.no_scroll_with_mouse if app.scene is not None else 0  # the wheel is the camera's
-        layout.begin("##viewport", box, (0, 0), still)
+    flags = imgui.WindowFlags_.no_background  # the frame is cleared with that colour, and to fill it again takes time
+    if app.scene is not None:
+        flags |= imgui.WindowFlags_.no_scroll_with_mouse  # the wheel is the camera's
+    layout.begin("##viewport", box, (0, 0), flags)
     if app.scene is None:
         start_page.show(app, fonts)
     else:
