@@ -1,7 +1,6 @@
 """How the programs of tests are compiled: each once, and quickly; where numbers must repeat to the last bit, as users have them.
 
-Compiling was more than half of the tests' time. XLA's usual optimisations are for programs that run for minutes, Mesa's for
-shaders that draw thousands of frames.
+Compiling was more than half of the tests' time. XLA's usual optimisations are for programs that run for minutes.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ import pytest
 
 FOLDER = "JAX_COMPILATION_CACHE_DIR"
 FLAGS = "XLA_FLAGS"
-SHADERS = "GALLIVM_PERF"  # of Mesa's software rasteriser; other drivers do not read it
 CONSTRAINTS = Path(__file__).parents[1] / "constraints.txt"
 # Of each: what makes compiling quick, and what XLA takes by itself. Level 0 is no quicker: what it makes runs too slowly.
 QUICK = {
@@ -32,11 +30,7 @@ QUICK = {
 
 
 def compile_once_and_quickly(add_cleanup: Callable[[Callable[[], None]], None]) -> None:
-    """What one test compiles, no other compiles again: not in another worker, nor in a program that a test starts.
-
-    Shaders are not optimised before they become machine code: the tests of the renderer take a third less time.
-    """
-    os.environ.setdefault(SHADERS, "nopt")
+    """What one test compiles, no other compiles again: not in another worker, nor in a program that a test starts."""
     if FOLDER not in os.environ:
         folder = tempfile.mkdtemp(prefix="snerg-compiled-")
         os.environ[FOLDER] = folder
