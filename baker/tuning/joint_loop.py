@@ -55,6 +55,12 @@ class JointConfig:
     """How often the held-out views are looked at."""
     seed: int = 0
 
+    def slower(self, share: float) -> JointConfig:
+        """The same with all rates at this share."""
+        return replace(
+            self, rate=share * self.rate, density_rate=share * self.density_rate, head_rate=share * self.head_rate
+        )
+
 
 def joint_tune(
     pack: Pack, dataset: RayDataset, config: JointConfig, on_share: Callable[[float, str], None] | None = None,
