@@ -49,6 +49,8 @@ class JointConfig:
     """The rates fall log-linearly to this share."""
     held_out: int = 10
     """One training view in so many tells which state is best, and is not trained on; 0 trains on all, to the end."""
+    least_gain: float = 0.0
+    """What held-out views must gain, dB; else all stays as it was."""
     steps: Steps = EXACT
     """What colours and features are stored in multiples of."""
     checks: int = 8
@@ -87,7 +89,8 @@ def joint_tune(
         steps = config.passes * len(trained_on) / tuner.rays
     steps = min(max(int(steps), 1), config.most_steps)
     before = best = now = tuner.score(held_out)
-    kept, done = tuner.snapshot(), 0
+    first, done = tuner.snapshot(), 0
+    kept = first
     rng, order, at = np.random.default_rng((config.seed, 1)), trained_on[:0], 0  # not the draw of the rays to score
     colour = config.rate / 255
     rates = np.array([*[colour] * 3, config.density_rate, *[colour] * 4, config.head_rate], np.float32)
@@ -108,6 +111,8 @@ def joint_tune(
             on_share(1.0 if hopeless else done / steps, f"step {done} of {steps}, {known}")
         if hopeless:
             break
+    if config.held_out and best[0] - before[0] < config.least_gain:
+        best, kept = before, first
     return tuner.tuned(kept), {
         "passes": round(done * tuner.rays / len(trained_on), 2),
         "held_out_psnr_before": round(before[0], 3), "held_out_psnr_after": round(best[0], 3),

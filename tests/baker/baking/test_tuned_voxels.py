@@ -207,7 +207,8 @@ def test_photographs_that_disagree_are_tuned_gently_and_keep_all_of_their_voxels
 ) -> None:
     pack, figures, removed = tuned(BakeConfig(seed=7))
     (_, first), (_, gentle) = calls
-    assert gentle == first.slower(tuned_voxels.GENTLE) and gentle.held_out > 0, "kept only where it helps"
+    assert gentle == replace(first.slower(tuned_voxels.GENTLE), least_gain=0.0) and gentle.held_out > 0
+    assert first.least_gain == tuned_voxels.LEAST_GAIN, "what hardly helps is better done gently"
     assert (gentle.rate, gentle.head_rate) == (
         pytest.approx(tuned_voxels.GENTLE * first.rate), pytest.approx(tuned_voxels.GENTLE * first.head_rate),
     )  # fmt: skip

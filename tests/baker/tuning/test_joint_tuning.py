@@ -317,13 +317,12 @@ def test_what_is_scored_is_not_what_is_trained_on_first(dataset: RayDataset, mon
 
 def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(dataset: RayDataset) -> None:
     pack = problem_of(pack_of(), dataset).pack
-    tuned, figures = joint_tune(copied(pack), dataset, replace(QUICK, rate=0.0, density_rate=50.0, head_rate=3.0))
+    wild = replace(QUICK, rate=0.0, density_rate=50.0, head_rate=3.0)
+    tuned, figures = joint_tune(copied(pack), dataset, wild)
     assert figures["held_out_psnr_after"] >= figures["held_out_psnr_before"]
     if figures["held_out_psnr_after"] == figures["held_out_psnr_before"]:
         assert np.array_equal(tuned.atlas_rgba, pack.atlas_rgba)
-    spoilt, worse = joint_tune(
-        copied(pack), dataset, replace(QUICK, rate=0.0, density_rate=50.0, head_rate=3.0, held_out=0)
-    )
+    spoilt, worse = joint_tune(copied(pack), dataset, replace(wild, held_out=0))
     assert worse["held_out_psnr_after"] < figures["held_out_psnr_after"], "without held-out views the last state counts"
     assert not np.array_equal(spoilt.atlas_rgba, pack.atlas_rgba)
 
@@ -359,6 +358,15 @@ def test_tuning_is_given_up_where_held_out_views_have_lost_too_much_after_a_quar
     figures = joint_tune(pack_of(), dataset, config, lambda share, text: told.append((share, text)))[1]
     assert len(told) == steps and told[-1][0] == 1.0 and told[-1][1].startswith(f"step {steps} of 8")
     assert figures["held_out_psnr_after"] == (scores[8] if not held_out else max(scores[: steps + 1]))
+
+
+@pytest.mark.parametrize(("least", "kept"), [(0.1, False), (0.05, True)])
+def test_tuning_must_gain_what_it_is_asked_for(dataset: RayDataset, monkeypatch, least: float, kept: bool) -> None:
+    known = iter([30.0, 29.95, 30.08, 30.07])
+    monkeypatch.setattr(fused_tuner.FusedTuner, "score", lambda self, ids: (next(known), 5.0))
+    tuned, figures = joint_tune(pack_of(), dataset, replace(QUICK, passes=50, most_steps=3, checks=3, least_gain=least))
+    assert figures["held_out_psnr_after"] == (30.08 if kept else 30.0)
+    assert np.array_equal(tuned.atlas_rgba, pack_of().atlas_rgba) is not kept
 
 
 def test_a_pack_that_no_ray_meets_comes_back_as_it_is(dataset: RayDataset) -> None:
