@@ -6,7 +6,7 @@
 // Inputs: skip_grid: per cell of the whole grid, in the low byte the Chebyshev distance in cells to the nearest one with
 //   content (0: this one has), and above it a bit for each eighth of the cell that has some. Cell i spans
 //   CELL * i - 0.5 to CELL * (i + 1) - 0.5. content_min, content_max: the box around all content.
-// Options: CELL: voxels a side. SKIP_TEXEL: 1 / size of skip_grid. SAMPLES_A_TEST: consecutive samples to fetch once content
+// Options: CELL: voxels a side. SKIP_GRID_TEXEL: 1 / size of skip_grid. SAMPLES_A_TEST: consecutive samples to fetch once content
 //   is found, before asking again.
 // The phase is kept: k only ever grows by whole numbers, and a position is always computed from k afresh.
 // SKIP_SLACK: a sample this close before an empty cube's far side is looked at, not jumped, whatever the rounding. The
@@ -19,7 +19,7 @@ uniform vec3 content_max;
 uniform usampler3D skip_grid;
 
 int skip_word(vec3 cell) {
-    return int(textureLod(skip_grid, (cell + 0.5) * SKIP_TEXEL, 0.0).r);
+    return int(textureLod(skip_grid, (cell + 0.5) * SKIP_GRID_TEXEL, 0.0).r);
 }
 
 Marched march(Ray ray) {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from baker.reports.evaluation import Drawn, evaluate
 from baker.reports.float_pictures import float_pictures
 from baker.reports.published import Kind, kind_of
 from console.atomic import write_file
+from scenepack import open_pack
 from training.run import Run, load_run
 from training.scenes import Scene, picture_stems
 
@@ -84,17 +85,39 @@ class Study:
         changes: fields of BakeConfig that differ from the report's.
         """
         run, config = run or self.run, self.config(preset, **changes)
-        name = f"{preset}-{config.resolution}-{config.fine_tune}" + ("-no-sparsity" if run is self._against else "")
-        pack, note = self.out / "packs" / name, self.out / "packs" / f"{name}.json"
-        key = work_key(run, config) | {field: getattr(config, field) for field in OF_VOXELS}
-        kept = _read(note)
-        if kept.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(kept.get("seconds"), dict):
-            return Baked(name, pack, key, kept["seconds"])
+        kept = self._kept(preset, run, config) or self._kept_as_auto(preset, run, config)
+        if kept is not None:
+            return kept
+        name = self._name(preset, run, config)
+        pack, note, key = self._shelf / name, self._shelf / f"{name}.json", _key(run, config)
         note.unlink(missing_ok=True)  # first, so that no note ever tells of another pack
-        pack.parent.mkdir(parents=True, exist_ok=True)
+        self._shelf.mkdir(parents=True, exist_ok=True)
         seconds = bake_to(run, config, pack)
         write_file(note, json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n")
         return Baked(name, pack, key, seconds)
+
+    @property
+    def _shelf(self) -> Path:
+        return self.out / "packs"
+
+    def _name(self, preset: BakePreset, run: Run, config: BakeConfig) -> str:
+        return f"{preset}-{config.resolution}-{config.fine_tune}" + ("-no-sparsity" if run is self._against else "")
+
+    def _kept(self, preset: BakePreset, run: Run, config: BakeConfig) -> Baked | None:
+        name, key = self._name(preset, run, config), _key(run, config)
+        note, pack = _read(self._shelf / f"{name}.json"), self._shelf / name
+        same = note.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(note.get("seconds"), dict)
+        return Baked(name, pack, key, note["seconds"]) if same else None
+
+    def _kept_as_auto(self, preset: BakePreset, run: Run, config: BakeConfig) -> Baked | None:
+        """The pack of `auto`, where its tuning came to what `config` asks for: that bake would make the same pack again."""
+        auto = self._kept(preset, run, replace(config, fine_tune="auto"))
+        if auto is None:
+            return None
+        with open_pack(auto.path) as reader:
+            provenance = reader.outline.metadata.get("provenance")
+        tuned = provenance.get("fine_tuning") if isinstance(provenance, dict) else None
+        return auto if isinstance(tuned, dict) and tuned.get("of") == config.fine_tune else None
 
     def score(self, baked: Baked, mask_of: Baked | None = None) -> Score:
         """psnr, ssim, lpips of a pack: means over the views, drawn by OpenGL, and `views`, each photograph's psnr."""
@@ -140,6 +163,10 @@ class Study:
     def stem(self, view: int) -> str:
         """The file name, without suffix, of the pictures of a view."""
         return picture_stems(self.scene.splits[self.split])[view]
+
+
+def _key(run: Run, config: BakeConfig) -> dict[str, Any]:
+    return work_key(run, config) | {field: getattr(config, field) for field in OF_VOXELS}
 
 
 def _read(note: Path) -> dict[str, Any]:

@@ -64,8 +64,7 @@ class GpuScene:
     @property
     def sizes(self) -> dict[str, Triple]:
         """Texels (x, y, z) of the atlas, the indirection and, where the layout has one, the skip grid."""
-        kinds = {"indirection": "indirection", "skip": "skip_grid"}
-        grids = {kind: self.textures[name].size for kind, name in kinds.items() if name in self.textures}
+        grids = {name: self.textures[name].size for name in ("indirection", "skip_grid") if name in self.textures}
         return {"atlas": self.atlas_size, **grids}
 
     def arrive(self, seconds: float = inf) -> bool:
