@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from tests.viewer.unseen import draw_unseen
 from viewer.app.application import App
 from viewer.app.keyboard import KeyPress
 from viewer.app.presenting import awaited, unfinished
@@ -70,7 +71,10 @@ class OffscreenUi:
         return imgui.get_io()
 
     def frame(self, seconds: float = FRAME_S) -> None:
-        """One frame: time passes, panels see the events, the picture and the panels are drawn. seconds: between frames."""
+        """One frame: time passes, panels see the events, the picture is drawn. seconds: between frames.
+
+        The panels' pixels are filled once somebody looks: see picture.
+        """
         assert self.framebuffer is not None
         io = self.io
         io.display_size = ImVec2(float(self.size[0]), float(self.size[1]))
@@ -81,9 +85,7 @@ class OffscreenUi:
         self.ui.frame(self.app, self.canvas, self.scale)
         drawn = self.canvas.drawn
         self.framebuffer.use()
-        self.framebuffer.viewport = (0, 0, *self.framebuffer.size)
-        self.framebuffer.clear(*self.ui.background, 1.0)
-        self.ui.draw()
+        draw_unseen(imgui.get_draw_data())
         if drawn is not None:
             frame_ms = max(drawn.scene_ms, 1000.0 * seconds)
             self.app.times.add(drawn.scene_ms, frame_ms, drawn.gpu_ms)
@@ -106,6 +108,11 @@ class OffscreenUi:
     def picture(self) -> np.ndarray:
         """What the window would show, uint8 [height, width, 3]."""
         assert self.framebuffer is not None
+        imgui.set_current_context(self.ui.context)
+        self.framebuffer.use()
+        self.framebuffer.viewport = (0, 0, *self.framebuffer.size)
+        self.framebuffer.clear(*self.ui.background, 1.0)
+        self.ui.draw()
         pixels = np.frombuffer(self.framebuffer.read(components=3, alignment=1), np.uint8)
         width, height = self.framebuffer.size
         return pixels.reshape(height, width, 3)[::-1].copy()

@@ -19,6 +19,7 @@ from imgui_bundle import imgui
 from scenepack import save_pack
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
+from tests.viewer.unseen import draw_unseen
 from tests.viewer.waiting import until
 from tests.viewer.window.places import PLACES, WITHOUT_SCENE, Scenes, child
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
@@ -41,6 +42,7 @@ def opened(display) -> Iterator[tuple[Window, Watch]]:
     with pytest.MonkeyPatch.context() as patch, watch() as seen:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
+        patch.setattr(imgui.backends, "opengl3_render_draw_data", draw_unseen)  # clicks are looked at here, not pictures
         with Window(App(), Ui, SIZES[-1]) as window:
             window.ui.file_dialogs.native = False
             yield window, seen
