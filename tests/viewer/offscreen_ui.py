@@ -106,7 +106,7 @@ class OffscreenUi:
             self.frame()
 
     def picture(self) -> np.ndarray:
-        """What the window would show, uint8 [height, width, 3]."""
+        """What the window would show, uint8 [height, width, 3]: the last frame, whose panels are drawn now."""
         assert self.framebuffer is not None
         imgui.set_current_context(self.ui.context)
         self.framebuffer.use()
