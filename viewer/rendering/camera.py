@@ -129,6 +129,12 @@ class ViewCamera:
         """float64 [3] in the grid frame."""
         return self.grid_T_camera[:3, 3]
 
+    @property
+    def mirrored(self) -> bool:
+        """Whether the camera's axes are left-handed, as where the grid frame mirrors the training frame."""
+        (a, b, c), (d, e, f), (g, h, i) = self.grid_T_camera[:3, :3].tolist()
+        return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) <= 0
+
 
 def is_mirrored(pack: Pack) -> bool:
     """True where the grid frame is a mirror image of the training frame, as in forward-facing packs."""

@@ -5,7 +5,8 @@ The pack's own atlas layout is not kept: occupied macroblocks are copied, in the
 no empty slots. Two layouts of textures, for the marchers that need them:
   exact, brute: indirection (RGBA8UI), skip words (R16UI), and one atlas in which the features of each macroblock lie
                 beside its rgba in x, so that a sample's two fetches meet the same pages of memory; or, where a texture
-                so large is refused, an atlas of rgba and one of features
+                so large is refused, an atlas of rgba and one of features. Macroblocks stand upright: their y runs along
+                x (in_slot of shaders/grid.glsl)
   paper:        indirection, alpha (R8), rgb (RGB8), features, and the view MLP's weights (SNeRG paper, appendix A)
 Textures are allocated at once and may be filled bit by bit: macroblocks that have not arrived count as empty.
 """
@@ -134,10 +135,11 @@ def float_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
     """Trilinear filtering in floating point.
 
     Mesa's software rasteriser blends 8-bit texels in 8-bit arithmetic, except where the wrap mode is an unusual one;
-    asking for a border colour (which no fetch of ours ever reaches) costs a fifth more there and nothing elsewhere.
+    asking for a border colour (which no fetch of ours ever reaches) costs a little more there and nothing elsewhere.
     """
     sampler = ctx.sampler(filter=(moderngl.LINEAR, moderngl.LINEAR))
     sampler.border_color = (0.0, 0.0, 0.0, 0.0)
+    sampler.repeat_x = sampler.repeat_y = False  # along one axis it is enough, and compares a third of the coordinates
     return sampler
 
 
@@ -155,13 +157,14 @@ Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
 
 
 class AtlasWriter:
-    """Repacks a pack's macroblocks into textures of one layout; `beside`: parts of an atlas side by side in each.
+    """Repacks a pack's macroblocks into textures of one layout.
 
+    upright: with x and y swapped within each. beside: parts of an atlas side by side in each slot.
     near: a point of the grid, in voxels; layers of slots close to it arrive first. None: in the grid's order.
     """
 
-    def __init__(self, uploader: Uploader, pack: Pack, beside: int = 1) -> None:
-        self.uploader, self.pack, self.block = uploader, pack, pack.padded_block_size
+    def __init__(self, uploader: Uploader, pack: Pack, upright: bool, beside: int = 1) -> None:
+        self.uploader, self.pack, self.block, self.upright = uploader, pack, pack.padded_block_size, upright
         self.near: np.ndarray | None = None
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
         self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
@@ -230,7 +233,7 @@ class AtlasWriter:
             for k, (atlas, channels) in enumerate(parts):
                 to_x = (slot % nx * len(parts) + k) * size
                 block = atlas[z : z + size, y : y + size, x : x + size, channels]
-                volume[:, to_y : to_y + size, to_x : to_x + size] = block
+                volume[:, to_y : to_y + size, to_x : to_x + size] = block.swapaxes(1, 2) if self.upright else block
         texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
         self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
 
@@ -270,7 +273,7 @@ def _uploaded(
 
 def _allocate(uploader: Uploader, pack: Pack, layout: str, features_beside: bool) -> GpuScene:
     ctx, every = uploader.ctx, slice(None)
-    writer = AtlasWriter(uploader, pack, 2 if features_beside else 1)
+    writer = AtlasWriter(uploader, pack, layout != "paper", 2 if features_beside else 1)
     features = pack.atlas_features if pack.view_mlp is not None else None
     linear = plain_sampler(ctx) if layout == "paper" else float_sampler(ctx)
     nearest = nearest_sampler(ctx)

@@ -55,6 +55,7 @@ class RayFrame:
     def __init__(self, pack: Pack) -> None:
         self.pack = pack
         self.training_T_grid = np.asarray(pack.worldspace_T_opengl, np.float64)
+        self._whole = np.zeros(3), np.asarray(pack.grid_size, np.float64)
         self.ndc = {}
         if pack.ndc:
             width, height, focal = ndc_input(pack)
@@ -67,7 +68,10 @@ class RayFrame:
             }
 
     def uniforms(self, camera: ViewCamera, settings: RenderSettings) -> dict[str, Any]:
-        """Values by uniform name; lengths in voxels, except in NDC packs, where the camera is in training units."""
+        """Values by uniform name, or functions that give those that few programs ask for and that take long.
+
+        Lengths are in voxels, except in NDC packs, where the camera is in training units.
+        """
         pack = self.pack
         box_min, box_max = self.box(settings)
         near, voxels = max(camera.near, settings.near), 1.0 if pack.ndc else 1.0 / pack.voxel_size
@@ -81,9 +85,8 @@ class RayFrame:
             "intrinsics": (*focal, camera.cx, camera.cy),
             "orthographic": float(camera.orthographic),
             "distortion": camera.distortion,
-            "lens_reach": lens_reach(camera.distortion),
+            "lens_reach": lambda: lens_reach(camera.distortion),
             "grid_R_camera": camera.grid_T_camera[:3, :3],
-            "camera_R_grid": np.linalg.inv(camera.grid_T_camera[:3, :3]),
             "camera_position": position,
             "near_plane": near * voxels,
             "ray_near": camera.ray_near * voxels,
@@ -91,23 +94,24 @@ class RayFrame:
             "box_max": box_max,
             "training_R_camera": training_T_camera[:3, :3],
             "training_camera": training_T_camera[:3, 3],
-            "depth_range": self.depth_range(camera),
+            "depth_range": lambda: self.depth_range(camera),
             **self.ndc,
         }
 
     def box(self, settings: RenderSettings) -> tuple[np.ndarray, np.ndarray]:
         """The grid's box in voxels, cut down to the crop box; both corners at its middle where nothing is left."""
-        low, high = np.zeros(3), np.asarray(self.pack.grid_size, np.float64)
-        if settings.crop is not None:
-            corners = (np.asarray(settings.crop, np.float64) - self.pack.min_xyz) / self.pack.voxel_size
-            low, high = np.maximum(low, corners.min(axis=0)), np.minimum(high, corners.max(axis=0))
-            if np.any(high <= low):
-                low = high = 0.5 * (low + high)
+        low, high = self._whole
+        if settings.crop is None:
+            return low, high
+        corners = (np.asarray(settings.crop, np.float64) - self.pack.min_xyz) / self.pack.voxel_size
+        low, high = np.maximum(low, corners.min(axis=0)), np.minimum(high, corners.max(axis=0))
+        if np.any(high <= low):
+            low = high = 0.5 * (low + high)
         return low, high
 
     def depth_range(self, camera: ViewCamera) -> tuple[float, float]:
         """Distances along its rays, in voxels, between which the grid lies as seen by `camera`."""
-        size = np.asarray(self.pack.grid_size, np.float64)
+        _, size = self._whole
         if self.pack.ndc:
             return 0.0, float(np.linalg.norm(size))
         away = 0.5 * size - (camera.position - self.pack.min_xyz) / self.pack.voxel_size

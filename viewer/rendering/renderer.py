@@ -15,12 +15,13 @@ import numpy as np
 from console import Notice
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.drawing import Drawing
 from viewer.rendering.gpu_memory import Limits, NoRoomError
 from viewer.rendering.gpu_scene import GpuScene, upload
 from viewer.rendering.half_resolution import half_resolution
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
-from viewer.rendering.shader_source import assemble, compile_program, glsl_reciprocals
+from viewer.rendering.shader_source import assemble, glsl_reciprocals
 from viewer.rendering.skip_grid import CELL
 from viewer.rendering.supersampling import Supersampling
 from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
@@ -70,7 +71,7 @@ class Renderer:
         self.ctx, self._limits = ctx, limits
         self._scenes: dict[str, GpuScene] = {}
         self._supersampling = Supersampling(ctx)
-        self._programs: dict[tuple[Any, ...] | str, tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self._drawings: dict[tuple[Any, ...] | str, Drawing] = {}
         self.pack = pack
         refused: NoRoomError | None = None
         while not self._scenes:
@@ -134,9 +135,9 @@ class Renderer:
             self._supersampling.draw(self.render, framebuffer, camera, settings, viewport)
             return
         scene = self.scene(settings.marcher)
-        program, vertices = self._program(settings, camera)
+        rays = self._rays(settings, camera)
         uniforms = self._uniforms(scene, camera, settings, viewport)
-        write_uniforms(program, uniforms)
+        rays.write(uniforms)
         ctx = self.ctx
         framebuffer.use()
         framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
@@ -146,7 +147,7 @@ class Renderer:
         ctx.enable_only(moderngl.NOTHING)
         ctx.disable_direct(GL_FRAMEBUFFER_SRGB)
         ctx.wireframe = False
-        scene.bind(program)
+        scene.bind(rays.linked)
         if self._sees_hull(settings, camera):
             over_background = settings.mode in MODES_OVER_BACKGROUND and not settings.counts
             empty = (*settings.background, 1.0) if over_background else (0.0, 0.0, 0.0, 1.0)
@@ -158,7 +159,7 @@ class Renderer:
                 self._mark_hull(framebuffer, scene.hull, camera, uniforms)
             ctx.enable_only(moderngl.DEPTH_TEST)
             ctx.depth_func = ">"
-        vertices.render(moderngl.TRIANGLES, vertices=3)
+        rays.draw(3)
         ctx.enable_only(moderngl.NOTHING)
         ctx.depth_func = "<"
         scene.unbind(ctx)
@@ -168,14 +169,13 @@ class Renderer:
     ) -> None:
         """Fills the picture with its backdrop, to be seen in the pixels whose rays are not cast."""
         style = _style(settings)
-        if style not in self._programs:
+        if style not in self._drawings:
             text = assemble("backdrop.frag", _backdrop_defines(settings))
-            program = compile_program(self.ctx, assemble("fullscreen.vert"), text)
-            self._programs[style] = program, self.ctx.vertex_array(program, [])
-        program, triangle = self._programs[style]
-        write_uniforms(program, uniforms)
+            self._drawings[style] = Drawing(self.ctx, assemble("fullscreen.vert"), text)
+        backdrop = self._drawings[style]
+        backdrop.write(uniforms)
         framebuffer.depth_mask = False
-        triangle.render(moderngl.TRIANGLES, vertices=3)
+        backdrop.draw(3)
         framebuffer.depth_mask = True
 
     def _mark_hull(
@@ -183,17 +183,17 @@ class Renderer:
     ) -> None:
         """Leaves depth 0.5 in the pixels that see the hull of all content; see shaders/content_hull.vert."""
         ctx = self.ctx
-        if "hull" not in self._programs:
-            program = compile_program(ctx, assemble("content_hull.vert"), assemble("content_hull.frag"))
-            self._programs["hull"] = program, ctx.vertex_array(program, [(hull, "3f", "corner")])
-        program, triangles = self._programs["hull"]
-        write_uniforms(program, uniforms)
+        if "hull" not in self._drawings:
+            vertex, fragment = assemble("content_hull.vert"), assemble("content_hull.frag")
+            self._drawings["hull"] = Drawing(ctx, vertex, fragment, [(hull, "3f", "corner")])
+        triangles = self._drawings["hull"]
+        triangles.write(uniforms)
         framebuffer.color_mask = (False, False, False, False)
         ctx.enable_direct(GL_DEPTH_CLAMP)
         ctx.enable_only(moderngl.CULL_FACE | moderngl.DEPTH_TEST)
         ctx.cull_face, ctx.depth_func = "front", "1"
-        ctx.front_face = "ccw" if np.linalg.det(camera.grid_T_camera[:3, :3]) > 0 else "cw"
-        triangles.render(moderngl.TRIANGLES)
+        ctx.front_face = "cw" if camera.mirrored else "ccw"
+        triangles.draw()
         ctx.disable_direct(GL_DEPTH_CLAMP)
         ctx.cull_face, ctx.front_face = "back", "ccw"
         framebuffer.color_mask = (True, True, True, True)
@@ -203,24 +203,19 @@ class Renderer:
         """Frees textures and programs; the renderer cannot be used afterwards."""
         for scene in self._scenes.values():
             scene.release()
-        for program, triangle in self._programs.values():
-            triangle.release()
-            program.release()
+        for drawing in self._drawings.values():
+            drawing.release()
         self._supersampling.release()
-        self._scenes, self._programs = {}, {}
+        self._scenes, self._drawings = {}, {}
 
-    def _program(self, settings: RenderSettings, camera: ViewCamera) -> tuple[moderngl.Program, moderngl.VertexArray]:
+    def _rays(self, settings: RenderSettings, camera: ViewCamera) -> Drawing:
         ablated, lens = settings.view_mlp_per_sample, any(camera.distortion)
         key = (settings.marcher, settings.mode, settings.counts, settings.raw, ablated, lens, camera.orthographic)
         key += (_style(settings),)
-        if key not in self._programs:
-            program = compile_program(
-                self.ctx,
-                assemble("fullscreen.vert"),
-                assemble("snerg.frag", self._defines(settings, camera), self._generated()),
-            )
-            self._programs[key] = program, self.ctx.vertex_array(program, [])
-        return self._programs[key]
+        if key not in self._drawings:
+            text = assemble("snerg.frag", self._defines(settings, camera), self._generated())
+            self._drawings[key] = Drawing(self.ctx, assemble("fullscreen.vert"), text)
+        return self._drawings[key]
 
     def _sees_hull(self, settings: RenderSettings, camera: ViewCamera) -> bool:
         """Whether only the pixels that see the hull of all content are shaded; bent rays see no hull."""
@@ -256,6 +251,7 @@ class Renderer:
             "DISTORTION": any(camera.distortion),
             "ORTHOGRAPHIC": camera.orthographic,
             "FEATURES_STORED": stored,
+            "UPRIGHT": scene.writer.upright,
             "FEATURES_BESIDE": scene.features_beside,
             "ACCUMULATE_FEATURES": accumulates_features,
             "VIEW_MLP": shaded,
@@ -284,7 +280,7 @@ class Renderer:
             "viewport_origin": viewport[:2],
             "atlas_slots": scene.slots,
             "atlas_count": scene.occupied,
-            "atlas_side": scene.cube_side,
+            "atlas_side": lambda: scene.cube_side,
             "grid_size": self.pack.grid_size,
             "content_min": scene.content_min,
             "content_max": scene.content_max,
@@ -315,11 +311,3 @@ def _backdrop_uniforms(settings: RenderSettings, camera: ViewCamera) -> dict[str
         return {}
     height = seen.span * camera.fy if seen.span else camera.height
     return {"backdrop_height": height, "backdrop_first": seen.first, "backdrop_second": seen.second}
-
-
-def write_uniforms(program: moderngl.Program, values: dict[str, Any]) -> None:
-    """Those that the program has; what a variant does not use vanishes when it is linked."""
-    for name, value in values.items():
-        uniform = program.get(name, None)
-        if isinstance(uniform, moderngl.Uniform):
-            uniform.write(np.asarray(value, "f4").T.tobytes())  # GLSL's matrices are column-major

@@ -8,8 +8,8 @@ import moderngl
 import numpy as np
 
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.renderer import write_uniforms
-from viewer.rendering.shader_source import assemble, compile_program
+from viewer.rendering.drawing import Program
+from viewer.rendering.shader_source import assemble
 
 if TYPE_CHECKING:
     from scenepack.exports.sketch import Sketch
@@ -22,7 +22,7 @@ class SketchPicture:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
-        self._program = compile_program(ctx, assemble("sketch.vert"), assemble("sketch.frag"))
+        self._program = Program(ctx, assemble("sketch.vert"), assemble("sketch.frag"))
         self._sketch: Sketch | None = None
         self._buffers: list[moderngl.Buffer] = []
         self._array: moderngl.VertexArray | None = None
@@ -44,7 +44,7 @@ class SketchPicture:
             "orthographic": float(camera.orthographic),
             "point_size": sketch.size,
         }
-        write_uniforms(self._program, uniforms)
+        self._program.write(uniforms)
         framebuffer.use()
         framebuffer.viewport = (0, 0, camera.width, camera.height)
         framebuffer.depth_mask = True
@@ -65,7 +65,7 @@ class SketchPicture:
         order = self.ctx.buffer(np.ascontiguousarray(sketch.faces, "i4").tobytes()) if len(sketch.faces) else None
         self._buffers = [places, normals, colours, *([order] if order is not None else [])]
         content = [(places, "3f", "place"), (normals, "3f", "normal"), (colours, "3f1", "colour")]
-        self._array = self.ctx.vertex_array(self._program, content, order)
+        self._array = self.ctx.vertex_array(self._program.linked, content, order)
 
     def _forget(self) -> None:
         if self._array is not None:
