@@ -6,11 +6,11 @@
 //   atlas_rgba, atlas_features: trilinear, filtered in floating point; the paper's marcher has atlas_alpha, atlas_rgb instead.
 //   atlas_slots: macroblocks of the atlas along x, y, z.
 // Options: SLOT_WIDTH: voxels in x from one atlas block to the next; twice the others' where features lie beside.
-//   UPRIGHT: see in_slot. FEATURES_BESIDE: features are in atlas_rgba, PADDED_BLOCK_SIZE voxels further in x.
+//   FEATURES_BESIDE: features are in atlas_rgba, PADDED_BLOCK_SIZE voxels further in x.
 //   ATLAS_TEXEL, INDIRECTION_TEXEL: 1 / size of these textures. Constants, and nearest texels by textureLod: Mesa
 //   22.3 gathers each lane's copy of a uniform anew in every turn of a loop, and each lane's mipmap level in a texelFetch.
 // A macroblock's padded copy begins one voxel before its data, so a point `local` of its data, [0, BLOCK_SIZE]^3, is
-// at atlas_block * SLOT_SIZE + in_slot(1 + local) in the atlas, and a trilinear fetch there stays in the copy.
+// at atlas_block * SLOT_SIZE + 1 + local in the atlas, and a trilinear fetch there stays in the copy.
 
 uniform usampler3D indirection;
 uniform vec3 atlas_slots;
@@ -44,19 +44,9 @@ uvec4 indirection_of(vec3 block) {
     return textureLod(indirection, (1.0 + block + 0.5) * INDIRECTION_TEXEL, 0.0);
 }
 
-// Where a point of a padded copy lies in its slot. Upright: the grid's y runs along the texture's x, which lies in one piece
-// in memory where drivers do not tile; views from around an object, whose up is y, then meet 7 % fewer lines of it.
-vec3 in_slot(vec3 padded) {
-#ifdef UPRIGHT
-    return padded.yxz;
-#else
-    return padded;
-#endif
-}
-
 // Texture coordinates of a point in the atlas.
 vec3 atlas_coordinates(uvec4 entry, vec3 local) {
-    return (vec3(entry.xyz) * SLOT_SIZE + in_slot(1.0 + local)) * ATLAS_TEXEL;
+    return (vec3(entry.xyz) * SLOT_SIZE + 1.0 + local) * ATLAS_TEXEL;
 }
 
 vec4 fetch_rgba(vec3 coordinates) {
@@ -82,8 +72,7 @@ Content content_of_slot(float order, vec3 padded) {
     float row = floor((order + 0.5) / atlas_slots.x);
     float layer = floor((row + 0.5) / atlas_slots.y);
     vec3 slot = vec3(order - row * atlas_slots.x, row - layer * atlas_slots.y, layer);
-    padded = clamp(padded, 0.5, float(PADDED_BLOCK_SIZE) - 0.5);
-    vec3 coordinates = (slot * SLOT_SIZE + in_slot(padded)) * ATLAS_TEXEL;
+    vec3 coordinates = (slot * SLOT_SIZE + clamp(padded, 0.5, float(PADDED_BLOCK_SIZE) - 0.5)) * ATLAS_TEXEL;
     return Content(fetch_rgba(coordinates), true, coordinates);
 }
 

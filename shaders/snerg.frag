@@ -8,7 +8,6 @@
 //   DISTORTION       defined for cameras whose lens distorts
 //   ORTHOGRAPHIC     defined for cameras whose rays are parallel
 //   FEATURES_STORED  defined where the pack has features; FEATURES_BESIDE where they lie beside rgba in one atlas
-//   UPRIGHT          defined where macroblocks lie in the atlas with x and y swapped; see grid.glsl
 //   VIEW_MLP         defined where the pack has a view MLP and the mode asks for it
 //   VIEW_MLP_PER_SAMPLE  ablation: the view MLP at every sample instead of once a pixel (paper, table 1, row 3)
 //   RAW              defined to write numbers with opacity instead of a colour; see display.glsl

@@ -16,13 +16,12 @@ from baker.commands.bake import main as snerg_bake
 from baker.commands.evaluate import main as snerg_eval
 from scenepack import check_pack, load_pack, save_pack
 from scenepack.commands import main as snerg_pack
+from tests.older import OLDER, SCENE, older_run
 from training.commands.train import main as snerg_train
 from training.run import load_run
 from viewer.commands.render import main as snerg_render
 from viewer.rendering.offscreen import create_context
 
-OLDER = Path(__file__).parent / "data" / "older"
-SCENE = OLDER / "scene"
 EXPECTED: dict[str, Any] = json.loads((OLDER / "expected.json").read_text(encoding="utf-8"))
 PACKS, RUNS = ("png", "avif.zip"), ("nerf", "voxels")
 VIEW = ["--eye", "2.2,1.8,2.6", "--target", "0,-0.1,0", "--fov", "40", "--size", "80x60"]
@@ -117,11 +116,7 @@ def test_an_older_run_goes_on_with_the_steps_it_would_have_taken_then(name: str,
 
 @pytest.mark.parametrize("name", RUNS)
 def test_an_older_run_can_be_baked(name: str, tmp_path: Path) -> None:
-    run, pack = tmp_path / "run", tmp_path / "pack"
-    shutil.copytree(OLDER / name, run)
-    description = json.loads((run / "config.json").read_text())
-    description["scene"] = str(SCENE)  # where the photographs are now
-    (run / "config.json").write_text(json.dumps(description))
+    run, pack = older_run(name, tmp_path / "run"), tmp_path / "pack"
     line = [str(run), "--out", str(pack), "--resolution", "31", "--tau-weight", "0", "--fine-tune", "none"]
     assert snerg_bake(line) == 0
     assert snerg_eval([str(pack), "--scene", str(SCENE), "--json", str(tmp_path / "baked.json")]) == 0

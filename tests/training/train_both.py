@@ -42,7 +42,11 @@ VOXELS = dataclasses.replace(
     **EVERY,
     engine="jax",  # the one that many devices share; alone, a processor would take another
     batch_size=512,
-    voxels=VoxelConfig(resolutions=(12, 24), stage_starts=(0.0, 0.5), prunings=(), samples_per_step=4096),
+    # Finer samples and holes are asked of one process; here each would compile two programs more.
+    voxels=VoxelConfig(
+        resolutions=(12, 24), stage_starts=(0.0, 0.5), prunings=(), samples_per_step=4096,
+        last_step_voxels=1.0, close_holes_from=1.0,
+    ),
 )
 CONFIGS: dict[str, TrainConfig] = {"nerf": NERF, "voxels": VOXELS}
 SHARED = (0, 1, 2, 3, 4, 25, 40)  # voxels are refined before step 25

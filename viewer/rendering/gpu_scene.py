@@ -5,8 +5,7 @@ The pack's own atlas layout is not kept: occupied macroblocks are copied, in the
 no empty slots. Two layouts of textures, for the marchers that need them:
   exact, brute: indirection (RGBA8UI), skip words (R16UI), and one atlas in which the features of each macroblock lie
                 beside its rgba in x, so that a sample's two fetches meet the same pages of memory; or, where a texture
-                so large is refused, an atlas of rgba and one of features. Macroblocks stand upright: their y runs along
-                x (in_slot of shaders/grid.glsl)
+                so large is refused, an atlas of rgba and one of features
   paper:        indirection, alpha (R8), rgb (RGB8), features, and the view MLP's weights (SNeRG paper, appendix A)
 Textures are allocated at once and may be filled bit by bit: macroblocks that have not arrived count as empty.
 """
@@ -157,14 +156,13 @@ Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
 
 
 class AtlasWriter:
-    """Repacks a pack's macroblocks into textures of one layout.
+    """Repacks a pack's macroblocks into textures of one layout; `beside`: parts of an atlas side by side in each.
 
-    upright: with x and y swapped within each. beside: parts of an atlas side by side in each slot.
     near: a point of the grid, in voxels; layers of slots close to it arrive first. None: in the grid's order.
     """
 
-    def __init__(self, uploader: Uploader, pack: Pack, upright: bool, beside: int = 1) -> None:
-        self.uploader, self.pack, self.block, self.upright = uploader, pack, pack.padded_block_size, upright
+    def __init__(self, uploader: Uploader, pack: Pack, beside: int = 1) -> None:
+        self.uploader, self.pack, self.block = uploader, pack, pack.padded_block_size
         self.near: np.ndarray | None = None
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
         self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
@@ -233,7 +231,7 @@ class AtlasWriter:
             for k, (atlas, channels) in enumerate(parts):
                 to_x = (slot % nx * len(parts) + k) * size
                 block = atlas[z : z + size, y : y + size, x : x + size, channels]
-                volume[:, to_y : to_y + size, to_x : to_x + size] = block.swapaxes(1, 2) if self.upright else block
+                volume[:, to_y : to_y + size, to_x : to_x + size] = block
         texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
         self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
 
@@ -273,7 +271,7 @@ def _uploaded(
 
 def _allocate(uploader: Uploader, pack: Pack, layout: str, features_beside: bool) -> GpuScene:
     ctx, every = uploader.ctx, slice(None)
-    writer = AtlasWriter(uploader, pack, layout != "paper", 2 if features_beside else 1)
+    writer = AtlasWriter(uploader, pack, 2 if features_beside else 1)
     features = pack.atlas_features if pack.view_mlp is not None else None
     linear = plain_sampler(ctx) if layout == "paper" else float_sampler(ctx)
     nearest = nearest_sampler(ctx)

@@ -251,7 +251,6 @@ class Renderer:
             "DISTORTION": any(camera.distortion),
             "ORTHOGRAPHIC": camera.orthographic,
             "FEATURES_STORED": stored,
-            "UPRIGHT": scene.writer.upright,
             "FEATURES_BESIDE": scene.features_beside,
             "ACCUMULATE_FEATURES": accumulates_features,
             "VIEW_MLP": shaded,

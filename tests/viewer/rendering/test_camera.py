@@ -57,6 +57,7 @@ def test_in_a_mirrored_pack_look_at_still_has_right_to_the_right_in_the_scene(nd
     camera = ViewCamera.look_at((0, 0, 0), (0, 0, 4), mirrored=True)
     world_T_camera = ndc_shapes.worldspace_T_opengl @ camera.grid_T_camera
     assert np.allclose(world_T_camera, np.eye(4), atol=1e-12)  # the photographs' own way of looking
+    assert camera.mirrored and not ViewCamera.look_at((1, 2, 3), (0, 0, 4)).mirrored
 
 
 def test_every_view_of_an_orbit_holds_all_of_the_content(shapes: Pack) -> None:
