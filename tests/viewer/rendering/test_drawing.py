@@ -6,6 +6,7 @@ import moderngl
 import numpy as np
 
 from viewer.rendering.drawing import Drawing
+from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.shader_source import ShaderText
 
 VERTEX = """#version 330 core
@@ -46,4 +47,5 @@ def test_what_is_written_is_drawn_and_what_vanished_is_not_worked_out(ctx: moder
     assert asked == ["share", "share"]
     drawing.release()
     buffer.release()
-    target.release()
+    unbind_framebuffers(ctx)
+    free_framebuffer(target)
