@@ -106,7 +106,9 @@ class Study:
     def _kept(self, preset: BakePreset, run: Run, config: BakeConfig) -> Baked | None:
         name, key = self._name(preset, run, config), _key(run, config)
         note, pack = _read(self._shelf / f"{name}.json"), self._shelf / name
-        same = note.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(note.get("seconds"), dict)
+        same = (
+            note.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(note.get("seconds"), dict)
+        )
         return Baked(name, pack, key, note["seconds"]) if same else None
 
     def _kept_as_auto(self, preset: BakePreset, run: Run, config: BakeConfig) -> Baked | None:

@@ -44,8 +44,12 @@ VOXELS = dataclasses.replace(
     batch_size=512,
     # Finer samples and holes are asked of one process; here each would compile two programs more.
     voxels=VoxelConfig(
-        resolutions=(12, 24), stage_starts=(0.0, 0.5), prunings=(), samples_per_step=4096,
-        last_step_voxels=1.0, close_holes_from=1.0,
+        resolutions=(12, 24),
+        stage_starts=(0.0, 0.5),
+        prunings=(),
+        samples_per_step=4096,
+        last_step_voxels=1.0,
+        close_holes_from=1.0,
     ),
 )
 CONFIGS: dict[str, TrainConfig] = {"nerf": NERF, "voxels": VOXELS}

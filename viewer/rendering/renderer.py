@@ -10,7 +10,6 @@ from math import inf
 from typing import Any
 
 import moderngl
-import numpy as np
 
 from console import Notice
 from scenepack.pack import Pack

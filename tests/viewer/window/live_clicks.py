@@ -42,7 +42,8 @@ def opened(display) -> Iterator[tuple[Window, Watch]]:
     with pytest.MonkeyPatch.context() as patch, watch() as seen:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
-        patch.setattr(imgui.backends, "opengl3_render_draw_data", draw_unseen)  # clicks are looked at here, not pictures
+        # Clicks are looked at here, not pictures.
+        patch.setattr(imgui.backends, "opengl3_render_draw_data", draw_unseen)
         with Window(App(), Ui, SIZES[-1]) as window:
             window.ui.file_dialogs.native = False
             yield window, seen
