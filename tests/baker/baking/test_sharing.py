@@ -123,7 +123,7 @@ def test_shares_come_from_options_or_the_launcher(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.usefixtures("compiled_as_for_users")
 def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> None:
-    run = older_run("nerf", tmp_path / "run")  # so that nothing is trained here
+    run = older_run("voxels", tmp_path / "run")  # so that nothing is trained here
     one, two = tmp_path / "one", tmp_path / "two"
     options = ["--resolution", "60", "--fine-tune", "none", "--tau-weight", "0"]
     assert snerg_bake([str(run), "--out", str(one), *options]) == 0

@@ -34,7 +34,7 @@ SCALES = (0.3, 0.75, 0.45, 0.6, 0.35)
 BLURRED = round(1 / min(SCALES)) + 2  # pixels, by the coarsest picture
 CLEAR = 60  # differs from the background: sum over the channels
 CHIP = (400, 60)  # at the upper left, where the picture is labelled
-GRABS = 25  # of each movement
+GRABS = 16  # of each movement
 Check = Callable[[np.ndarray], object]
 
 
