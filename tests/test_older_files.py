@@ -16,7 +16,7 @@ from baker.commands.bake import main as snerg_bake
 from baker.commands.evaluate import main as snerg_eval
 from scenepack import check_pack, load_pack, save_pack
 from scenepack.commands import main as snerg_pack
-from tests.older import OLDER, SCENE, older_run
+from tests.older import OLDER, SCENE
 from training.commands.train import main as snerg_train
 from training.run import load_run
 from viewer.commands.render import main as snerg_render
@@ -116,9 +116,9 @@ def test_an_older_run_goes_on_with_the_steps_it_would_have_taken_then(name: str,
 
 @pytest.mark.parametrize("name", RUNS)
 def test_an_older_run_can_be_baked(name: str, tmp_path: Path) -> None:
-    run, pack = older_run(name, tmp_path / "run"), tmp_path / "pack"
-    line = [str(run), "--out", str(pack), "--resolution", "31", "--tau-weight", "0", "--fine-tune", "none"]
-    assert snerg_bake(line) == 0
+    pack = tmp_path / "pack"
+    line = [str(OLDER / name), "--out", str(pack), "--resolution", "31", "--tau-weight", "0", "--fine-tune", "none"]
+    assert snerg_bake([*line, "--scene", str(SCENE)]) == 0
     assert snerg_eval([str(pack), "--scene", str(SCENE), "--json", str(tmp_path / "baked.json")]) == 0
     baked = [view["psnr"] for view in json.loads((tmp_path / "baked.json").read_text())["views"]]
     assert abs(np.mean(baked) - np.mean(EXPECTED["psnr"][name])) < 2.0, "31³ voxels"

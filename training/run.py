@@ -105,6 +105,13 @@ def load_run(path: str | Path, *, scene_path: str | Path | None = None) -> Run:
     """
     path = Path(path)
     description = read_description(path)
+    if scene_path is None and not os.path.exists(description.scene):  # Path.exists raises where a name is too long
+        raise UserError(
+            "the photographs of this run are gone: no such folder",
+            where=path,
+            found=str(description.scene),
+            remedy="put them back, or say where they are now: snerg-bake, -eval and -report take --scene FOLDER",
+        )
     return _assemble(path, description, Path(scene_path or description.scene), _newest_checkpoint(path))
 
 

@@ -23,6 +23,7 @@ def snerg_bake(
     run: Path,
     /,
     out: Path,
+    scene: Path | None = None,
     preset: Literal["snerg", "paper"] = "snerg",
     resolution: int | None = 512,
     codec: CodecName = "png",
@@ -46,6 +47,7 @@ def snerg_bake(
     Args:
         run: Folder of the run, from snerg-train.
         out: Folder of the pack, or a file name that ends in .zip. A new pack replaces an old one when it is complete.
+        scene: Folder of the photographs, if they moved. The default is where the run read them.
         preset: Named settings: snerg (our defaults), paper (what the SNeRG paper writes). The defaults below are those of the
             chosen preset.
         resolution: Voxels along the longest side of the content. The preset paper takes 1000 for synthetic scenes (Blender) and
@@ -92,7 +94,7 @@ def snerg_bake(
     config.check()
     if not 0 <= pictures <= LARGEST_SIDE:
         raise UserError("is out of range", where="--pictures", expected=f"0 to {LARGEST_SIDE}", found=pictures)
-    loaded = load_run(run)
+    loaded = load_run(run, scene_path=scene)
     if resolution is None:
         config = dataclasses.replace(config, resolution=paper_resolution(loaded.scene))
     if share.helps:

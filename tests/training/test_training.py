@@ -368,8 +368,9 @@ def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path
     document = json.loads((moved / "config.json").read_text())
     document["scene"] = str(tmp_path / "gone")
     (moved / "config.json").write_text(json.dumps(document))
-    with pytest.raises(UserError, match="gone: no such folder"):
+    with pytest.raises(UserError, match=r"gone: no such folder \(found .*/gone\).*--scene FOLDER"):
         load_run(moved)
+    assert load_run(moved, scene_path=json.loads((unbroken / "config.json").read_text())["scene"]).step
 
 
 def test_bad_scenes_and_presets_end_with_status_2(tmp_path: Path, capsys):

@@ -21,7 +21,7 @@ from baker.commands.bake import main as snerg_bake
 from console import UserError
 from scenepack.blocks import fill_atlas
 from tests.baker.analytic import ball
-from tests.older import older_run
+from tests.older import OLDER, SCENE
 from tests.scenepack.random_packs import BLENDER_FRAME
 
 pytestmark = pytest.mark.slow
@@ -123,9 +123,8 @@ def test_shares_come_from_options_or_the_launcher(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.usefixtures("compiled_as_for_users")
 def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> None:
-    run = older_run("voxels", tmp_path / "run")  # so that nothing is trained here
-    one, two = tmp_path / "one", tmp_path / "two"
-    options = ["--resolution", "60", "--fine-tune", "none", "--tau-weight", "0"]
+    run, one, two = OLDER / "voxels", tmp_path / "one", tmp_path / "two"  # so that nothing is trained here
+    options = ["--scene", str(SCENE), "--resolution", "60", "--fine-tune", "none", "--tau-weight", "0"]
     assert snerg_bake([str(run), "--out", str(one), *options]) == 0
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
     environment = os.environ | {"XLA_FLAGS": flags}
