@@ -26,7 +26,9 @@ from training.dataset import RayDataset
 def config_of(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str = "blender") -> BakeConfig:
     """What snerg-bake would bake with."""
     configs: list[BakeConfig] = []
-    monkeypatch.setattr("training.run.load_run", lambda path: SimpleNamespace(scene=SimpleNamespace(kind=kind)))
+    monkeypatch.setattr(
+        "training.run.load_run", lambda path, scene_path: SimpleNamespace(scene=SimpleNamespace(kind=kind))
+    )
     monkeypatch.setattr("baker.baking.to_pack.bake_to", lambda run, config, *_, **__: configs.append(config))
     assert snerg_bake(["run", "--out", str(tmp_path / "pack"), *words.split()]) == 0
     return configs[0]

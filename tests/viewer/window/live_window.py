@@ -17,7 +17,7 @@ from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.screen import SCREEN
 from tests.viewer.waiting import until
-from tests.viewer.window.living import other_program, pump
+from tests.viewer.window.living import draw_only_what_is_looked_at, other_program, pump
 from viewer.app.application import App
 from viewer.app.make_plan import Plan
 from viewer.panels.ui import Ui
@@ -33,6 +33,7 @@ def opened(display):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
+        draw_only_what_is_looked_at(patch)
         with Window(App(), Ui, SIZE) as window:
             yield window
 

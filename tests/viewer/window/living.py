@@ -11,8 +11,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import glfw
+import numpy as np
 import pytest
+from imgui_bundle import imgui
 
+from tests.viewer.unseen import draw_unseen
 from tests.viewer.window.widgets_seen import Watch, watch
 from viewer.app.application import App
 from viewer.panels.ui import Ui
@@ -20,6 +23,19 @@ from viewer.window.window import Window
 
 PATIENCE_S = 90.0
 CLIENT = Path(__file__).with_name("x11_client.py")
+
+
+def draw_only_what_is_looked_at(patch: pytest.MonkeyPatch) -> None:
+    """From now on windows draw their panels where a screenshot is taken, and unseen otherwise."""
+    whole, screenshot = imgui.backends.opengl3_render_draw_data, Window.screenshot
+
+    def looked_at(window: Window) -> np.ndarray:
+        with pytest.MonkeyPatch.context() as meanwhile:
+            meanwhile.setattr(imgui.backends, "opengl3_render_draw_data", whole)
+            return screenshot(window)
+
+    patch.setattr(imgui.backends, "opengl3_render_draw_data", draw_unseen)
+    patch.setattr(Window, "screenshot", looked_at)
 
 
 def pump(window: Window, seconds: float = 0.25) -> None:
