@@ -42,7 +42,7 @@ VOXELS = dataclasses.replace(
     **EVERY,
     engine="jax",  # the one that many devices share; alone, a processor would take another
     batch_size=512,
-    # Without finer samples, and holes closed, at the end: one process has tests of these, and here they would compile more programs.
+    # No finer samples, and no holes closed: one process has tests of these, and here they would compile more programs.
     voxels=VoxelConfig(
         resolutions=(12, 24),
         stage_starts=(0.0, 0.5),
