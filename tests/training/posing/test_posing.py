@@ -141,11 +141,12 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
         warnings.simplefilter("ignore")
         scene = find_poses(found.source, tmp_path / "out")
     assert asked[:2] == [("features", COUNT + 1), ("matches", (COUNT + 1) * COUNT / 2)]  # all of which are kept
-    first, second = (photographs_of(load(folder)) for folder in (found.scene, scene))
-    assert list(first) == list(second)
-    for name, one in first.items():
-        assert np.array_equal(one.camera.world_T_camera, second[name].camera.world_T_camera)
-        assert one.camera.fx == second[name].camera.fx
+    first, second = load(found.scene), load(scene)
+    result = agreement(second, first)  # not to the last bit: COLMAP's matcher may lose some matches, once in hundreds of runs
+    assert len(result.names) == COUNT and result.positions.max() < 0.005 and result.degrees.max() < 0.2
+    of_second = photographs_of(second)
+    for name, one in photographs_of(first).items():
+        assert one.camera.fx == pytest.approx(of_second[name].camera.fx, rel=0.005)
 
 
 def test_one_ctrl_c_ends_it_in_one_line(found: Found, tmp_path: Path):
