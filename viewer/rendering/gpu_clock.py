@@ -11,6 +11,8 @@ from collections.abc import Callable
 
 import moderngl
 
+from viewer.rendering.unlocked import finish
+
 SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "software")
 
 
@@ -36,6 +38,6 @@ class GpuClock:
         else:
             with self._query:
                 draw()
-        self.ctx.finish()
+        finish(self.ctx)
         wall = 1000.0 * (time.perf_counter() - start)
         return (self._query.elapsed / 1e6 if self._query is not None else None), wall

@@ -30,6 +30,7 @@ from viewer.app.presenting import awaited, unfinished
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.rendering.framebuffers import free_framebuffer
 from viewer.rendering.opengl_version import opengl_refusal, version_at
+from viewer.rendering.unlocked import finish
 from viewer.window.canvas import Canvas
 from viewer.window.joysticks import controllers_now, text_of
 from viewer.window.notices import notices_logged
@@ -214,7 +215,7 @@ class Window:
         self.ctx.screen.viewport = (0, 0, *pixels)
         self.ctx.screen.clear(*self.ui.background, 1.0)
         self.ui.draw()
-        self.ctx.finish()
+        finish(self.ctx)
         finished = time.perf_counter()
         glfw.swap_buffers(self.handle)
         self._measure(finished, time.perf_counter())

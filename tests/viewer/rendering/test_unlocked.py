@@ -1,0 +1,73 @@
+"""Waiting for the card without Python's lock."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
+from viewer.rendering.gpu_clock import GpuClock, is_software
+
+SLOW = """
+#version 330 core
+uniform int turns;
+out vec4 colour;
+void main() {
+    float x = gl_FragCoord.x;
+    for (int i = 0; i < turns; ++i) x = fract(sin(x) * 43758.5453);
+    colour = vec4(x, 0.25, 0.5, 1.0);
+}
+"""
+ACROSS = "#version 330 core\nvoid main() { gl_Position = vec4(vec2(gl_VertexID % 2, gl_VertexID / 2) * 4.0 - 1.0, 0.0, 1.0); }"
+
+
+@pytest.fixture
+def slow(ctx):
+    """Draws a picture that takes about a quarter of a second in software."""
+    program = ctx.program(vertex_shader=ACROSS, fragment_shader=SLOW)
+    triangle, target = ctx.vertex_array(program, []), ctx.simple_framebuffer((256, 256))
+    program["turns"] = 2000
+
+    def draw() -> None:
+        target.use()
+        triangle.render(vertices=3)
+
+    draw()
+    ctx.finish()
+    yield draw
+    unbind_framebuffers(ctx)
+    free_framebuffer(target)
+    for thing in (triangle, program):
+        thing.release()
+
+
+def wakings_meanwhile(wait: Callable[[], object]) -> int:
+    """How often another thread wakes up while `wait` runs: it needs Python's lock for that."""
+    wakings, ended = 0, threading.Event()
+
+    def wake() -> None:
+        nonlocal wakings
+        while not ended.is_set():
+            time.sleep(0.001)
+            wakings += 1
+
+    thread = threading.Thread(target=wake)
+    thread.start()
+    wakings = 0
+    wait()
+    during = wakings
+    ended.set()
+    thread.join()
+    return during
+
+
+def test_other_threads_run_while_a_picture_is_drawn(ctx, slow):
+    if not is_software(str(ctx.info["GL_RENDERER"])):
+        pytest.skip("a card draws it in no time")
+    begun = time.perf_counter()
+    assert wakings_meanwhile(lambda: (slow(), ctx.finish())) < 5  # if moderngl gives the lock away, the module can go
+    assert time.perf_counter() - begun > 0.05
+    assert wakings_meanwhile(lambda: GpuClock(ctx).time(slow)) > 15
