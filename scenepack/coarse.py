@@ -53,25 +53,24 @@ def coarse_pack(pack: Pack, known: np.ndarray) -> Pack | None:
     rows, columns = ((np.arange(count)[:, None] * side + kept).ravel() for count in (down, across))
     planes = np.concatenate([_nearest(known, layer * side, side, kept) for layer in range(layers)] or [[]])
 
-    def part(atlas: np.ndarray) -> np.ndarray:
-        taken = np.zeros((len(planes), len(rows), len(columns), 4), np.uint8)
-        for i, plane in enumerate(planes.tolist()):
-            if plane >= 0:
-                taken[i] = atlas[plane][rows[:, None], columns]
-        return taken
-
-    rgba = part(pack.atlas_rgba)
-    times = _gains(f)[rgba[..., 3:]]
-    features = None
-    if pack.atlas_features is not None:
-        features = _times(part(pack.atlas_features), times)
+    rgba = np.zeros((len(planes), len(rows), len(columns), 4), np.uint8)
+    features = None if pack.atlas_features is None else np.zeros_like(rgba)
+    gains = _gains(f)
+    for i, plane in enumerate(planes.tolist()):  # one by one, so that what is between stays in a processor's caches
+        if plane < 0:
+            continue
+        taken = _picked(pack.atlas_rgba[plane], rows, columns)
+        gain = gains[taken[..., 3:]]
+        rgba[i] = _times(taken, gain)
+        if features is not None and pack.atlas_features is not None:
+            features[i] = _times(_picked(pack.atlas_features[plane], rows, columns), gain)
     x, y, z = (-(-n // f) for n in pack.grid_size)
     return replace(
         pack,
         voxel_size=f * pack.voxel_size,
         grid_size=(x, y, z),
         block_size=pack.block_size // f,
-        atlas_rgba=_times(rgba, times),
+        atlas_rgba=rgba,
         atlas_features=features,
     )
 
@@ -82,6 +81,12 @@ def _nearest(known: np.ndarray, start: int, side: int, kept: np.ndarray) -> np.n
     if not len(there):
         return np.full(len(kept), -1)
     return start + there[np.abs(there[None] - kept[:, None]).argmin(axis=1)]
+
+
+def _picked(plane: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Voxels of a plane of the atlas, uint8 [H, W, 4], in these rows and columns."""
+    whole = np.ascontiguousarray(plane).view(np.uint32)[..., 0]
+    return whole[rows[:, None], columns][..., None].view(np.uint8)
 
 
 def _gains(f: int) -> np.ndarray:

@@ -56,19 +56,26 @@ class AtlasPlanes:
     pixels: np.ndarray
 
 
-def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:
+def load_pack(
+    path: Path,
+    *,
+    on_progress: OnProgress | None = None,
+    on_preview: OnPreview | None = None,
+    on_begin: OnPreview | None = None,
+) -> Pack:
     """Reads a pack, a folder or one .zip of it, completely.
 
     on_progress(done, total) is called in this thread after each of `total` images, and on_preview(pack) a few times
-    before the end, with the same scene in coarser voxels (scenepack.coarse). Raises UserError where the pack cannot be
-    opened; warns with PackWarning where it is untidy. A folder that is replaced meanwhile is read anew.
+    before the end, with the same scene in coarser voxels (scenepack.coarse); on_begin(pack) before the first image, with its
+    atlas still to be filled. Raises UserError where the pack cannot be opened; warns with PackWarning where it is untidy. A
+    folder that is replaced meanwhile is read anew.
     """
     path = Path(path)
     for _ in range(3):
         before = _identity(path)
         try:
             with open_pack(path) as reader:
-                pack = reader.read(on_progress, on_preview)
+                pack = reader.read(on_progress, on_preview, on_begin)
         except UserError:
             if before is None or _identity(path) == before:
                 raise
@@ -147,7 +154,12 @@ class PackReader:
     def close(self) -> None:
         self.files.close()
 
-    def read(self, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:
+    def read(
+        self,
+        on_progress: OnProgress | None = None,
+        on_preview: OnPreview | None = None,
+        on_begin: OnPreview | None = None,
+    ) -> Pack:
         """The whole pack; see load_pack."""
         depth, height, width = self.outline.atlas_rgba.shape[:3]
         whole = (self._groups * PLANES_PER_IMAGE, height, width, 4)
@@ -159,10 +171,11 @@ class PackReader:
             raise UserError(f"its atlas does not fit in memory ({error})", where=self.files.path) from error
         features = atlas[FEATURE][:depth] if FEATURE in atlas else None
         pack = replace(self.outline, atlas_rgba=atlas[RGBA][:depth], atlas_features=features)
-        known = np.zeros(depth, bool)
+        if on_begin is not None:
+            on_begin(pack)
+        known = np.full(depth, self._pieces is not None)  # of pieces: where nothing has arrived there are zeros
         groups, steps = order_of_groups(depth, pack.padded_block_size)
         if self._pieces:
-            known[:] = True  # where nothing has arrived there are zeros
             previews = {1, self.total // 4, self.total // 2}
             finished = self._pieces.fill(atlas[RGBA][:depth], _upto(atlas.get(FEATURE), depth), DECODING_THREADS)
         else:

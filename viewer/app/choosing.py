@@ -28,8 +28,16 @@ def path_in(text: str) -> Path | None:
         text = unquote(urlsplit(text).path)
     if not looks_like_path(text):
         return None
-    path = Path(text).expanduser()
+    path = expanded(text)
     return path if _there(path) else None
+
+
+def expanded(text: str) -> Path:
+    """The path, its ~ replaced by a home folder; as it is where that belongs to nobody, such as ~0."""
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:
+        return Path(text)
 
 
 def looks_like_path(text: str) -> bool:
@@ -116,7 +124,7 @@ def suggestions(text: str, recent: Sequence[Path]) -> list[Path]:
 
 
 def _entries(text: str) -> list[Path]:
-    typed = Path(text).expanduser()
+    typed = expanded(text)
     folder, stem = (typed, "") if text.endswith((os.sep, "/")) or text == "~" else (typed.parent, typed.name.lower())
     found: list[tuple[bool, str]] = []
     try:

@@ -9,7 +9,14 @@ from pathlib import Path
 from console import UserError
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
+from viewer.rendering.framing import outline
 from viewer.rendering.skip_grid import skip_grid_of
+
+
+def work_out_ahead(pack: Pack) -> None:
+    """What a window asks of a pack that it shows: worked out in this thread, it need not wait for it."""
+    skip_grid_of(pack)
+    outline(pack)
 
 
 class Cancelled(Exception):
@@ -20,7 +27,8 @@ class Loading:
     """A pack that is being read. Poll `finished` from the main thread, then take `pack` or `error`.
 
     share: 0 … 1 of its images are decoded. images: how many are, and of how many; 0 of 0 at first. preview: what can be
-    shown of it already, another object whenever there is more to see; None at first. error: a UserError or a bug's
+    shown of it already, another object whenever there is more to see; None at first. begun: the pack before its images are
+    decoded, to make room for; None at first. error: a UserError or a bug's
     exception, None where all went well or it was cancelled. notes: what was mended while it was read.
     """
 
@@ -30,6 +38,7 @@ class Loading:
         self.images = (0, 0)
         self.pack: Pack | None = None
         self.preview: Pack | None = None
+        self.begun: Pack | None = None
         self.error: Exception | None = None
         self.notes: list[str] = []
         self.cancelled = False
@@ -48,8 +57,10 @@ class Loading:
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                pack = load_pack(self.path, on_progress=self._progress, on_preview=self._more_to_see)
-                skip_grid_of(pack)  # here and now, so that the window need not wait for it
+                pack = load_pack(
+                    self.path, on_progress=self._progress, on_preview=self._more_to_see, on_begin=self._begin
+                )
+                work_out_ahead(pack)
             self.notes = [str(warning.message) for warning in caught]
             self.pack = None if self.cancelled else pack
         except Cancelled:
@@ -59,8 +70,11 @@ class Loading:
         except Exception as error:  # shown in a dialog; the program goes on
             self.error = error
 
+    def _begin(self, pack: Pack) -> None:
+        self.begun = pack
+
     def _more_to_see(self, pack: Pack) -> None:
-        skip_grid_of(pack)
+        work_out_ahead(pack)
         self.preview = pack
 
     def _progress(self, done: int, total: int) -> None:

@@ -49,6 +49,7 @@ class Opening:
     then: Then | None = None
     told: set[tuple[Path, str]] = field(default_factory=set)
     _share_told: float = -1.0
+    _room_for: Loading | None = None
 
     def start(self, host: OpeningHost, path: Path, *, other: bool = False, then: Then | None = None) -> None:
         """Starts to read a pack; what comes of it shows itself in later ticks."""
@@ -75,6 +76,7 @@ class Opening:
             host.touch(1)
         try:
             if not loading.finished:
+                self._make_room(host, loading)
                 self._take_preview(host, loading)
                 return
             host.touch()
@@ -86,6 +88,7 @@ class Opening:
             if loading.pack is not None:
                 self._show_whole(host, loading.pack, loading.path)
                 self._tell_notes(host, loading)
+            self._give_room_back(host)
         except Exception as error:  # a dialog, and the program goes on
             loading.cancel()
             self.loading = None
@@ -103,6 +106,11 @@ class Opening:
             rest = [f"… and {more} more. See the Log page."] if more > 0 else []
             head = f"{name_of(loading.path)} is open. Some of its files are not as expected:"
             host.messages.show_toast("\n".join([head, *shown, *rest]), "warning")
+
+    def _make_room(self, host: OpeningHost, loading: Loading) -> None:
+        if loading.begun is not None and self._room_for is not loading and not self.other and host.stage is not None:
+            host.stage.make_room(loading.begun)
+            self._room_for = loading
 
     def _take_preview(self, host: OpeningHost, loading: Loading) -> None:
         """Shows what is there of a pack that is being read, unless a good scene is open: that stays until it is whole."""
@@ -136,6 +144,13 @@ class Opening:
             host.touch()
 
     @staticmethod
+    def _give_room_back(host: OpeningHost) -> None:
+        """What was not needed of it, after all."""
+        if host.stage is not None:
+            host.stage.make_room(None)
+
+    @staticmethod
     def _drop_unfinished(host: OpeningHost) -> None:
+        Opening._give_room_back(host)
         if host.scene is not None and not host.scene.whole:
             host.close()

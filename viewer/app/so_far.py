@@ -13,7 +13,7 @@ from typing import Any
 
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
-from viewer.rendering.skip_grid import skip_grid_of
+from viewer.app.loading import work_out_ahead
 
 FILE = "preview.zip"  # in the folder for the results; baker.baking.preview.NAME
 EVERY_S = 30  # what the child is asked for
@@ -66,7 +66,7 @@ class SoFarFile:
                 warnings.simplefilter("ignore")
                 pack = load_pack(self.file)
             made: Any = pack.metadata.get("provenance")
-            skip_grid_of(pack)  # here, so that the window need not wait for it
+            work_out_ahead(pack)
             self._read = SoFar(pack, int(made["steps"]), int(made.get("of_steps", 0)))
         except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
             return

@@ -106,6 +106,9 @@ class Stage(Picture, Protocol):
 
     # Packs
 
+    def make_room(self, pack: Pack | None) -> None:
+        """Begins to make room for a pack that is still being read, whose atlas is not there yet; None gives it back."""
+
     def show(self, pack: Pack | None) -> None:
         """Puts another pack on the card; raises UserError and keeps the old one where it does not fit."""
 

@@ -10,6 +10,7 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as pfd
 
 from viewer.app.application import App
+from viewer.app.choosing import expanded
 from viewer.app.files import FileRequest
 from viewer.panels import theme
 from viewer.panels.modal import in_front
@@ -71,7 +72,7 @@ class FileDialogs:
         app.touch()
         if not chosen or request is None:
             return
-        path = Path(chosen).expanduser()
+        path = expanded(chosen)
         if request.kind == "save" and request.suffixes and path.suffix.lower() not in request.suffixes:
             path = path.with_name(path.name + request.suffixes[0])
         try:

@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 
 from console import UserError
+from viewer.rendering.room import Room
 
 OR_HALF = "or measure it at half resolution: --allow-half"  # the remedy of commands that have this option
 
@@ -31,10 +32,13 @@ class Limits:
 
 
 class Uploader:
-    """Creates textures and counts their bytes; every allocation is checked, for moderngl does not."""
+    """Creates textures and counts their bytes; every allocation is checked, for moderngl does not.
 
-    def __init__(self, ctx: moderngl.Context, limits: Limits | None = None) -> None:
-        self.ctx, self.bytes, self.limits = ctx, 0, limits or Limits.of(ctx)
+    room: what was made ahead is taken from it.
+    """
+
+    def __init__(self, ctx: moderngl.Context, limits: Limits | None = None, room: Room | None = None) -> None:
+        self.ctx, self.bytes, self.limits, self.room = ctx, 0, limits or Limits.of(ctx), room
         self.made: list[moderngl.Texture | moderngl.Texture3D] = []
         while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
             pass
@@ -62,7 +66,8 @@ class Uploader:
         """An uninitialised 3D texture of size (x, y, z)."""
         bytes_ = int(np.prod(size, dtype=np.int64)) * channels * int(dtype[-1])
         self._refuse_more_than_fits(what, bytes_)
-        texture = self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
+        texture = self.room.take(size, channels) if self.room is not None and dtype == "f1" else None
+        texture = texture or self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
         self.made.append(texture)
         self.check(f"the {what} texture", bytes_)
         self.bytes += bytes_

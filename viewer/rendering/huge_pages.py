@@ -26,19 +26,24 @@ def software_draws(ctx: moderngl.Context) -> bool:
     return sys.platform.startswith("linux") and any(name in ctx.info["GL_RENDERER"] for name in SOFTWARE)
 
 
-def move_to_huge_pages(taken_before: list[Range]) -> Iterator[None]:
-    """Moves what this process has allocated since private_memory() gave `taken_before`, a piece a step."""
+def move_to_huge_pages(ranges: list[Range]) -> Iterator[None]:
+    """Moves what lies there, a piece a step."""
     try:
         madvise = ctypes.CDLL(None).madvise
     except (OSError, AttributeError):
         return
-    for start, end in _without(private_memory(), taken_before):
+    for start, end in ranges:
         start, end = -(-start // HUGE) * HUGE, end // HUGE * HUGE
         for first in range(start, end, PIECE):
             address, length = ctypes.c_void_p(first), ctypes.c_size_t(min(PIECE, end - first))
             madvise(address, length, MADV_HUGEPAGE)
             madvise(address, length, MADV_COLLAPSE)  # what the kernel cannot do now, it leaves
             yield
+
+
+def memory_taken_since(before: list[Range]) -> list[Range]:
+    """What this process has allocated since private_memory() gave `before`."""
+    return _without(private_memory(), before)
 
 
 def private_memory() -> list[Range]:

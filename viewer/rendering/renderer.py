@@ -19,6 +19,7 @@ from viewer.rendering.gpu_memory import Limits, NoRoomError
 from viewer.rendering.gpu_scene import GpuScene, upload
 from viewer.rendering.half_resolution import half_resolution
 from viewer.rendering.ray_frame import RayFrame
+from viewer.rendering.room import Room
 from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
 from viewer.rendering.shader_source import assemble, glsl_reciprocals
 from viewer.rendering.skip_grid import CELL
@@ -51,10 +52,10 @@ class Renderer:
     """A pack on the card and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
 
     ctx: an OpenGL 3.3 context, current. marcher: uploaded first. limits: of the card, by default what the driver says.
-    at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. A pack that does
-    not fit is shown at half resolution, or half of that, with a Notice; `pack` is what is shown. NoRoomError where not
-    even a pack of less than LEAST_HALVED voxels a side would fit, and at once without allow_half: figures of a pack must
-    not be those of another.
+    at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. room: made
+    ahead. A pack that does not fit is shown at half resolution, or half of that, with a Notice; `pack` is what is
+    shown. NoRoomError where not even a pack of less than LEAST_HALVED voxels a side would fit, and at once without
+    allow_half: figures of a pack must not be those of another.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Renderer:
         *,
         at_once: bool = True,
         allow_half: bool = True,
+        room: Room | None = None,
     ) -> None:
         self.ctx, self._limits = ctx, limits
         self._scenes: dict[str, GpuScene] = {}
@@ -75,7 +77,9 @@ class Renderer:
         refused: NoRoomError | None = None
         while not self._scenes:
             try:
-                self._scenes[_layout(marcher)] = upload(ctx, self.pack, _layout(marcher), limits, at_once=at_once)
+                self._scenes[_layout(marcher)] = upload(
+                    ctx, self.pack, _layout(marcher), limits, at_once=at_once, room=room
+                )
             except NoRoomError as error:
                 refused = refused or error
                 if not allow_half or max(self.pack.grid_size) < LEAST_HALVED:

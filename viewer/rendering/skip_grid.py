@@ -10,13 +10,13 @@ Source: distance-field skipping after Cohen and Sheffer, "Proximity clouds" (199
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import dataclass
 
 import numpy as np
 
 from scenepack.pack import Pack
 from viewer.rendering.content_hull import hull_triangles
+from viewer.rendering.once_per_pack import once_per_pack
 
 CELL = 4  # texel cubes a side; 1 and 2 were slower, 3 no faster (docs/performance.md)
 FARTHEST = 255
@@ -35,18 +35,12 @@ class SkipGrid:
     hull: np.ndarray
 
 
-_known: dict[int, SkipGrid] = {}
-
-
+@once_per_pack
 def skip_grid_of(pack: Pack) -> SkipGrid:
-    """The skip grid of `pack`, computed for whoever asks first: the thread that loads it, so that no window waits."""
-    key = id(pack)
-    if key not in _known:
-        words = skip_words(content_cells(pack, CELL // 2))
-        content = words & FARTHEST == 0
-        _known[key] = SkipGrid(words, *content_bounds(content), hull_triangles(content, CELL))
-        weakref.finalize(pack, _known.pop, key, None)
-    return _known[key]
+    """The skip grid of `pack`."""
+    words = skip_words(content_cells(pack, CELL // 2))
+    content = words & FARTHEST == 0
+    return SkipGrid(words, *content_bounds(content), hull_triangles(content, CELL))
 
 
 def skip_words(eighths: np.ndarray) -> np.ndarray:

@@ -24,6 +24,7 @@ from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
 from viewer.rendering.sketch_picture import SketchPicture
+from viewer.window.rooms import Beside, Rooms
 from viewer.window.sheet_texture import SheetTexture
 from viewer.window.targets import MARGIN, Box, Difference, Target, with_margin
 
@@ -36,10 +37,16 @@ BLEND_S = 0.08  # in which a tile of it appears over the quick picture, so that 
 
 
 class Canvas:
-    """Draws the open pack as the app wants it. ctx: the window's context, or an offscreen one."""
+    """Draws the open pack as the app wants it. ctx: the window's context, or an offscreen one.
 
-    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture] | None = None) -> None:
+    beside: see Rooms.
+    """
+
+    def __init__(
+        self, ctx: moderngl.Context, retired: list[moderngl.Texture] | None = None, beside: Beside | None = None
+    ) -> None:
         self.ctx = ctx
+        self._rooms = Rooms(ctx, beside)
         self.renderer: Renderer | None = None
         self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
         self._retired = [] if retired is None else retired
@@ -70,10 +77,14 @@ class Canvas:
 
     # Stage
 
+    def make_room(self, pack: Pack | None) -> None:
+        """See Stage.make_room."""
+        self._rooms.make(pack)
+
     def show(self, pack: Pack | None) -> None:
         """See Stage.show."""
         self._drop_coming()
-        renderer = Renderer(self.ctx, pack, at_once=False) if pack is not None else None
+        renderer = Renderer(self.ctx, pack, at_once=False, room=self._rooms.now) if pack is not None else None
         if self.renderer is not None:
             self.renderer.release()
         self.renderer = renderer
@@ -81,7 +92,7 @@ class Canvas:
 
     def refine(self, pack: Pack) -> None:
         """See Stage.refine."""
-        coming = Renderer(self.ctx, pack, at_once=False)
+        coming = Renderer(self.ctx, pack, at_once=False, room=self._rooms.now)
         self._drop_coming()
         self._coming = coming
 
@@ -273,6 +284,7 @@ class Canvas:
         """
         while self._retired:
             self._retired.pop().release()
+        self._rooms.sweep()
 
     def forget(self) -> None:
         """Begins anew with the next draw, after one that failed."""
@@ -355,6 +367,7 @@ class Canvas:
 
     def release(self) -> None:
         """Frees everything on the card."""
+        self._rooms.release()
         self.show_other(None)
         self._drop_coming()
         for name in list(self._images):

@@ -35,6 +35,7 @@ from viewer.window.canvas import Canvas
 from viewer.window.joysticks import controllers_now, text_of
 from viewer.window.notices import notices_logged
 from viewer.window.panels import MakePanels, Panels
+from viewer.window.second_context import SecondContext
 
 import glfw  # isort: skip  (after imgui_bundle)
 
@@ -101,7 +102,8 @@ class Window:
         self.ctx = moderngl.create_context(require=330)
         while self.ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
             pass
-        self.canvas = Canvas(self.ctx)
+        self._second = SecondContext(glfw, self.handle)
+        self.canvas = Canvas(self.ctx, beside=self._second.for_a_thread)
         app.stage = self.canvas
         self._listen()
         self.read_controllers: Callable[[], list[ControllerState]] = lambda: controllers_now(glfw)
@@ -315,6 +317,7 @@ class Window:
         end_processes(self.app)
         self.app.stage = None
         self.canvas.close()
+        self._second.close()
         self.ui.release()
         self.ctx.release()
         glfw.destroy_window(self.handle)

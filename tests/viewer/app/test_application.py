@@ -20,12 +20,15 @@ class FakeStage:
     gpu_bytes = 0
 
     def __init__(self, refuse: str = "") -> None:
-        self.shown, self.refuse = [], refuse
+        self.shown, self.refuse, self.rooms = [], refuse, []
 
     def show(self, pack):
         if self.refuse:
             raise UserError(self.refuse)
         self.shown.append(pack)
+
+    def make_room(self, pack):
+        self.rooms.append(pack)
 
     def refine(self, pack):
         self.shown[-1] = pack
@@ -88,7 +91,7 @@ def test_a_bug_while_loading_is_a_dialog_too(open_app, pack_folder, monkeypatch)
 def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     go_on = threading.Event()
 
-    def slow(path, *, on_progress, on_preview):
+    def slow(path, *, on_progress, **_):
         go_on.wait(20)
         on_progress(1, 2)
         return toy_pack()
@@ -102,6 +105,34 @@ def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     until(lambda: loading.finished)
     open_app.tick(0.01)
     assert loading.pack is None and loading.error is None and open_app.scene is old and not open_app.messages.dialogs
+
+
+def test_room_is_asked_for_while_a_pack_is_read_and_given_back(open_app, pack_folder, monkeypatch):
+    go_on, outline = threading.Event(), toy_pack()
+
+    def slow(path, *, on_begin, on_progress, **_):
+        on_begin(outline)
+        go_on.wait(20)
+        on_progress(1, 2)
+        return toy_pack()
+
+    monkeypatch.setattr(loading_module, "load_pack", slow)
+    rooms = open_app.stage.rooms
+    for cancelled in (False, True):
+        rooms.clear()
+        go_on.clear()
+        open_app.open(pack_folder)
+        until(lambda: open_app.loading.begun is outline)
+        open_app.tick(0.01)
+        open_app.tick(0.01)
+        assert len(rooms) and rooms[-1] is outline and rooms.count(outline) == 1
+        if cancelled:
+            open_app.cancel_loading()
+            go_on.set()
+        else:
+            go_on.set()
+            finish_loading(open_app)
+        assert rooms[-1] is None
 
 
 def test_a_preview_tells_its_images_and_not_its_voxels(open_app):

@@ -32,7 +32,18 @@ def test_a_copied_path_is_found_as_shells_and_file_managers_write_it(shelf, form
 
 def test_what_is_no_path_is_none(shelf, monkeypatch):
     monkeypatch.chdir(shelf)
-    for text in ("", "   ", '{"eye": [0, 0, 1]}', "plain", "1,2,3,4,5,6", str(shelf / "gone"), "/\0", "/" + 5000 * "a"):
+    for text in (
+        "",
+        "   ",
+        '{"eye": [0, 0, 1]}',
+        "plain",
+        "1,2,3,4,5,6",
+        str(shelf / "gone"),
+        "~0",
+        "~nobody/x",
+        "/\0",
+        "/" + 5000 * "a",
+    ):
         assert path_in(text) is None, text
 
 

@@ -97,7 +97,7 @@ def test_a_pack_that_is_cut_off_while_it_is_seen_leads_back_to_the_start_page(
     last.write_bytes(last.read_bytes()[: last.stat().st_size // 2])  # its header is whole
     seen, go_on, load = threading.Event(), threading.Event(), loading_module.load_pack
 
-    def load_slowly(path, *, on_progress, on_preview):
+    def load_slowly(path, *, on_progress, on_preview, **_):
         def preview(pack):
             on_preview(pack)
             seen.set()

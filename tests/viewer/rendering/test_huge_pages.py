@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from viewer.rendering.huge_pages import HUGE, _without, move_to_huge_pages, private_memory
+from viewer.rendering.huge_pages import HUGE, _without, memory_taken_since, move_to_huge_pages, private_memory
 
 
 def test_the_parts_that_are_new_are_found() -> None:
@@ -30,7 +30,7 @@ def test_new_memory_is_moved_and_keeps_its_contents() -> None:
     memory.madvise(mmap.MADV_NOHUGEPAGE)  # as if the kernel had not had any at first
     values = np.frombuffer(memory, np.uint32)
     values[:] = np.arange(len(values))
-    steps = sum(1 for _ in move_to_huge_pages(before))
+    steps = sum(1 for _ in move_to_huge_pages(memory_taken_since(before)))
     assert steps >= 1 and np.array_equal(values, np.arange(len(values)))
     if tuple(map(int, platform.release().split(".")[:2])) < (6, 1):
         pytest.skip("this kernel moves memory when it pleases")

@@ -5,11 +5,13 @@ is opened while another test's EGL context is current in the same thread.
 """
 
 import sys
+import threading
 import time
 from pathlib import Path
 
 import glfw
 import moderngl
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -17,10 +19,14 @@ from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.screen import SCREEN
 from tests.viewer.waiting import until
-from tests.viewer.window.living import draw_only_what_is_looked_at, other_program, pump
+from tests.viewer.window.living import draw_only_what_is_looked_at, live, other_program, pump
+from viewer.app import loading
 from viewer.app.application import App
 from viewer.app.make_plan import Plan
 from viewer.panels.ui import Ui
+from viewer.rendering import gpu_scene
+from viewer.rendering.settings import RenderSettings
+from viewer.window import rooms
 from viewer.window.window import Window
 
 SIZE = (900, 600)
@@ -157,6 +163,35 @@ def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_p
     open_whole(window)
     assert window.app.scene.name == "a dröpped päck" and window.app.scene.pack.view_mlp is None
     assert not window.app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
+
+
+def test_room_is_made_beside_the_window_while_a_pack_is_read(window, other_client, tmp_path, monkeypatch):
+    monkeypatch.setattr(gpu_scene, "WORTH_A_THREAD", 0)
+    made, make = [], rooms.make_room
+    monkeypatch.setattr(rooms, "make_room", lambda *words: made.append(make(*words)) or made[-1])
+    reads, whole = threading.Event(), loading.load_pack
+
+    def once_there_is_room(path, *, on_begin, **options):
+        def begun(pack):
+            on_begin(pack)
+            assert reads.wait(20)
+
+        return whole(path, on_begin=begun, **options)
+
+    monkeypatch.setattr(loading, "load_pack", once_there_is_room)
+    pack = toy_pack(seed=3)
+    save_pack(pack, tmp_path / "roomy")
+    window.app.open(tmp_path / "roomy")
+    live(window, lambda: len(made) == 1)
+    assert not made[0].taken
+    reads.set()
+    open_whole(window)
+    assert made[0].taken and window.canvas.ctx.error == "GL_NO_ERROR"
+    window.draw_frames(2)
+    camera = window.app.scene.rig.camera((96, 64))
+    seen = window.canvas.snapshot(camera, RenderSettings())
+    window.canvas.show(pack)  # without
+    assert np.array_equal(seen, window.canvas.snapshot(camera, RenderSettings())) and np.ptp(seen) > 50
 
 
 def test_what_is_no_pack_is_a_dialog_that_real_keys_answer(window, other_client, xdotool, tmp_path):
