@@ -28,8 +28,8 @@ class Loading:
 
     share: 0 … 1 of its images are decoded. images: how many are, and of how many; 0 of 0 at first. preview: what can be
     shown of it already, another object whenever there is more to see; None at first. begun: the pack before its images are
-    decoded, to make room for; None at first. error: a UserError or a bug's
-    exception, None where all went well or it was cancelled. notes: what was mended while it was read.
+    decoded, to make room for; None at first. error: a UserError or a bug's exception, None where all went well or it was
+    cancelled. notes: what was mended while it was read.
     """
 
     def __init__(self, path: Path) -> None:

@@ -51,9 +51,8 @@ class Room:
         if gl is None:
             return False
         gl.glBindTexture(GL_TEXTURE_3D, self._texture.glo)
-        gl.glTexStorage3D(
-            GL_TEXTURE_3D, 1, GL_RGBA8, *self.size
-        )  # Mesa's glTexImage3D lets no other context use a texture
+        # Not glTexImage3D: while that makes a texture, the window's context waits as soon as it uses any (Mesa 22.3).
+        gl.glTexStorage3D(GL_TEXTURE_3D, 1, GL_RGBA8, *self.size)
         gl.glFinish()
         return gl.glGetError() == GL_NO_ERROR
 

@@ -142,9 +142,8 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
         scene = find_poses(found.source, tmp_path / "out")
     assert asked[:2] == [("features", COUNT + 1), ("matches", (COUNT + 1) * COUNT / 2)]  # all of which are kept
     first, second = load(found.scene), load(scene)
-    result = agreement(
-        second, first
-    )  # not to the last bit: COLMAP's matcher may lose some matches, once in hundreds of runs
+    # Not to the last bit: COLMAP's matcher may lose some matches, once in hundreds of runs.
+    result = agreement(second, first)
     assert len(result.names) == COUNT and result.positions.max() < 0.005 and result.degrees.max() < 0.2
     of_second = photographs_of(second)
     for name, one in photographs_of(first).items():

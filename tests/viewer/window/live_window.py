@@ -165,7 +165,7 @@ def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_p
     assert not window.app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
-def test_room_is_made_beside_the_window_while_a_pack_is_read(window, other_client, tmp_path, monkeypatch):
+def test_room_is_made_beside_the_window_while_a_pack_is_read(window, tmp_path, monkeypatch):
     monkeypatch.setattr(gpu_scene, "WORTH_A_THREAD", 0)
     made, make = [], rooms.make_room
     monkeypatch.setattr(rooms, "make_room", lambda *words: made.append(make(*words)) or made[-1])
