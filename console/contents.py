@@ -13,15 +13,28 @@ _SIGNATURES = (
     (0, b"%PDF", "a PDF"),
     (0, b"II*\x00", "a TIFF"),
     (0, b"MM\x00*", "a TIFF"),
+    (0, b"II+\x00", "a TIFF"),
+    (0, b"MM\x00+", "a TIFF"),
     (0, b"BM", "a BMP"),
     (0, b"PK\x03\x04", "a ZIP archive"),
     (0, b"\x1f\x8b", "a gzip archive"),
     (0, b"\xfd7zXZ\x00", "an .xz archive"),
     (0, b"\x1aE\xdf\xa3", "a Matroska or WebM film"),
+    (0, b"\x76\x2f\x31\x01", "an OpenEXR"),
+    (0, b"8BPS", "a Photoshop file"),
+    (0, b"\xff\x0a", "a JPEG XL"),
+    (0, b"\0\0\0\x0cJXL ", "a JPEG XL"),
+    (0, b"\0\0\0\x0cjP  ", "a JPEG 2000"),
+    (0, b"#?RADIANCE", "a Radiance HDR"),
+    (0, b"FUJIFILMCCD-RAW", "a Fujifilm raw photograph"),
+    (4, b"ftypcrx", "a Canon raw photograph"),
     (8, b"WEBP", "a WebP"),
     (8, b"AVI ", "an AVI film"),
     (4, b"ftypavi", "an AVIF"),
     (4, b"ftyphei", "a HEIC"),
+    (4, b"ftyphev", "a HEIC"),
+    (4, b"ftypmif1", "a HEIC"),
+    (4, b"ftypmsf1", "a HEIC"),
     (4, b"ftyp", "an MP4"),
 )
 _SHOWN = 24  # characters of text
@@ -31,6 +44,8 @@ def told(head: bytes) -> str:
     """What the first HEAD_BYTES of a file tell that it is: "a PNG", "text that begins 'v=0 o=-'", "unknown data"."""
     if not head:
         return "an empty file"
+    if head[4:12] in (b"ftypmif1", b"ftypmsf1") and b"avif" in head[12:]:  # one container, and two codecs
+        return "an AVIF"
     for start, signature, name in _SIGNATURES:
         if head[start:].startswith(signature):
             return name

@@ -299,8 +299,9 @@ def make_dataset(
     if channels == 4 and not anywhere(any_transparent(own[: max(count - low, 0)])):
         own, channels = without_alpha(own), 3
     if split == "train" and channels == 4 and not anywhere(any_visible(own[: max(count - low, 0)])):
-        raise UserError("there is nothing to see: every pixel is transparent", where=scene.path, found=f"{len(cameras)} "
-                        "photographs", remedy="check the photographs' alpha, or their masks")  # fmt: skip
+        why = "all masks hide everything" if scene.notes.get("masks") else "every pixel is transparent"
+        raise UserError(f"there is nothing to see: {why}", where=scene.path, found=f"{len(cameras)} photographs",
+                        remedy="check the photographs' alpha, or their masks")  # fmt: skip
     if channels == 3 and scene.kind == "blender":
         warnings.warn(Notice(f"{scene.path}: {OPAQUE}"), stacklevel=2)
     whole = put_whole(

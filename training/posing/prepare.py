@@ -21,6 +21,7 @@ from training.posing.camera_files import Look, look_at, put
 from training.posing.child import ask
 from training.posing.choice import blurred, repeated, sharpness, thumbnail
 from training.posing.masks import MASKS, put_mask
+from training.scenes.pixels import notice_masks
 from training.scenes.sources import Source
 
 IMAGES, RECORD, LOG = "images", "pictures.json", "log.txt"
@@ -99,7 +100,7 @@ def _photographs(source: Source, folder: Path, bar: Progress) -> Prepared:
         raise first_error
     chosen = chosen_looks(source, looks, aside)
     names = file_stems([source.name_of(file) for file, _ in chosen])
-    pictures = []
+    pictures, extremes = [], {}
     for (file, look), name in zip(chosen, names, strict=True):
         try:
             pictures.append(Picture(put(file, look, folder, name), source.name_of(file), look.camera, look.focal))
@@ -107,7 +108,12 @@ def _photographs(source: Source, folder: Path, bar: Progress) -> Prepared:
             aside[source.name_of(file)] = error.what
             continue
         if (mask := source.mask_of(file)) is not None:
-            put_mask(mask, file, look, folder.with_name(MASKS), pictures[-1].name)
+            values = put_mask(mask, file, folder.with_name(MASKS), pictures[-1].name)
+            extremes[source.name_of(mask)] = (values.min(), values.max())
+    if extremes and not any(high for _, high in extremes.values()):
+        raise UserError("all masks hide everything", where=source.masks, expected="white where the object is",
+                        found=f"{len(extremes)} masks that are black", remedy="mend or remove the masks")  # fmt: skip
+    notice_masks(source.masks, extremes)
     bar.update(len(source.files))
     return Prepared(tuple(pictures), aside)
 

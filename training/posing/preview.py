@@ -21,14 +21,14 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from PIL import Image, ImageOps
+from PIL import Image
 
 from console import UserError, refusal
-from training.posing.camera_files import Look, formats_of, look_at, plain_picture, put
+from training.posing.camera_files import Look, look_at, put
 from training.posing.pairs import how_many_pairs
 from training.posing.prepare import chosen_looks, file_stems
 from training.posing.worker import end_with_stdin
-from training.scenes.pictures import UNREADABLE, decodable
+from training.scenes.pictures import small_picture
 from training.scenes.sources import Source, find_source
 
 SIDE = 160  # pixels of a small picture's longer side
@@ -55,7 +55,7 @@ def _photographs(source: Source, folder: Path) -> None:
             started = time.monotonic()
             looks.append((file, look_at(file)))
             looked += time.monotonic() - started
-            _small(file).save(folder / small, format="JPEG", quality=85)
+            small_picture(file, SIDE, "RGB").save(folder / small, format="JPEG", quality=85)
             _say(name=name, file=small)
         except UserError as error:
             aside[name] = "; ".join(filter(None, (error.what, error.remedy)))
@@ -112,18 +112,6 @@ def _tell_seconds(images: Path, names: Sequence[str], count: int, looked: float)
         "pictures": looked, "features": each * count,
         "matches": matches / how_many_pairs(len(names)) * how_many_pairs(count), "poses": POSES_BY_FEATURES * each * count,
     })  # fmt: skip
-
-
-def _small(file: Path) -> Image.Image:
-    """The photograph upright, RGB, at most SIDE pixels a side."""
-    try:
-        with decodable(file, formats_of(file)) as image:
-            image.draft("RGB", (2 * SIDE, 2 * SIDE))
-            picture = plain_picture(ImageOps.exif_transpose(image)).convert("RGB")
-    except UNREADABLE as error:
-        raise UserError("the picture cannot be decoded", where=file) from error
-    picture.thumbnail((SIDE, SIDE), Image.Resampling.BOX, reducing_gap=2.0)
-    return picture
 
 
 def _say(**facts: object) -> None:

@@ -2,7 +2,8 @@
 
 Notation: a picture is float32 [H, W, 4] in [0, 1], RGB not premultiplied, alpha 1 where opaque; k the
 downscale factor. Shrinking averages exactly over areas, of colour premultiplied by alpha, so that the
-invisible RGB of transparent pixels does not bleed into edges.
+invisible RGB of transparent pixels does not bleed into edges. A picture is *stored* as its bytes have it, and *upright* after it
+was turned as its EXIF says; it is upright unless `as_stored` is asked for. Sizes are (width, height).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import io
 import math
 import os
 import struct
+import warnings
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,41 +20,124 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, UnidentifiedImageError, features
 from PIL.JpegImagePlugin import JpegImageFile
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
+from training.scenes.deep_pictures import (
+    ExrHeader,
+    TiffTags,
+    decoded_exr,
+    decoded_png,
+    decoded_tiff,
+    exr_header,
+    tiff_tags,
+)
+from training.scenes.mask_values import mask_values
+from training.scenes.picture_formats import PICTURE_SUFFIXES as PICTURE_SUFFIXES
+from training.scenes.picture_formats import READ, UNREAD_FORMATS
+from training.scenes.picture_formats import UNREAD_SUFFIXES as UNREAD_SUFFIXES
 
+warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
 # Pillow goes by a file's content, and knows formats that start other programs (Ghostscript for PostScript).
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+LOSSY = ("JPEG", "MPO", "WEBP", "HEIF", "AVIF")
 # Of a mask that is all white, as DEFLATE stores it; photographs have a few. Pictures up to the latter size need not tell.
 MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 # A JPEG goes over all its pixels once for each scan, which may have 30 bytes: cameras write 1, other programs 10 to 64.
 MOST_SCANS, SCAN = 100, b"\xff\xda"
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
-# What Pillow raises for damaged files; its readers were not written with one error in mind.
+ORIENTATION = 0x0112  # in EXIF
+SIDEWAYS = (5, 6, 7, 8)  # its values that swap width and height
+MASK_SHAPE = 0.02  # how much a mask's width over its height may differ from its photograph's
+# What Pillow, imagecodecs and OpenEXR raise for damaged files; they were not written with one error in mind.
 UNREADABLE = (
     OSError, SyntaxError, ValueError, AssertionError, LookupError, TypeError, ArithmeticError, AttributeError, EOFError,
-    struct.error, zlib.error,
+    RuntimeError, struct.error, zlib.error,
 )  # fmt: skip
 MASK_SUFFIXES = (".png", ".jpg", ".jpeg")
-_EXPECTED = "PNG, JPEG, WebP, TIFF or BMP"
 
 
-def picture_size(path: Path) -> tuple[int, int]:
-    """(width, height) of a picture from its header. UserError where it is missing or no picture."""
+@dataclass(frozen=True)
+class Header:
+    """What a picture's file says before its pixels are decoded.
+
+    format: Pillow's name, or "EXR". stored: the size as stored. orientation: EXIF's, 1 to 8. transparent: whether it has alpha at
+    all. mode: Pillow's. deep: what decodes it in place of Pillow, which would cut it down to 8 bits or not read it.
+    """
+
+    format: str
+    stored: tuple[int, int]
+    orientation: int
+    transparent: bool
+    mode: str
+    exif: Image.Exif
+    deep: TiffTags | ExrHeader | bool = False
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Upright."""
+        width, height = self.stored
+        return (height, width) if self.orientation in SIDEWAYS else (width, height)
+
+
+def read_header(path: Path) -> Header:
+    """UserError where it is missing, or no picture that is read."""
     if not os.path.isfile(path):  # also where the system would not even look for such a name
         raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
+    if (unread := UNREAD_FORMATS.get(path.suffix.lower())) is not None:
+        raise UserError(f"{unread.name} pictures are not read", where=path, expected=READ, remedy=unread.remedy)
     try:
-        with opened(path) as image:
-            return image.size
+        with _Bounded(io.FileIO(path)) as file:
+            kind = told(file.read(HEAD_BYTES))
+            file.seek(0)
+            tags = tiff_tags(path, file) if kind == "a TIFF" else None
+        if kind == "an OpenEXR":
+            exr = exr_header(path)
+            weigh(path, exr.data_size, exr.channels)
+            weigh(path, exr.size)
+            return Header("EXR", exr.size, 1, exr.has_alpha, "F", Image.Exif(), exr)
+        if tags is not None:
+            weigh(path, tags.size, tags.samples * tags.bits / 32)
+            weigh(path, tags.tile, tags.samples * tags.bits / 32)
+        try:
+            return _pillow_header(path, tags)
+        except UnidentifiedImageError:
+            if tags is None or not tags.deep:
+                raise
+            return Header("TIFF", tags.size, tags.orientation, tags.has_alpha, "F", Image.Exif(), tags)
     except UnidentifiedImageError as error:
-        found = told(_head(path))
-        raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=found) from error
+        raise UserError("not a readable picture", where=path, expected=READ, found=kind) from error
     except UNREADABLE as error:
-        raise UserError("not a readable picture", where=path, expected=_EXPECTED, found=_short(error)) from error
+        raise UserError("not a readable picture", where=path, expected=READ, found=_short(error)) from error
+
+
+def _pillow_header(path: Path, tags: TiffTags | None) -> Header:
+    with opened(path) as image:
+        exif = Image.Image.getexif(image)  # a PNG's own would decode all pixels, to look what stands behind them
+        orientation = exif.get(ORIENTATION, 1)
+        deep: TiffTags | bool = image.format == "PNG" and _head(path)[24] == 16 and "transparency" not in image.info
+        transparent = image.has_transparency_data
+        if tags is not None and tags.deep:
+            deep, transparent = tags, tags.has_alpha
+        return Header(
+            format=image.format or "", stored=image.size if tags is None else tags.size,
+            orientation=orientation if orientation in range(1, 9) else 1, transparent=transparent, mode=image.mode,
+            exif=exif, deep=deep,
+        )  # fmt: skip
+
+
+def picture_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
+    """(width, height) of a picture from its header. UserError where it is missing or no picture."""
+    header = read_header(path)
+    return header.stored if as_stored else header.size
+
+
+def is_turned(path: Path) -> bool:
+    """Whether a picture's EXIF says that it is to be turned or mirrored. UserError as above."""
+    return read_header(path).orientation != 1
 
 
 def find_mask(folder: Path, name: str) -> Path | None:
@@ -66,25 +151,49 @@ def find_mask(folder: Path, name: str) -> Path | None:
 
 def may_be_transparent(path: Path) -> bool:
     """Whether a picture has alpha at all, from its header. UserError where it is missing or no picture."""
-    picture_size(path)
-    with opened(path) as image:
-        return image.has_transparency_data
+    return read_header(path).transparent
 
 
 def read_picture(path: Path) -> np.ndarray:
-    """Decodes 8 or 16 bit grey, RGB(A) or palette pictures to float32 [H, W, 4]. UserError where that fails."""
+    """Decodes a picture to float32 [H, W, 4]. UserError where that fails."""
     return with_alpha(as_floats(decoded(path)))
 
 
-def decoded(path: Path) -> np.ndarray:
-    """What read_picture decodes, as it is stored: uint8 [H, W, 3 or 4], float32 [H, W, 3] where that has 16 bits."""
-    picture_size(path)
+def decoded(path: Path, as_stored: bool = False) -> np.ndarray:
+    """What read_picture decodes: uint8 [H, W, 3 or 4], or float32 where the file has more than 8 bits."""
+    header = read_header(path)
+    with _one_line(path):
+        if isinstance(header.deep, ExrHeader):
+            return decoded_exr(path, header.deep)
+        if not header.deep:
+            with decodable(path) as image:
+                mode = "RGBA" if header.transparent else "RGB"
+                picture = np.asarray(image if image.mode == mode else image.convert(mode))
+            if header.format == "TIFF":  # which Pillow turns by itself
+                return turned_back(picture, header.orientation) if as_stored else picture
+        else:
+            picture = decoded_png(path) if header.deep is True else decoded_tiff(path, header.deep)
+        return picture if as_stored else turned(picture, header.orientation)
+
+
+def turned(picture: np.ndarray, orientation: int) -> np.ndarray:
+    """A picture [H, W, ...] as stored, upright: turned as EXIF's orientation says."""
+    if orientation in SIDEWAYS:
+        picture = picture.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        picture = picture[::-1]
+    return picture[:, ::-1] if orientation in (2, 3, 6, 7) else picture
+
+
+def turned_back(picture: np.ndarray, orientation: int) -> np.ndarray:
+    """The inverse of `turned`."""
+    return turned(picture, {6: 8, 8: 6}.get(orientation, orientation))
+
+
+@contextmanager
+def _one_line(path: Path) -> Iterator[None]:
     try:
-        with decodable(path) as image:
-            if image.mode.startswith("I"):  # 16 bit grey
-                return np.repeat(np.asarray(image, np.float32)[..., None] / 65535.0, 3, axis=-1)
-            mode = "RGBA" if image.has_transparency_data else "RGB"
-            return np.asarray(image if image.mode == mode else image.convert(mode))
+        yield
     except UNREADABLE as error:
         raise UserError(
             "the picture cannot be decoded",
@@ -112,21 +221,44 @@ def as_bytes(picture: np.ndarray) -> np.ndarray:
 
 
 @contextmanager
-def opened(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
+def opened(path: Path) -> Iterator[Image.Image]:
     """The picture, its pixels not decoded yet. OSError where its header claims more of them than its bytes can hold."""
-    with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=formats) as image:
-        most = MOST_PIXELS_PER_BYTE * os.path.getsize(path) * (8 if image.mode == "1" else 1)
-        if image.width * image.height > max(most, UNDOUBTED_PIXELS):
-            raise OSError(
-                f"its header claims {times(image.size)} pixels, more than {os.path.getsize(path)} bytes can hold"
-            )
+    with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=formats_of(path)) as image:
+        weigh(path, image.size, 1 / 8 if image.mode == "1" else 1)
         yield image
 
 
+def weigh(path: Path, size: tuple[int, int], words: float = 1) -> None:
+    """OSError where a file is too small for so many pixels, each of so many four bytes."""
+    width, height = size
+    if width < 1 or height < 1 or width * height * words > max(
+        MOST_PIXELS_PER_BYTE * os.path.getsize(path), UNDOUBTED_PIXELS
+    ):  # fmt: skip
+        raise OSError(f"its header claims {times(size)} pixels, more than {os.path.getsize(path)} bytes can hold")
+
+
+def formats_of(path: Path) -> tuple[str, ...]:
+    """Which of Pillow's formats may be in a file, by its first bytes. UserError where what reads them is not installed."""
+    kind = told(_head(path))
+    if kind == "an AVIF":
+        if not features.check("avif"):
+            raise UserError("this Pillow reads no AVIF", where=path, remedy="pip install --upgrade pillow")
+        return ("AVIF",)
+    if kind != "a HEIC":
+        return FORMATS
+    try:
+        from pillow_heif import register_heif_opener  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise UserError("HEIC pictures need pillow-heif, which is not installed", where=path,
+                        remedy="pip install pillow-heif, or export the pictures as JPEG") from error  # fmt: skip
+    register_heif_opener()
+    return ("HEIF",)
+
+
 @contextmanager
-def decodable(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
+def decodable(path: Path) -> Iterator[Image.Image]:
     """The same, whose pixels take no longer than its size explains: so it may be decoded here, without a process and a clock."""
-    with opened(path, formats) as image:
+    with opened(path) as image:
         if isinstance(image, JpegImageFile) and (scans := _scans(path)) > MOST_SCANS:
             raise OSError(f"it has {scans} scans; at most {MOST_SCANS} are read")
         yield image
@@ -216,13 +348,15 @@ def area_average(values: np.ndarray, size: int, axis: int) -> np.ndarray:
 class PictureLoader:
     """A Photograph.load of a file: decodes `path`, checks that it still has source_size, applies a mask, shrinks to `size`.
 
-    mask: a picture of the same size; black hides (alpha 0), white shows. Sizes are (width, height).
+    mask: a picture of the same shape (see read_mask). as_stored: the picture is not turned as its EXIF says; source_size and size
+    are such, too.
     """
 
     path: Path
     source_size: tuple[int, int]
     size: tuple[int, int]
     mask: Path | None = None
+    as_stored: bool = False
 
     def __call__(self) -> np.ndarray:
         return shrink(with_alpha(as_floats(self._decoded())), *self.size)
@@ -233,13 +367,13 @@ class PictureLoader:
 
     def _decoded(self) -> np.ndarray:
         """The picture in full size, as `decoded` gives it, what the mask hides transparent."""
-        picture = decoded(self.path)
-        self._check(self.path, picture.shape[1::-1], "the picture")
+        picture = decoded(self.path, self.as_stored)
+        if picture.shape[1::-1] != tuple(self.source_size):
+            raise UserError("the picture is of another size", where=self.path, expected=times(self.source_size),
+                            found=times(picture.shape[1::-1]), remedy="the file changed after the scene was read")  # fmt: skip
         if self.mask is None:
             return picture
-        shown = decoded(self.mask)
-        self._check(self.mask, shown.shape[1::-1], "the mask")
-        alpha = as_floats(shown[..., :1])
+        alpha = read_mask(self.mask, self.path, self.as_stored)[..., None]
         if picture.shape[-1] == 4:
             alpha = as_floats(picture[..., 3:]) * alpha
         if picture.dtype == np.uint8:
@@ -252,35 +386,53 @@ class PictureLoader:
 
     def thumbnail(self, side: int) -> Image.Image:
         """The picture in RGBA, at most `side` pixels a side; a JPEG is decoded at no more than it takes. Errors as above."""
-        picture_size(self.path)
-        try:
-            small = _small(self.path, side, "RGBA")
-            if self.mask is not None:
-                small.putalpha(_small(self.mask, side, "L").resize(small.size))
-        except UNREADABLE as error:
-            raise UserError("the picture cannot be decoded", where=self.path, found=_short(error)) from error
+        small = small_picture(self.path, side, "RGBA", as_stored=self.as_stored)
+        if self.mask is not None:
+            shown = Image.fromarray(as_bytes(read_mask(self.mask, self.path, self.as_stored)))
+            small.putalpha(shown.resize(small.size, Image.Resampling.BOX))
         return small
 
-    def _check(self, path: Path, found: Sequence[int], what: str) -> None:
-        if tuple(found) != self.source_size:
-            raise UserError(
-                f"{what} is of another size",
-                where=path,
-                expected=times(self.source_size),
-                found=times(found),
-                remedy="the file changed after the scene was read",
-            )
+
+def read_mask(path: Path, photograph: Path, as_stored: bool = False) -> np.ndarray:
+    """The values of a mask (training.scenes.mask_values), float32 [H, W] of its photograph's size.
+
+    A mask of another size is resampled, if it has the same shape. One without an EXIF orientation of its own, whose shape is that
+    of the photograph as stored, is turned along with it. UserError where it has another shape.
+    """
+    header, own = read_header(photograph), read_header(path)
+    width, height = header.stored if as_stored else header.size
+    values = mask_values(decoded(path, as_stored), lossy=own.format in LOSSY)
+
+    def unlike(rows: int, columns: int) -> float:
+        return abs(math.log(columns * height / (rows * width)))
+
+    if header.orientation in SIDEWAYS and own.orientation == 1 and unlike(*values.shape[::-1]) < unlike(*values.shape):
+        values = (turned_back if as_stored else turned)(values, header.orientation)
+    if unlike(*values.shape) > MASK_SHAPE:
+        raise UserError("the mask is of another size than its photograph", where=path, expected=times((width, height)),
+                        found=times(values.shape[::-1]), remedy=f"make it as large as {photograph.name}")  # fmt: skip
+    if values.shape != (height, width):
+        values = np.asarray(Image.fromarray(values).resize((width, height), Image.Resampling.BOX))
+    return values
 
 
-def _small(path: Path, side: int, mode: str) -> Image.Image:
-    with decodable(path) as image:
-        image.draft("RGB", (2 * side, 2 * side))
-        if image.mode.startswith("I"):  # 16 bit; Pillow clips where it should scale
-            picture = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8)).convert(mode)
-        else:
+def small_picture(path: Path, side: int, mode: str, *, as_stored: bool = False, at_least: int = 2) -> Image.Image:
+    """A picture in a mode of Pillow's, at most `side` pixels a side. at_least: a JPEG is decoded at so many times that."""
+    header = read_header(path)
+    with _one_line(path):
+        if header.deep:
+            whole = decoded(path, as_stored)
+            scale = min(side / max(whole.shape[:2]), 1)
+            width, height = (max(round(cells * scale), 1) for cells in whole.shape[1::-1])
+            return Image.fromarray(shrunk_bytes(whole, width, height)).convert(mode)
+        with decodable(path) as image:
+            image.draft("L" if mode == "L" else "RGB", (at_least * side, at_least * side))
             picture = image.convert(mode)
-    picture.thumbnail((side, side), Image.Resampling.BOX, reducing_gap=2.0)
-    return picture
+        picture.thumbnail((side, side), Image.Resampling.BOX, reducing_gap=2.0)
+        if header.orientation == 1 or as_stored == (header.format != "TIFF"):  # which Pillow turns by itself
+            return picture
+        turn = turned_back if as_stored else turned
+        return Image.fromarray(np.ascontiguousarray(turn(np.asarray(picture), header.orientation)))
 
 
 def over_background(picture: np.ndarray, background: Sequence[float]) -> np.ndarray:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
-from console import UserError
+from console import Notice, UserError
 from training.scenes.pictures import PictureLoader, as_bytes, times
 from training.scenes.scene import Camera, Photograph
 
@@ -22,6 +23,7 @@ FILE_SHARE = 3  # pixels that take more than this part of the free memory, a thi
 ALIGNED = 64  # bytes: where arrays begin that JAX takes over on a processor without copying them
 DECODING = 24  # bytes for each pixel of a photograph while it is decoded
 ASSUMED_FREE = 4 << 30  # bytes, where the system does not tell
+MASKS_NAMED = 3  # in a notice
 TOGETHER = 1 << 24  # pixels that are looked at together
 
 
@@ -44,7 +46,8 @@ def load_pixels(
 
     Only those photographs are decoded (in threads) that have a pixel in [first, last); beyond the last pixel all is 0. With 3
     channels, alpha is left out. folder: where the file is made, if one is needed (else the temporary folder); it has no name
-    and is gone with the array. UserError where a picture fails to decode or is not of its camera's size, or the disk is full.
+    and is gone with the array. A notice names masks that hide or show everything. UserError where a picture fails to decode or is
+    not of its camera's size, or the disk is full.
     """
     if not photographs:
         raise UserError("no pictures to load", expected="at least one")
@@ -52,6 +55,7 @@ def load_pixels(
     starts = np.cumsum(sizes) - sizes
     last = int(sizes.sum()) if last is None else last
     pixels = _room((last - first) * channels, folder).reshape(-1, channels)
+    masks: dict[str, tuple[int, int]] = {}
 
     def decode(index: int) -> None:
         photograph, start = photographs[index], int(starts[index])
@@ -61,6 +65,8 @@ def load_pixels(
         if picture.shape[1::-1] != expected:
             raise UserError("the picture is of another size", where=photograph.name, expected=times(expected),
                             found=times(picture.shape[1::-1]))  # fmt: skip
+        if isinstance(load, PictureLoader) and load.mask is not None:
+            masks[photograph.name] = (picture[..., 3].min(), picture[..., 3].max())
         rows = picture[::row_step].reshape(-1, picture.shape[-1])
         low, high = max(first, start), min(last, start + len(rows))
         there, rows = pixels[low - first : high - first], rows[low - start : high - start]
@@ -71,7 +77,20 @@ def load_pixels(
     needed = np.nonzero((starts < last) & (starts + sizes > first))[0]
     with ThreadPoolExecutor(_at_once(photographs)) as pool:
         list(pool.map(decode, needed))
+    notice_masks(None, masks)
     return pixels
+
+
+def notice_masks(where: Path | None, extremes: Mapping[str, tuple[int, int]]) -> None:
+    """Says which masks hide or show everything, of the smallest and largest values of all by name."""
+    for does, names in (
+        ("hide", sorted(name for name, (_, high) in extremes.items() if high == 0)),
+        ("show", sorted(name for name, (low, _) in extremes.items() if low == 255)),
+    ):
+        if names:
+            few = ", ".join(names[:MASKS_NAMED]) + (", …" if len(names) > MASKS_NAMED else "")
+            told = f"{len(names)} of {len(extremes)} masks {does if len(names) > 1 else does + 's'} everything ({few})"
+            warnings.warn(Notice(told if where is None else f"{where}: {told}"), stacklevel=3)
 
 
 def any_transparent(pixels: np.ndarray) -> bool:

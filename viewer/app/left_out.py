@@ -10,11 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from PIL import ImageOps
 
 from console import UserError
 from console.json_text import read_json_file
-from training.scenes.pictures import UNREADABLE, decodable
+from training.scenes.pictures import UNREADABLE, small_picture
 from viewer.app.files import POSED, REPORT
 
 UNFINISHED = Path("posing") / "left_out.json"
@@ -46,7 +45,7 @@ class LeftOut:
         x = 0
         for name in list(self.why)[:MOST]:
             try:
-                picture = _small(self._files[name])
+                picture = np.asarray(small_picture(self._files[name], CELL, "RGB"))
             except (UserError, *UNREADABLE):  # gone since, or one that only the program that finds poses can read
                 continue
             height, width = picture.shape[:2]
@@ -69,12 +68,3 @@ def left_out_of(out: Path) -> LeftOut | None:
         files = {name: Path(kept[name]) if name in kept else source / name for name in why}
         return LeftOut(why, files) if why else None
     return None
-
-
-def _small(file: Path) -> np.ndarray:
-    """uint8 [h, w, 3], at most CELL a side, turned as the camera was held."""
-    with decodable(file) as image:
-        image.draft("RGB", (2 * CELL, 2 * CELL))
-        turned = ImageOps.exif_transpose(image).convert("RGB")
-    turned.thumbnail((CELL, CELL))
-    return np.asarray(turned)
