@@ -29,7 +29,7 @@ from training.run import Run, RunDescription, read_description, resume_run, star
 from training.scenes import SceneOptions
 from training.scenes.box import box_line
 from training.scenes.read import AS_IT_IS
-from training.scenes.scene import few_line
+from training.scenes.scene import few_line, split_line
 
 AGREE_EVERY = 10  # steps between asking the other processes whether one was told to stop
 
@@ -81,6 +81,8 @@ def _train(
         keep_freed_memory()
     if is_writer() and (line := few_line(run.scene)):
         warnings.warn(Notice(f"{run.scene.path}: {line}"), stacklevel=2)
+    if is_writer():
+        print(split_line(run.scene), file=sys.stderr, flush=True)
     if is_writer() and (line := box_line(run.scene, given=run.options.aabb is not None)):
         print(line, file=sys.stderr, flush=True)
     with together():

@@ -30,7 +30,7 @@ from training.method import Method
 from training.methods import make_method, settled
 from training.plausible import require_plausible
 from training.scenes import Scene, SceneOptions, load_scene
-from training.scenes.box import checked_box, require_seen
+from training.scenes.box import checked_box, require_rays
 from training.scenes.upright import checked_up
 
 FORMAT = 1
@@ -148,7 +148,7 @@ def _assemble(
     with together():
         scene = load_scene(scene_path, description.options)
         if checkpoint is None:
-            require_seen(scene)
+            require_rays(scene)
     dataset = make_dataset(scene, folder=path)
     with together():
         method = make_method(config, dataset)

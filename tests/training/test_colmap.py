@@ -255,8 +255,8 @@ def test_missing_parts_and_pictures_are_told(tmp_path):
     assert "no pictures" in complaint(path)
     (path / "images").mkdir()
     assert "picture not found" in complaint(path)
-    (path / "sparse/0/points3D.bin").unlink()
-    assert "points3D.bin: this part" in complaint(path)
+    (path / "sparse/0/images.bin").unlink()
+    assert "images.bin: this part" in complaint(path)
 
 
 @pytest.mark.parametrize("name", [f"{part}.bin" for part in PARTS])
@@ -286,3 +286,56 @@ def test_numbers_that_no_camera_can_have_are_told(tmp_path):
     whole = file.read_bytes()
     file.write_bytes(whole[:12] + b"\xff" * 32 + whole[44:])
     assert "not finite" in complaint(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        str.upper,
+        lambda name: f"images/{name}",
+        lambda name: name.replace("/", "\\"),
+        lambda name: name.replace(".png", ".JPG"),
+        lambda name: f"D:\\capture\\images\\{name}",
+    ],
+)
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_names_are_found_under_another_spelling_and_rays_stay(tmp_path, change, mark):
+    path = write_colmap(tmp_path / "before", around(), ball())
+    before = load_scene(path)
+    text = tmp_path / "text/0"
+    text.mkdir(parents=True)
+    reconstruction = pycolmap.Reconstruction(path / "sparse/0")
+    for image in reconstruction.images.values():
+        image.name = change(image.name)
+    reconstruction.write_text(text)
+    for file in text.iterdir():
+        file.write_bytes(mark + file.read_bytes().replace(b"\n", b"\r\n"))
+    shutil.rmtree(path / "sparse")
+    shutil.move(text.parent, path / "sparse")
+    for one, other in zip(everyone(before), everyone(load_scene(path)), strict=True):
+        np.testing.assert_allclose(camera_rays(one.camera)[1], camera_rays(other.camera)[1], atol=1e-6)
+        assert one.load.path == other.load.path
+
+
+def test_the_largest_reconstruction_is_read_and_damaged_ones_are_passed_over(tmp_path):
+    path = write_colmap(tmp_path, around(), ball(), folder="sparse/1")
+    assert len(everyone(load_scene(path))) == 10, "there need not be a 0"
+    small = write_colmap(tmp_path / "small", around(3), ball())
+    shutil.copytree(small / "sparse/0", path / "sparse/0")
+    with pytest.warns(Notice, match="2 parts; reading 1, the largest"):
+        assert len(everyone(load_scene(path))) == 10
+    (path / "sparse/0/images.bin").write_bytes(b"damaged")
+    with pytest.warns(Notice, match="reading 1"):
+        assert len(everyone(load_scene(path))) == 10
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".txt"])
+def test_points_may_be_missing(tmp_path, suffix):
+    path = write_colmap(tmp_path, around(), ball())
+    if suffix == ".txt":
+        pycolmap.Reconstruction(path / "sparse/0").write_text(path / "sparse/0")
+        for part in PARTS:
+            (path / f"sparse/0/{part}.bin").unlink()
+    (path / f"sparse/0/points3D{suffix}").unlink()
+    with pytest.warns(Notice, match="0 points"):
+        assert len(everyone(load_scene(path))) == 10

@@ -5,17 +5,20 @@ Its numbers are coordinates of the training frame: what the reader made of the f
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from console import UserError
+from console import Notice, UserError
 from console.arguments import parse_numbers
+from training.scenes.rays import camera_rays
 from training.scenes.scene import Box, Camera, Scene
 
 OPTION = "--aabb"
-PROBES = 9  # points along each side of a box whose being seen is tested
+PROBES = 17  # pixels along each side of a picture whose rays are tried
+FEWEST_MEETING = 0.5  # share of the photographs that see the box, else a user is told
 
 
 def parse_box(text: str) -> Box:
@@ -48,27 +51,36 @@ def with_box(scene: Scene, box: Box) -> Scene:
             remedy="leave it out, or use --spherify",
         )
     aabb = np.array(checked_box(box)).reshape(2, 3)
-    if not _seen(scene, aabb):
+    eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
+    farthest = np.linalg.norm(np.maximum(np.abs(eyes - aabb[0]), np.abs(eyes - aabb[1])), axis=-1).max()
+    boxed = replace(scene, aabb=aabb, far=max(scene.far, float(farthest)))
+    if not any(_meets(photograph.camera, boxed) for photograph in scene.splits["train"]):
         raise UserError(
             "no photograph sees this box",
             where=OPTION,
             expected=f"something about {box_text(scene.aabb)}",
             found=box_text(aabb),
         )
-    eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
-    farthest = np.linalg.norm(np.maximum(np.abs(eyes - aabb[0]), np.abs(eyes - aabb[1])), axis=-1).max()
-    return replace(scene, aabb=aabb, far=max(scene.far, float(farthest)))
+    return boxed
 
 
-def require_seen(scene: Scene) -> None:
-    """UserError where no training photograph sees the reader's own box: there would be nothing to train."""
-    if not scene.ndc and not _seen(scene, scene.aabb):
+def require_rays(scene: Scene) -> None:
+    """UserError where no ray of the training photographs meets the box between near and far: there would be nothing to train.
+    A Notice where that holds for most of the photographs."""
+    if scene.ndc:
+        return
+    cameras = [photograph.camera for photograph in scene.splits["train"]]
+    meeting = sum(_meets(camera, scene) for camera in cameras)
+    if not meeting:
         raise UserError(
             "no photograph sees the box of the content",
             where=scene.path,
-            found=box_text(scene.aabb),
+            found=f"{box_text(scene.aabb)} at {scene.near:.3g} to {scene.far:.3g} from the cameras",
             remedy=f"check the camera poses, or name the box with {OPTION}",
         )
+    if meeting < FEWEST_MEETING * len(cameras):
+        text = f"{len(cameras) - meeting} of {len(cameras)} photographs see nothing of the box of the content"
+        warnings.warn(Notice(f"{scene.path}: {text} {box_text(scene.aabb)}; name another with {OPTION}"), stacklevel=2)
 
 
 def box_text(aabb: np.ndarray) -> str:
@@ -86,18 +98,12 @@ def box_line(scene: Scene, given: bool) -> str | None:
     return f"box of the content: {box_text(scene.aabb)} where cameras stand {distance:.3g} from the origin; {whose}"
 
 
-def _seen(scene: Scene, aabb: np.ndarray) -> bool:
-    """Whether a training photograph was taken within the box [2, 3], or shows any of it."""
-    probes = np.stack(np.meshgrid(*np.linspace(aabb[0], aabb[1], PROBES).T, indexing="ij"), -1).reshape(-1, 3)
-    cameras = [photograph.camera for photograph in scene.splits["train"]]
-    eyes = np.stack([camera.world_T_camera[:3, 3] for camera in cameras])
-    within = ((eyes > aabb[0]) & (eyes < aabb[1])).all(-1).any()
-    return bool(within) or any(_sees(camera, probes) for camera in cameras)
-
-
-def _sees(camera: Camera, points: np.ndarray) -> bool:
-    """Whether any of the points [N, 3] lies within the picture; the lens's distortion is left out."""
-    x, y, z = (np.linalg.inv(camera.world_T_camera) @ np.c_[points, np.ones(len(points))].T)[:3]
-    depth = np.where(z < 0, -z, np.inf)
-    u, v = camera.fx * x / depth + camera.cx, camera.cy - camera.fy * y / depth
-    return bool(((z < 0) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)).any())
+def _meets(camera: Camera, scene: Scene) -> bool:
+    """Whether any of some rays through the picture meets the scene's box between near and far."""
+    x, y = (side * np.linspace(0, 1, PROBES) for side in (camera.width, camera.height))
+    origins, directions = (v.reshape(-1, 3) for v in camera_rays(camera, *np.meshgrid(x, y)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = (scene.aabb[:, None] - origins) / directions
+    enter = np.nanmax(np.fmin(ends[0], ends[1]), axis=-1).clip(scene.near)
+    leave = np.nanmin(np.fmax(ends[0], ends[1]), axis=-1).clip(max=scene.far)
+    return bool((enter < leave).any())

@@ -38,6 +38,7 @@ NAMES = (*MODELS, "OPENCV_FISHEYE", "FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # y down and z ahead become y up and z back
 LONGEST_NAME = 4096  # bytes
 LARGEST_SIDE = 1e6  # pixels
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # UTF-8's, which editors on Windows write
 KEYPOINTS = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 
 
@@ -84,29 +85,34 @@ class _Points(NamedTuple):
     tracks: np.ndarray
 
 
+_NO_POINTS = _Points(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
+
+
 def model_suffix(folder: Path) -> str | None:
     """Whether `folder` holds a reconstruction, and how: ".bin", or else ".txt"."""
     return next((suffix for suffix in SUFFIXES if (folder / f"{PARTS[0]}{suffix}").is_file()), None)
 
 
 def read_reconstruction(folder: Path) -> Reconstruction:
-    """What cameras, images and points3D in `folder` say. UserError where a file is missing or damaged, a lens model is none
-    that we can undistort, or nothing has a pose.
+    """What cameras, images and points3D (which may be missing) in `folder` say. UserError where a file is missing or damaged, a
+    lens model is none that we can undistort, or nothing has a pose.
     """
     suffix = model_suffix(folder) or SUFFIXES[0]
-    for part in PARTS:
-        if not (folder / f"{part}{suffix}").is_file():
-            raise UserError("this part of the reconstruction is missing", where=folder / f"{part}{suffix}")
-    stats = [(folder / f"{part}{suffix}").stat() for part in PARTS]
+    files = [folder / f"{part}{suffix}" for part in PARTS]
+    for file in files[:2]:
+        if not file.is_file():
+            raise UserError("this part of the reconstruction is missing", where=file)
+    stats = [file.stat() for file in files if file.is_file()]
     return _read(folder, suffix, tuple((stat.st_mtime_ns, stat.st_size) for stat in stats))
 
 
-@lru_cache(maxsize=1)  # a scene is read once for each downscale that is considered
+@lru_cache(maxsize=4)  # a scene is read once for each downscale that is considered
 def _read(folder: Path, suffix: str, stamp: tuple[tuple[int, int], ...]) -> Reconstruction:
     files = [folder / f"{part}{suffix}" for part in PARTS]
     lenses = dict((_lenses if suffix == ".bin" else _lenses_of_text)(files[0]))
     images = list((_images if suffix == ".bin" else _images_of_text)(files[1]))
-    found = (_points if suffix == ".bin" else _points_of_text)(files[2])
+    read_points = _points if suffix == ".bin" else _points_of_text
+    found = read_points(files[2]) if files[2].is_file() else _NO_POINTS
     if not images:
         raise UserError("the reconstruction is empty: no image has a pose", where=folder,
                         remedy="COLMAP found nothing to match; photographs need more overlap")  # fmt: skip
@@ -258,7 +264,8 @@ def _points(file: Path) -> _Points:
 
 def _lines(file: Path) -> Iterator[bytes]:
     """The lines that say something; of images, also those that list no points."""
-    yield from (line.strip() for line in file.read_bytes().split(b"\n") if not line.startswith(b"#"))
+    data = file.read_bytes().removeprefix(BYTE_ORDER_MARK)
+    yield from (line.strip() for line in data.split(b"\n") if not line.startswith(b"#"))
 
 
 def _lenses_of_text(file: Path) -> Iterator[tuple[int, Camera]]:

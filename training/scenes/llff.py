@@ -2,11 +2,7 @@
 
 A row of poses_bounds.npy holds 17 numbers: a 3 x 5 matrix, row-major, of the camera-to-world axes down, right, back,
 its position, and (height, width, focal length) of the full-size pictures; then the nearest and farthest depth that
-it sees.
-
-Forward-facing (NeRF appendix C): positions shrink by 1 / (0.75 nearest depth), so that the NDC near plane of 1 lies
-before everything; the mean pose becomes the origin. 360 degrees: the point that all cameras look at becomes the
-origin, the mean direction to the cameras z, their root mean square distance 1; samples are spread in disparity.
+it sees. Rows are in the order of the pictures' sorted names.
 """
 
 from __future__ import annotations
@@ -17,20 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from console import Notice, UserError
-from scenepack.constants import NDC_NEAR
-from training.scenes.blender import WORLDSPACE_T_OPENGL
-from training.scenes.pictures import PictureLoader, picture_size
-from training.scenes.poses import faces_forward, focus_point, mean_pose, normalised, poses, similarity
-from training.scenes.rays import camera_rays, ndc_rays
-from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
+from training.scenes.files import find_masks, visible_files
+from training.scenes.picture_cameras import camera_of_picture, tell_turned
+from training.scenes.pictures import PictureLoader
+from training.scenes.poses import faces_forward, poses
+from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, SceneOptions, hold_out
+from training.scenes.space import frame_forward, frame_of_sphere, space_forward, space_of_bounds
 
 LOOKED_FOR = "poses_bounds.npy with images or images_K (LLFF)"
-BOUNDS_FACTOR = 0.75
-NEAR_360, FAR_360 = 0.45, 100.0  # at most, and at least: in units of the cameras' distance
-HALF_SIDE_360 = 1.2  # of the box that holds the content, likewise: at most
-NDC_WORLDSPACE_T_OPENGL = np.diag([1.0, 1.0, -1.0, 1.0])  # docs/format.md, "Coordinate frames"
 MOST_BYTES = 64 << 20  # of poses_bounds.npy; a row takes 136
-PICTURES = (".png", ".jpg", ".jpeg")
 
 
 def recognises(path: Path) -> bool:
@@ -46,23 +37,25 @@ def read(path: Path, options: SceneOptions) -> Scene:
         raise UserError(
             "pictures and poses disagree", where=sources[0].parent, expected=f"{len(P)} pictures", found=len(sources)
         )
-    masks = mask_paths(path, sources, factor) if options.masks else [None] * len(sources)
+    masks = masks_of(path, factor, [source.name for source in sources]) if options.masks else [None] * len(sources)
     spherified = options.spherify
     if spherified is None and not faces_forward(P):
         warnings.warn(Notice(f"{path}: the cameras look all around; reading it with --spherify"), stacklevel=2)
         spherified = True
-    P, bounds = spherify(P, bounds) if spherified else recentre(P, bounds)
+    frame = frame_of_sphere(P) if spherified else frame_forward(P, bounds.min())
     photographs = []
-    for pose, source, mask in zip(P, sources, masks, strict=True):
-        stored = picture_size(source)
-        _check_aspect(source, stored, full_size)
-        target = target_size(stored, factor, options.downscale)
+    for pose, source, mask in zip(frame.poses(P), sources, masks, strict=True):
         height, width = full_size
-        camera = Camera(pose, width, height, focal, focal, width / 2, height / 2).resized(*target)
-        photographs.append(Photograph(source.stem, camera, PictureLoader(source, stored, target, mask)))
-    splits = hold_out(photographs)
-    facts = _facts_360(photographs, bounds) if spherified else ndc_facts(photographs)
-    return Scene(path=path, kind="llff", splits=splits, notes=vars(options), **facts)
+        camera = Camera(pose, width, height, focal, focal, width / 2, height / 2)
+        camera, stored, as_stored = camera_of_picture(source, lambda _, camera=camera: camera)
+        size = target_size(stored, factor, options.downscale)
+        loader = PictureLoader(source, stored, size, mask, as_stored)
+        photographs.append(Photograph(source.stem, camera.resized(*size), loader))
+    tell_turned(path, photographs)
+    cameras, names = ([getattr(one, key) for one in photographs] for key in ("camera", "name"))
+    space = space_of_bounds(cameras, bounds * frame.scale) if spherified else space_forward(cameras, names)
+    return Scene(path=path, kind="llff", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
+                 **space._asdict())  # fmt: skip
 
 
 def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, np.ndarray]:
@@ -118,111 +111,48 @@ def picture_folders(path: Path) -> dict[int, Path]:
     folders = {1: path / "images"} if (path / "images").is_dir() else {}
     for folder in path.glob("images_*"):
         suffix = folder.name.removeprefix("images_")
-        if folder.is_dir() and suffix.isdigit() and int(suffix) > 0:
+        if folder.is_dir() and suffix.isascii() and suffix.isdigit() and int(suffix) > 0:
             folders[int(suffix)] = folder
     if not folders:
         raise UserError("no pictures", where=path, expected="a folder images or images_K")
     return folders
 
 
+def choose_factor(path: Path, usable: list[int], downscale: int) -> int:
+    """The largest K of `usable` folders images_K up to the downscale; a Notice where all are smaller pictures than asked for."""
+    if fitting := [factor for factor in usable if factor <= downscale]:
+        return max(fitting)
+    name = "images" if min(usable) == 1 else f"images_{min(usable)}"
+    text = f"no pictures as large as --downscale {downscale} asks for; using {name}"
+    warnings.warn(Notice(f"{path}: {text}"), stacklevel=4)
+    return min(usable)
+
+
 def choose_pictures(path: Path, downscale: int) -> tuple[list[Path], int]:
     """The pictures of images_K with the largest K up to the downscale, sorted, and K (1 for images)."""
     folders = picture_folders(path)
-    fitting = [factor for factor in folders if factor <= downscale]
-    factor = max(fitting) if fitting else min(folders)
-    if not fitting:
-        warnings.warn(
-            Notice(f"{path}: no pictures as large as --downscale {downscale} asks for; using {folders[factor].name}"),
-            stacklevel=3,
-        )
-    pictures = sorted(p for p in folders[factor].iterdir() if p.suffix.lower() in PICTURES)
+    factor = choose_factor(path, list(folders), downscale)
+    pictures = visible_files(folders[factor])
     if not pictures:
-        raise UserError("no pictures", where=folders[factor], expected="PNG or JPEG")
+        raise UserError("no pictures", where=folders[factor], expected="PNG, JPEG or another format that is read")
     return pictures, factor
 
 
-def mask_paths(path: Path, sources: list[Path], factor: int) -> list[Path | None]:
-    """The masks of pictures: the same names (or NAME_mask) in masks or masks_K beside the folder of pictures."""
-    folder = path / ("masks" if factor == 1 else f"masks_{factor}")
+def masks_folder(path: Path, factor: int) -> Path:
+    """Where the masks of the pictures in images_K are."""
+    return path / ("masks" if factor == 1 else f"masks_{factor}")
+
+
+def masks_of(path: Path, factor: int, names: list[str]) -> list[Path]:
+    """The masks of pictures by their names within images_K. UserError where one has none."""
+    folder = masks_folder(path, factor)
     if not folder.is_dir():
         raise UserError("no masks", where=folder, expected="a folder of masks", remedy="leave out --masks")
-    by_stem = {p.stem.removesuffix("_mask"): p for p in folder.iterdir() if p.suffix.lower() in PICTURES}
-    for source in sources:
-        if source.stem not in by_stem:
-            raise UserError("a picture without a mask", where=folder, expected=source.stem)
-    return [by_stem[source.stem] for source in sources]
-
-
-def recentre(P: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Poses and depths of a forward-facing scene in the frame that the NDC warp starts from."""
-    if np.linalg.norm(P[:, :3, 2].mean(0)) < 1e-3:
-        raise _not_forward("the cameras look into opposite directions")
-    scale = 1.0 / (BOUNDS_FACTOR * bounds.min())
-    mean = mean_pose(P)
-    return similarity(mean[:3, :3], mean[:3, 3], scale, P), bounds * scale
-
-
-def spherify(P: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Poses and depths of a 360 degree capture about the point it looks at, cameras at root mean square distance 1."""
-    try:
-        centre = focus_point(P)
-    except np.linalg.LinAlgError as error:
-        raise UserError("all cameras look the same way, so they have no common centre", where="poses_bounds.npy",
-                        remedy="leave out --spherify") from error  # fmt: skip
-    distance = np.sqrt(np.square(P[:, :3, 3] - centre).sum(-1).mean())
-    if distance < 1e-9:
-        raise UserError("all cameras stand at the point that they look at", where="poses_bounds.npy",
-                        remedy="check the poses")  # fmt: skip
-    z = normalised((P[:, :3, 3] - centre).mean(0))
-    x = normalised(np.cross([0.1, 0.2, 0.3], z))  # any direction across; this one is NeRF's
-    axes = np.stack([x, np.cross(z, x), z], axis=1)
-    scale = 1.0 / distance
-    return similarity(axes, centre, scale, P), bounds * scale
-
-
-def _facts_360(photographs: list[Photograph], bounds: np.ndarray) -> dict:
-    cameras = [photograph.camera for photograph in photographs]
-    # what the widest camera frames around the origin, corners included
-    framed = max(
-        np.linalg.norm(c.world_T_camera[:3, 3]) * np.hypot(c.width / c.fx, c.height / c.fy) / 2 for c in cameras
-    )
-    half = min(HALF_SIDE_360, float(framed))
-    near = float(np.clip(0.9 * bounds.min(), 0.05, NEAR_360))
-    return {
-        "near": near,
-        "far": max(FAR_360, float(bounds.max())),
-        "disparity": True,
-        "aabb": np.array([[-half] * 3, [half] * 3]),
-        "worldspace_T_opengl": WORLDSPACE_T_OPENGL,
-    }
-
-
-def ndc_facts(photographs: list[Photograph]) -> dict:
-    """What a Scene in NDC says of the space. UserError where a photograph sees what the warp cannot show."""
-    camera = photographs[0].camera
-    ndc_camera = (camera.width, camera.height, camera.fx)
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for photograph in photographs:  # the corners of all views bound what any of them sees
-        x = np.array([0.0, 1.0, 0.0, 1.0]) * camera.width
-        y = np.array([0.0, 0.0, 1.0, 1.0]) * camera.height
-        origins, directions = camera_rays(photograph.camera, x, y)
-        if (directions[:, 2] > -1e-3).any() or (origins[:, 2] < -NDC_NEAR).any():
-            raise _not_forward(photograph.name)
-        origins, directions = ndc_rays(origins, directions, *ndc_camera)
-        ends = np.concatenate([origins, origins + directions])
-        low, high = np.minimum(low, ends.min(0)), np.maximum(high, ends.max(0))
-    return {
-        "near": 0.0,
-        "far": 1.0,
-        "ndc": True,
-        "ndc_camera": ndc_camera,
-        "aabb": np.stack([low, high]),
-        "worldspace_T_opengl": NDC_WORLDSPACE_T_OPENGL,
-    }
-
-
-def _not_forward(found: str) -> UserError:
-    return UserError("not a forward-facing capture", where="poses_bounds.npy", found=found, remedy="use --spherify")
+    found = find_masks(folder, names)
+    for name, mask in zip(names, found, strict=True):
+        if mask is None:
+            raise UserError("a picture without a mask", where=folder, expected=name, remedy="leave out --masks")
+    return [mask for mask in found if mask is not None]
 
 
 def target_size(stored: tuple[int, int], factor: int, downscale: int) -> tuple[int, int]:
@@ -232,14 +162,3 @@ def target_size(stored: tuple[int, int], factor: int, downscale: int) -> tuple[i
     if min(size) < 1:
         raise UserError("downscale leaves no picture", where=f"--downscale {downscale}", remedy="use a smaller factor")
     return size
-
-
-def _check_aspect(source: Path, stored: tuple[int, int], full_size: tuple[int, int]) -> None:
-    height, width = full_size
-    if abs(stored[0] / stored[1] - width / height) > 0.02 * width / height:
-        raise UserError(
-            "the picture is of another size",
-            where=source,
-            expected=f"the shape of {width}x{height}",
-            found=f"{stored[0]}x{stored[1]}",
-        )

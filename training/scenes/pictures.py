@@ -57,7 +57,6 @@ UNREADABLE = (
     OSError, SyntaxError, ValueError, AssertionError, LookupError, TypeError, ArithmeticError, AttributeError, EOFError,
     RuntimeError, struct.error, zlib.error,
 )  # fmt: skip
-MASK_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 @dataclass(frozen=True)
@@ -138,15 +137,6 @@ def picture_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
 def is_turned(path: Path) -> bool:
     """Whether a picture's EXIF says that it is to be turned or mirrored. UserError as above."""
     return read_header(path).orientation != 1
-
-
-def find_mask(folder: Path, name: str) -> Path | None:
-    """The mask of a picture in a folder of masks: NAME.png as COLMAP calls its own, the same name, or NAME_mask."""
-    exact = folder / name
-    stem = exact.with_suffix("")
-    candidates = [folder / f"{name}.png", *(stem.with_suffix(suffix) for suffix in MASK_SUFFIXES), exact]
-    candidates.append(stem.with_name(stem.name + "_mask.png"))
-    return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
 def may_be_transparent(path: Path) -> bool:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from training.scenes.colmap import reconstruction_of
+from training.scenes.files import clean_name
 from training.scenes.scene import Scene
 
 LEAST_SPREAD = 1e-9  # of cameras, in their own units
@@ -28,9 +28,9 @@ def sparse_points(scene: Scene) -> SparsePoints | None:
         return None
     found = reconstruction_of(scene.path)
     pose_of = {p.name: p.camera.world_T_camera for split in scene.splits.values() for p in split}
-    rows = [row for row, name in enumerate(found.names) if Path(name).as_posix() in pose_of]
+    rows = [row for row, name in enumerate(found.names) if clean_name(name) in pose_of]
     theirs = found.world_T_camera[rows]
-    ours = np.stack([pose_of[Path(found.names[row]).as_posix()] for row in rows])
+    ours = np.stack([pose_of[clean_name(found.names[row])] for row in rows])
     # The reader turned, moved and scaled all cameras alike; so it is undone by what it did to them.
     spread, wanted = (np.linalg.norm(P[:, :3, 3] - P[:, :3, 3].mean(0), axis=-1).mean() for P in (theirs, ours))
     scale = wanted / spread if spread > LEAST_SPREAD else 1.0

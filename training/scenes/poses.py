@@ -5,57 +5,15 @@ Notation: world_T_camera [4, 4] float64; P [N, 4, 4] a stack of them.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from console import UserError
-from console.json_text import read_json_file
 
-LEAST_ANGLE = 1e-6  # radians
 FARTHEST = 1e9  # from the origin, whatever the unit
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file. UserError where there is none, naming line and column."""
-    try:
-        document = read_json_file(path)
-    except ValueError as error:
-        raise UserError("not JSON", where=path, found=error) from error
-    except OSError as error:
-        raise UserError("cannot be read", where=path, found=str(error)) from error
-    if not isinstance(document, dict):
-        raise UserError("not a scene description", where=path, expected="an object", found=type(document).__name__)
-    return document
-
-
-def frames_of(document: dict[str, Any], path: Path) -> list[dict[str, Any]]:
-    """The list under "frames", at least one entry, each an object with file_path and transform_matrix."""
-    frames = document.get("frames")
-    if not isinstance(frames, list) or not frames:
-        found = "none" if not frames else type(frames).__name__
-        raise UserError("no frames", where=path, expected='a list under "frames"', found=found)
-    for index, frame in enumerate(frames):
-        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
-            raise UserError("a frame without file_path", where=f"{path} frame {index}")
-    return frames
-
-
-def number(document: dict[str, Any], key: str, path: Path, default: float | None = None) -> float:
-    """A finite number under a key. UserError where it is missing (without default) or no number."""
-    value = document.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-        raise UserError(f'"{key}" is not a number', where=path, found="nothing" if value is None else repr(value)[:60])
-    return float(value)
-
-
-def field_of_view(document: dict[str, Any], key: str, path: Path) -> float:
-    """Radians under a key, more than 0 and less than pi. UserError for anything else."""
-    angle = number(document, key, path)
-    if not LEAST_ANGLE < angle < np.pi - LEAST_ANGLE:
-        raise UserError(f"{key} is not a field of view", where=path, expected="0 to pi", found=angle)
-    return angle
+MOST_SHEAR = 0.02  # cosine between two axes of a camera
+LAST_ROW = 1e-3  # how far the last row of a matrix may be from 0, 0, 0, 1
 
 
 def pose(matrix: Any, where: str) -> np.ndarray:
@@ -76,9 +34,21 @@ def pose(matrix: Any, where: str) -> np.ndarray:
             "the camera's matrix has values that are too large", where=where, expected=f"at most {FARTHEST:g}"
         )
     lengths = np.linalg.norm(world_T_camera[:3, :3], axis=0)
-    if lengths.min() < 1e-9 or abs(np.linalg.det(world_T_camera[:3, :3] / lengths)) < 0.5:
+    determinant = np.linalg.det(world_T_camera[:3, :3] / np.maximum(lengths, 1e-300))
+    if lengths.min() < 1e-9 or abs(determinant) < 0.5:
         raise UserError("the camera's matrix is not a rotation and a position", where=where, found="dependent axes")
+    if np.abs(world_T_camera[3] - (0, 0, 0, 1)).max() > LAST_ROW:
+        raise UserError("the camera's matrix has another last row", where=where, expected="0, 0, 0, 1",
+                        found=", ".join(f"{value:g}" for value in world_T_camera[3]),
+                        remedy="write camera-to-world matrices row by row")  # fmt: skip
+    if determinant < 0:
+        raise UserError("the camera's matrix mirrors the world", where=where, expected="a rotation, determinant 1",
+                        found=f"determinant {determinant:.3g}",
+                        remedy="export with right-handed axes: x right, y up, z back")  # fmt: skip
     world_T_camera[:3, :3] /= lengths
+    if np.abs(world_T_camera[:3, :3].T @ world_T_camera[:3, :3] - np.eye(3)).max() > MOST_SHEAR:
+        raise UserError("the camera's matrix is not a rotation and a position", where=where,
+                        expected="axes at right angles")  # fmt: skip
     return world_T_camera
 
 

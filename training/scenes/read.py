@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from training.scenes import blender, colmap, llff, transforms
+from training.scenes import colmap, llff, transforms
 from training.scenes.box import checked_box, with_box
 from training.scenes.rays import camera_rays
 from training.scenes.scene import Scene, SceneOptions
@@ -27,7 +27,7 @@ LEAST_FOCAL = 1e-3  # pixels; below, squares of the picture's own coordinates le
 PROBES = 5  # pixels along each side of a picture whose rays are tried
 AS_IT_IS = SceneOptions()
 PICTURES = (".jpg", ".jpeg", ".png", ".heic", ".tif", ".tiff", ".webp")
-LAYOUTS = (blender, llff, transforms, colmap)  # COLMAP last: others keep its files beside their own
+LAYOUTS = (transforms, llff, colmap)  # COLMAP last: others keep its files beside their own
 
 
 def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: Any) -> Scene:

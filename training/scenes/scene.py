@@ -97,6 +97,7 @@ class Scene:
     ndc_camera: width, height and focal length in pixels that define the NDC warp; None unless ndc.
     disparity: whether samples should be spread evenly in 1/t, as suits captures without a far end.
     background: the colour behind everything, sRGB in [0, 1].
+    held_out: what decided which photographs are held out, for messages; "" where none are.
     """
 
     path: Path
@@ -110,6 +111,7 @@ class Scene:
     ndc_camera: tuple[int, int, float] | None = None
     disparity: bool = False
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    held_out: str = ""
     notes: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -128,6 +130,7 @@ def cameras_of(scene: Scene) -> list[dict[str, object]]:
 
 
 FEW = 8  # photographs to train on
+USES = {"train": "train on", "val": "validate with", "test": "test with"}
 
 
 def few_line(scene: Scene) -> str | None:
@@ -143,6 +146,13 @@ def few_line(scene: Scene) -> str | None:
 
 
 HELD_OUT_EVERY = 8
+HELD_OUT_BY_NAME = f"every {HELD_OUT_EVERY}th by sorted name"
+
+
+def split_line(scene: Scene) -> str:
+    """How many photographs each split has, and why."""
+    counts = [f"{len(photographs)} to {use}" for split, use in USES.items() if (photographs := scene.splits.get(split))]
+    return f"photographs: {', '.join(counts)}; {scene.held_out or 'none held out'}"
 
 
 def hold_out(photographs: Sequence[Photograph]) -> dict[str, tuple[Photograph, ...]]:

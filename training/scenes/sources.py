@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from console import UserError
-from training.scenes.pictures import find_mask
+from training.scenes.files import find_masks
 
 PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
 FILMS = (".mp4", ".m4v", ".mov", ".webm", ".mkv")
@@ -45,7 +45,7 @@ class Source:
         if folder is None:
             return None
         within = self.name_of(file).removeprefix(f"{SUBFOLDER}/")
-        return find_mask(folder, within) or find_mask(folder, file.name)
+        return next((mask for mask in find_masks(folder, [within, file.name]) if mask is not None), None)
 
     def name_of(self, file: Path) -> str:
         """A file's name for messages."""

@@ -1,175 +1,418 @@
-"""nerfstudio and instant-ngp scenes: transforms.json with fl_x, fl_y, cx, cy, w, h and lens distortion k1, k2, p1, p2.
+"""Scenes in transforms.json (nerfstudio, instant-ngp) and transforms_{train,val,test}.json (NeRF-synthetic, Blender).
 
-Intrinsics stand at the top or in a frame, which wins. Poses are OpenGL camera-to-world. We move the point that the
-cameras look at to the origin, turn their mean up direction to z, and make their mean distance 1. Distortion stays
-with the cameras: rays are undistorted, pictures are not. Frames whose picture is gone are left out (instant-ngp's
-own do that).
+Both are one format. A description has frames: picture, pose (OpenGL camera-to-world) and camera. What a frame says of its
+camera wins over what stands at the top (CAMERA_KEYS). We undistort rays, not pictures. Lenses and options that we do not
+understand are refused by name. docs/scenes.md has the table of keys.
 """
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from console import Notice, UserError
-from training.scenes.blender import WORLDSPACE_T_OPENGL
-from training.scenes.pictures import PictureLoader, picture_size, shrunk_size
-from training.scenes.poses import (
-    field_of_view,
-    focus_point,
-    frames_of,
-    number,
-    pose,
-    read_json,
-    similarity,
-    upright_axes,
+from console.json_text import read_json_file
+from training.scenes.files import FileFinder, clean_name, few, find_masks, without_suffix
+from training.scenes.picture_cameras import camera_of_picture, tell_turned
+from training.scenes.pictures import PictureLoader, shrunk_size
+from training.scenes.pixels import may_be_transparent
+from training.scenes.ply import read_ply
+from training.scenes.poses import pose
+from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, SceneOptions, hold_out
+from training.scenes.space import (
+    Frame,
+    PointCloud,
+    frame_about_focus,
+    frame_of_object,
+    points_in_view,
+    poses_of,
+    space_of_capture,
+    space_of_object,
 )
-from training.scenes.scene import Camera, Photograph, Scene, SceneOptions, hold_out
 
-LOOKED_FOR = "transforms.json (nerfstudio, instant-ngp)"
-NEAR, FAR = 0.1, 100.0  # in units of the cameras' mean distance
-HALF_SIDE = 1.5  # of the box that holds the content, likewise, where the file does not say
-NGP_SCALE = 0.33  # instant-ngp's units per unit of the file; its box has aabb_scale of its units a side
-PICTURES = (".png", ".jpg", ".jpeg")
-UNSUPPORTED = ("k3", "k4")
+LOOKED_FOR = "transforms_train.json (Blender), transforms.json (nerfstudio, instant-ngp)"
+SPLITS = ("train", "val", "test")
+LEAST_ANGLE = 1e-6  # radians
+MOST_POINTS = 50_000  # that near, far and box are derived from
+NGP_SCALE, NGP_OFFSET = 0.33, 0.5  # instant-ngp's box has the side aabb_scale about 0.5, in units of p · scale + offset
+
+# Distortion as OpenCV has it; models that say no more than k1, k2, p1, p2.
+LENSES = ("OPENCV", "PERSPECTIVE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+FURTHER_COEFFICIENTS = ("k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "sx1", "sy1", "omega", "xi", "alpha")
+OTHER_LENSES = ("is_fisheye", "fisheye", "equirectangular", "latlong", "orthographic", "ftheta_p0", "ftheta_p1")
+FOCAL_KEYS = ("fl_x", "fl_y", "x_fov", "y_fov", "camera_angle_x", "camera_angle_y")
+OTHER_POSES = ("from_mitsuba", "from_na")  # instant-ngp: matrices of another convention
+UNREAD = {
+    "transform_matrix_start": "motion during the exposure",
+    "transform_matrix_end": "motion during the exposure",
+    "rolling_shutter": "rolling shutter",
+    "white_transparent": "white as transparent",
+    "black_transparent": "black as transparent",
+    "mask_color": "a colour as transparent",
+}
+
+
+class _Frame(NamedTuple):
+    """A frame whose picture is there. values: its own keys over those at the top. own_focal: whether it names its own focal
+    length."""
+
+    name: str
+    picture: Path
+    world_T_camera: np.ndarray
+    values: dict[str, Any]
+    own_focal: bool
 
 
 def recognises(path: Path) -> bool:
-    """Whether the folder looks like a nerfstudio or instant-ngp scene."""
-    return (path / "transforms.json").is_file()
+    """Whether the folder looks like a scene of either layout; LLFF's own poses win over transforms.json."""
+    captured = (path / "transforms.json").is_file() and not (path / "poses_bounds.npy").is_file()
+    return (path / "transforms_train.json").is_file() or captured
 
 
 def read(path: Path, options: SceneOptions) -> Scene:
-    """Reads the frames that have a picture; every 8th is held out unless the file names its splits."""
+    """Reads the cameras and the headers of the pictures; these are decoded when asked for."""
+    return (_read_synthetic if (path / "transforms_train.json").is_file() else _read_capture)(path, options)
+
+
+def _read_synthetic(path: Path, options: SceneOptions) -> Scene:
+    """NeRF-synthetic: a description for each split, an object before nothing."""
+    splits: dict[str, tuple[Photograph, ...]] = {}
+    finder, taken = FileFinder(path), []
+    for split in SPLITS:
+        description = path / f"transforms_{split}.json"
+        if not description.is_file():
+            continue
+        try:
+            frames = _read_frames(description, _read_json(description), finder)
+        except _NothingThere as nothing:
+            if split == "train":
+                raise nothing.error from None
+            warnings.warn(Notice(f"{nothing.error}; there is no split {split}"), stacklevel=2)
+            continue
+        trained_on = {frame.picture for frame in taken}
+        repeated = [frame for frame in frames if frame.picture in trained_on]
+        if repeated:
+            text = f"{len(repeated)} of {len(frames)} frames are trained on and not held out"
+            warnings.warn(Notice(f"{description}: {text} ({few([frame.name for frame in repeated])})"), stacklevel=2)
+        frames = [frame for frame in frames if frame.picture not in trained_on]
+        if split == "train":
+            taken = frames
+        if frames:
+            splits[split] = _photographs(path, description, frames, options)
+    splits = {
+        s: tuple(replace(p, name=without_suffix(p.name)) for p in photographs) for s, photographs in splits.items()
+    }
+    frame = frame_of_object([photograph.camera for photograph in splits["train"]])
+    splits = {split: _moved(photographs, frame) for split, photographs in splits.items()}
+    space = space_of_object([photograph.camera for photograph in splits["train"]])
+    held_out = "as transforms_test.json lists them" if "test" in splits else ""
+    return Scene(path=path, kind="blender", splits=splits, held_out=held_out, notes=vars(options), **space._asdict())
+
+
+def _read_capture(path: Path, options: SceneOptions) -> Scene:
+    """nerfstudio and instant-ngp: one description, with splits or without."""
     description = path / "transforms.json"
-    document = read_json(description)
-    frames = sorted(frames_of(document, description), key=lambda frame: frame["file_path"])
-    found = [(frame, picture) for frame in frames if (picture := _picture_path(path, frame["file_path"])) is not None]
-    if not found:
-        raise UserError("picture not found", where=path / frames[0]["file_path"], remedy="no frame has its picture")
-    if len(found) < len(frames):
-        message = f"{description}: {len(frames) - len(found)} of {len(frames)} frames have no picture and are left out"
-        warnings.warn(Notice(message), stacklevel=2)
-    P = np.stack([pose(f.get("transform_matrix"), f"{description} frame {f['file_path']}") for f, _ in found])
-    P, scale, centre, axes = normalise(P)
-    photographs = []
-    for matrix, (frame, picture) in zip(P, found, strict=True):
-        stored = picture_size(picture)
+    document = _read_json(description)
+    try:
+        frames = _read_frames(description, document, FileFinder(path, path / "images"))
+    except _NothingThere as nothing:
+        raise nothing.error from None
+    photographs = _photographs(path, description, sorted(frames, key=lambda frame: frame.name), options)
+    frame = frame_about_focus(poses_of([photograph.camera for photograph in photographs]))
+    photographs = _moved(photographs, frame)
+    cameras = [photograph.camera for photograph in photographs]
+    file_box = _box_of_file(document, description, frame)
+    points = _points(path, document, cameras, frame)
+    opaque = not options.masks and not may_be_transparent(photographs)
+    space = space_of_capture(cameras, points, opaque=opaque, file_box=file_box)
+    if file_box is not None and points is None and not ((file_box[0] < 0).all() and (file_box[1] > 0).all()):
+        text = "its aabb, scale and offset name a box that the cameras do not look at, which is not used"
+        warnings.warn(Notice(f"{description}: {text}"), stacklevel=2)
+    splits, held_out = _split(description, document, photographs)
+    return Scene(path=path, kind="transforms", splits=splits, held_out=held_out, notes=vars(options), **space._asdict())
+
+
+# --- frames -----------------------------------------------------------------------------------------------------------
+
+
+class _NothingThere(Exception):
+    """A description without frames, or without pictures of them."""
+
+    def __init__(self, error: UserError) -> None:
+        self.error = error
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """The object in a JSON file. UserError where there is none, naming line and column."""
+    try:
+        document = read_json_file(path)
+    except ValueError as error:
+        raise UserError("not JSON", where=path, found=error) from error
+    except OSError as error:
+        raise UserError("cannot be read", where=path, found=str(error)) from error
+    if not isinstance(document, dict):
+        raise UserError("not a scene description", where=path, expected="an object", found=type(document).__name__)
+    return document
+
+
+def _read_frames(description: Path, document: dict[str, Any], finder: FileFinder) -> list[_Frame]:
+    """The frames whose picture is there, each picture once; a Notice of the others, and of what is not read."""
+    listed = document.get("frames")
+    if not isinstance(listed, list) or not listed:
+        found = "none" if not listed else type(listed).__name__
+        raise _NothingThere(UserError("no frames", where=description, expected='a list under "frames"', found=found))
+    for index, frame in enumerate(listed):
+        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+            raise UserError("a frame without file_path", where=f"{description} frame {index}")
+        if not clean_name(frame["file_path"]):
+            raise UserError("a frame without a picture", where=f"{description} frame {index}", expected="a file_path",
+                            found=repr(frame["file_path"]))  # fmt: skip
+    names = [clean_name(frame["file_path"]) for frame in listed]
+    pictures = finder.find_all([frame["file_path"] for frame in listed])
+    _tell_unread(description, document, listed, pictures)
+    gone = [name for name, picture in zip(names, pictures, strict=True) if picture is None]
+    if len(gone) == len(listed):
+        error = UserError("picture not found", where=description.parent / gone[0], remedy="no frame has its picture")
+        raise _NothingThere(error)
+    if gone:
+        text = f"{len(gone)} of {len(listed)} frames have no picture and are left out ({few(gone)})"
+        warnings.warn(Notice(f"{description}: {text}"), stacklevel=3)
+    frames: dict[Path, _Frame] = {}
+    repeated = []
+    for index, (name, picture, listed_frame) in enumerate(zip(names, pictures, listed, strict=True)):
+        if picture is None:
+            continue
+        where = f"{description} frame {index} ({name})"
+        own_focal = any(key in listed_frame for key in FOCAL_KEYS)
+        above = {key: value for key, value in document.items() if not (own_focal and key in FOCAL_KEYS)}
+        world_T_camera = pose(listed_frame.get("transform_matrix"), where)
+        frame = _Frame(name, picture, world_T_camera, above | listed_frame, own_focal)
+        known = frames.setdefault(picture, frame)
+        if known is frame:
+            continue
+        repeated.append(name)
+        if not np.allclose(known.world_T_camera, frame.world_T_camera, atol=1e-6):
+            raise UserError("two frames have one picture and different poses", where=where, found=str(picture))
+    if repeated:
+        text = f"{len(repeated)} frames repeat another and are left out ({few(repeated)})"
+        warnings.warn(Notice(f"{description}: {text}"), stacklevel=3)
+    return list(frames.values())
+
+
+def _tell_unread(description: Path, document: dict, frames: Sequence[dict], pictures: Sequence[Path | None]) -> None:
+    """UserError where poses are of another convention; a Notice of what is known and not read."""
+    for key in OTHER_POSES:
+        if document.get(key):
+            raise UserError(f'"{key}" is not read', where=description, expected="OpenGL camera-to-world matrices",
+                            remedy="convert the matrices and remove the key")  # fmt: skip
+    unread = [
+        f'"{key}" ({meaning})'
+        for key, meaning in UNREAD.items()
+        if any(np.any(values[key]) for values in (document, *frames) if values.get(key) is not None)
+    ]
+    folders = {picture.parent for picture in pictures if picture is not None}
+    if any(next(folder.glob("dynamic_mask_*"), None) is not None for folder in folders):
+        unread.append("dynamic_mask_* (masks of what moves)")
+    if unread:
+        warnings.warn(Notice(f"{description}: not read, and ignored: {', '.join(unread)}"), stacklevel=4)
+
+
+def _photographs(
+    path: Path, description: Path, frames: Sequence[_Frame], options: SceneOptions
+) -> tuple[Photograph, ...]:
+    masks = _masks(path, frames) if options.masks else [None] * len(frames)
+    photographs, shape = [], None
+    for frame, mask in zip(frames, masks, strict=True):
+        where = f"{description} frame {frame.name}"
+        own_shape = frame.own_focal or {"w", "h"} <= frame.values.keys()
+        camera, stored, as_stored = camera_of_picture(
+            frame.picture,
+            lambda size, f=frame, at=where: read_camera(f.world_T_camera, f.values, size, at),
+            None if own_shape else shape,
+        )
+        if not own_shape:
+            shape = shape or stored  # one focal length without a size is of pictures of one shape
         size = shrunk_size(*stored, options.downscale)
-        camera = read_camera(matrix, {**document, **frame}, stored, f"{description} frame {frame['file_path']}")
-        mask = _mask_path(path, frame) if options.masks else None
-        loader = PictureLoader(picture, stored, size, mask)
-        photographs.append(Photograph(Path(frame["file_path"]).as_posix(), camera.resized(*size), loader))
-    return Scene(
-        path=path,
-        kind="transforms",
-        splits=_splits(document, photographs),
-        near=NEAR,
-        far=FAR,
-        disparity=True,
-        aabb=_box(document, description, scale, centre, axes),
-        worldspace_T_opengl=WORLDSPACE_T_OPENGL,
-        notes=vars(options),
+        loader = PictureLoader(frame.picture, stored, size, mask, as_stored)
+        photographs.append(Photograph(frame.name, camera.resized(*size), loader))
+    tell_turned(description, photographs)
+    return tuple(photographs)
+
+
+def _masks(path: Path, frames: Sequence[_Frame]) -> list[Path]:
+    """The mask of each frame, by its mask_path or in the folder masks. UserError where one has none."""
+    finder = FileFinder(path)
+    named = [frame.values.get("mask_path") for frame in frames]
+    masks = finder.find_all([mask if isinstance(mask, str) else "" for mask in named])
+    beside = find_masks(path / "masks", [frame.name.removeprefix("images/") for frame in frames])
+    found = [mask or other for mask, other in zip(masks, beside, strict=True)]
+    for frame, mask in zip(frames, found, strict=True):
+        if mask is None:
+            raise UserError("a frame without a mask", where=path / frame.name, remedy="leave out --masks")
+    return [mask for mask in found if mask is not None]
+
+
+def _moved(photographs: Sequence[Photograph], frame: Frame) -> tuple[Photograph, ...]:
+    """The photographs in the training frame."""
+    P = frame.poses(poses_of([photograph.camera for photograph in photographs]))
+    pairs = zip(photographs, P, strict=True)
+    return tuple(
+        replace(one, camera=replace(one.camera, world_T_camera=world_T_camera)) for one, world_T_camera in pairs
     )
 
 
-def normalise(P: np.ndarray) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
-    """Poses about the point they look at, z up, at mean distance 1; and the scale, centre and axes [3, 3] used."""
-    positions = P[:, :3, 3]
-    try:
-        centre = focus_point(P)
-    except np.linalg.LinAlgError:
-        centre = None
-    # a focus behind the cameras is none: take the middle of them then
-    if centre is None or np.mean(((centre - positions) * -P[:, :3, 2]).sum(-1) > 0) < 0.5:
-        centre = positions.mean(0)
-    distance = np.linalg.norm(positions - centre, axis=-1).mean()
-    scale = 1.0 / distance if distance > 1e-9 else 1.0
-    axes = upright_axes(P[:, :3, 1].mean(0)) if np.linalg.norm(P[:, :3, 1].mean(0)) > 1e-3 else np.eye(3)
-    return similarity(axes, centre, scale, P), scale, centre, axes
+# --- cameras ----------------------------------------------------------------------------------------------------------
 
 
-def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], stored: tuple[int, int], where: str) -> Camera:
-    """The camera of a frame for its stored picture, whose size may be a whole fraction of the w x h that is named."""
-    model = str(values.get("camera_model", "OPENCV")).upper()
-    if "FISHEYE" in model or values.get("is_fisheye") or any(values.get(k) for k in UNSUPPORTED):
-        raise UserError(
-            "this lens model is not supported",
-            where=where,
-            expected="k1, k2, p1, p2",
-            found=model,
-            remedy="undistort the pictures first",
-        )
-    place = Path(where)
-    width, height = (number(values, key, place, float(size)) for key, size in zip("wh", stored, strict=True))
+def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], size: tuple[int, int], where: str) -> Camera:
+    """The camera of a frame, for pictures of the w x h that is named, else of `size`. UserError for lenses we cannot read."""
+    model = values.get("camera_model") or LENSES[0]
+    others = [key for key in OTHER_LENSES if values.get(key)]
+    further = [key for key in FURTHER_COEFFICIENTS if values.get(key)]
+    known = LENSES if further else (*LENSES, "FULL_OPENCV")
+    if others or further or not isinstance(model, str) or model.upper() not in known:
+        raise UserError("this lens model is not supported", where=where, expected=f"{', '.join(LENSES)}: k1, k2, p1, p2",
+                        found=", ".join([str(model)[:40], *others, *further]), remedy="undistort the pictures first")  # fmt: skip
+    width, height = (number(values, key, where, float(side)) for key, side in zip("wh", size, strict=True))
     if min(width, height) < 1:
         raise UserError("w and h must be pixels, at least 1", where=where, found=f"{width:g}x{height:g}")
-    if abs(stored[0] / stored[1] - width / height) > 0.01 * width / height:
-        raise UserError(
-            "the picture is of another size",
-            where=where,
-            expected=f"{width:.0f}x{height:.0f}",
-            found=f"{stored[0]}x{stored[1]}",
-        )
-    fx, fy = _focal_lengths(values, width, height, place)
-    camera = Camera(
+    fx, fy = _focal_lengths(values, width, height, where)
+    return Camera(
         world_T_camera,
         round(width),
         round(height),
         fx,
         fy,
-        number(values, "cx", place, width / 2),
-        number(values, "cy", place, height / 2),
-        tuple(number(values, key, place, 0.0) for key in ("k1", "k2", "p1", "p2")),  # type: ignore[arg-type]
+        number(values, "cx", where, width / 2),
+        number(values, "cy", where, height / 2),
+        tuple(number(values, key, where, 0.0) for key in ("k1", "k2", "p1", "p2")),  # type: ignore[arg-type]
     )
-    return camera.resized(*stored)
 
 
-def _focal_lengths(values: dict[str, Any], width: float, height: float, place: Path) -> tuple[float, float]:
-    if "fl_x" in values:
-        fx = number(values, "fl_x", place)
-        fy = number(values, "fl_y", place, fx)
-    else:
-        fx = 0.5 * width / np.tan(0.5 * field_of_view(values, "camera_angle_x", place))
-        tall = "camera_angle_y" in values
-        fy = 0.5 * height / np.tan(0.5 * field_of_view(values, "camera_angle_y", place)) if tall else fx
+def _focal_lengths(values: dict[str, Any], width: float, height: float, where: str) -> tuple[float, float]:
+    """fx and fy in pixels; one that is not named is as the other. Lengths win over angles."""
+    sides = {"x": width, "y": height}
+    found = [number(values, f"fl_{axis}", where) if f"fl_{axis}" in values else None for axis in sides]
+    if found == [None, None]:
+        found = [_focal_of_angle(values, axis, side, where) for axis, side in sides.items()]
+    fx, fy = found
+    if fx is None and fy is None:
+        raise UserError("no focal length", where=where, expected="fl_x or camera_angle_x", found="neither")
+    fx, fy = float(fy if fx is None else fx), float(fx if fy is None else fy)  # type: ignore[arg-type]
     if fx <= 0 or fy <= 0:
-        raise UserError("the focal length must be positive", where=place, found=f"{fx:g}, {fy:g}")
-    return float(fx), float(fy)
+        raise UserError("the focal length must be positive", where=where, found=f"{fx:g}, {fy:g}")
+    return fx, fy
 
 
-def _box(document: dict, description: Path, scale: float, centre: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """The box of the content: instant-ngp's where aabb_scale names it, else a cube about the focus."""
-    if "aabb_scale" not in document:
-        return np.array([[-HALF_SIDE] * 3, [HALF_SIDE] * 3])
-    half = 0.5 * number(document, "aabb_scale", description) / NGP_SCALE * scale
-    middle = -scale * centre @ axes  # instant-ngp's box stands about the file's origin
+def _focal_of_angle(values: dict[str, Any], axis: str, side: float, where: str) -> float | None:
+    """A focal length in pixels from an angle of view across `side` pixels; None where none is named."""
+    if f"{axis}_fov" in values:
+        return 0.5 * side / float(np.tan(0.5 * np.radians(_angle(values, f"{axis}_fov", where, 180.0))))
+    if f"camera_angle_{axis}" in values:
+        return 0.5 * side / float(np.tan(0.5 * _angle(values, f"camera_angle_{axis}", where, np.pi)))
+    return None
+
+
+def _angle(values: dict[str, Any], key: str, where: str, most: float) -> float:
+    """An angle of view under a key, more than 0 and less than `most`. UserError for anything else."""
+    angle = number(values, key, where)
+    if not LEAST_ANGLE < angle < most - LEAST_ANGLE:
+        raise UserError(f"{key} is not a field of view", where=where, expected=f"0 to {most:.4g}", found=angle)
+    return angle
+
+
+def number(values: dict[str, Any], key: str, where: str | Path, default: float | None = None) -> float:
+    """A finite number under a key. UserError where it is missing (without default) or no number."""
+    value = values.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+        raise UserError(f'"{key}" is not a number', where=where, found="nothing" if value is None else repr(value)[:60])
+    return float(value)
+
+
+# --- space and splits -------------------------------------------------------------------------------------------------
+
+
+def _box_of_file(document: dict[str, Any], description: Path, frame: Frame) -> np.ndarray | None:
+    """instant-ngp's box [2, 3] in the training frame, where the file names any of aabb, scale, offset and aabb_scale."""
+    if not any(key in document for key in ("aabb", "scale", "offset", "aabb_scale")):
+        return None
+    scale, offset = number(document, "scale", description, NGP_SCALE), np.full(3, NGP_OFFSET)
+    if "offset" in document:
+        offset = _triples(document["offset"], 1, "offset", description)[0]
+    if "aabb" in document:  # becomes the unit cube
+        low, high = _triples(document["aabb"], 2, "aabb", description)
+        scale = 1.0 / max(float(np.abs(high - low).max()), 1e-6)
+        offset = 0.5 - 0.5 * (low + high) * scale
+    side = number(document, "aabb_scale", description, 1.0)
+    if scale <= 0 or side <= 0:
+        raise UserError("scale and aabb_scale must be positive", where=description, found=f"{scale:g}, {side:g}")
+    half = 0.5 * side / scale * frame.scale
+    middle = frame.points((0.5 - offset) / scale)
     return np.stack([middle - half, middle + half])
 
 
-def _splits(document: dict[str, Any], photographs: list[Photograph]) -> dict[str, tuple[Photograph, ...]]:
-    named = {s: document.get(f"{s}_filenames") for s in ("train", "val", "test")}
-    if not isinstance(named["train"], list):
-        return hold_out(photographs)
-    splits = {}
-    for split, names in named.items():
-        chosen = tuple(p for p in photographs if isinstance(names, list) and p.name in names)
-        if chosen:
-            splits[split] = chosen
-    return splits if "train" in splits else hold_out(photographs)
+def _triples(value: Any, count: int, key: str, description: Path) -> np.ndarray:
+    """`count` triples of finite numbers [count, 3] under a key. UserError for anything else."""
+    try:
+        numbers = np.array(value, np.float64).reshape(-1, 3)
+    except (TypeError, ValueError):
+        numbers = np.zeros((0, 3))
+    if numbers.shape != (count, 3) or not np.isfinite(numbers).all():
+        raise UserError(f'"{key}" is no list of {3 * count} numbers', where=description, found=repr(value)[:60])
+    return numbers
 
 
-def _picture_path(path: Path, file_path: str) -> Path | None:
-    named = path / file_path
-    candidates = [named] if named.suffix.lower() in PICTURES else [named.with_name(named.name + s) for s in PICTURES]
-    return next((candidate for candidate in candidates if candidate.is_file()), None)
+def _points(path: Path, document: dict[str, Any], cameras: Sequence[Camera], frame: Frame) -> PointCloud | None:
+    """The sparse points that the file names (nerfstudio's ply_file_path), in the training frame; None where they tell nothing."""
+    named = document.get("ply_file_path")
+    if not isinstance(named, str) or not (path / named).is_file():
+        return None
+    try:
+        places = read_ply(path / named)
+    except UserError as error:
+        warnings.warn(Notice(f"{error}; its points are not used"), stacklevel=3)
+        return None
+    places = frame.points(places[:: -(-len(places) // MOST_POINTS) or 1])
+    points = PointCloud(places, np.ones(len(places)), points_in_view(cameras, places))
+    return points if points.suffices else None
 
 
-def _mask_path(path: Path, frame: dict[str, Any]) -> Path:
-    mask = frame.get("mask_path")
-    if not isinstance(mask, str) or not (path / mask).is_file():
-        raise UserError("a frame without a mask", where=frame["file_path"], remedy="leave out --masks")
-    return path / mask
+def _split(
+    description: Path, document: dict[str, Any], photographs: tuple[Photograph, ...]
+) -> tuple[dict[str, tuple[Photograph, ...]], str]:
+    """The photographs by split, and what decided: lists of the file, else names."""
+    lists = {split: document[f"{split}_filenames"] for split in SPLITS if document.get(f"{split}_filenames")}
+    if not lists:
+        return hold_out(photographs), HELD_OUT_BY_NAME
+    by_name = {photograph.name: index for index, photograph in enumerate(photographs)}
+    rows: dict[str, list[int]] = {}
+    for split, names in lists.items():
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise UserError(f'"{split}_filenames" is no list of names', where=description, found=repr(names)[:60])
+        cleaned = [clean_name(name) for name in names]
+        unknown = [name for name in cleaned if name not in by_name]
+        if len(unknown) == len(names) and split == "train":
+            raise UserError('"train_filenames" names no frame', where=description, found=few(unknown),
+                            expected=f"names such as {photographs[0].name}")  # fmt: skip
+        if unknown:
+            text = f"{len(unknown)} of {len(names)} {split}_filenames name no frame ({few(unknown)})"
+            warnings.warn(Notice(f"{description}: {text}"), stacklevel=3)
+        rows[split] = [by_name[name] for name in cleaned if name in by_name]
+    held_out = {row for split in rows if split != "train" for row in rows[split]}
+    train = rows.get("train", [row for row in range(len(photographs)) if row not in held_out])
+    if both := sorted(held_out & set(train)):
+        text = f"{len(both)} frames are listed for training and for testing, and are trained on"
+        warnings.warn(Notice(f"{description}: {text} ({few([photographs[row].name for row in both])})"), stacklevel=3)
+    left_out = len(photographs) - len({*train, *held_out})
+    if left_out:
+        warnings.warn(Notice(f"{description}: {left_out} frames are in no split and are left out"), stacklevel=3)
+    if not train:
+        raise UserError("no frame is left to train on", where=description, expected="some in no other split")
+    kept = {"train": train} | {split: [r for r in rows[split] if r not in train] for split in rows if split != "train"}
+    splits = {split: tuple(photographs[row] for row in sorted(set(kept[split]))) for split in SPLITS if kept.get(split)}
+    return splits, f"as {description.name} lists them"

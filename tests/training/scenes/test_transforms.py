@@ -1,0 +1,367 @@
+"""transforms.json in the two layouts: one camera model, space from cameras and points, splits, and what is refused by name."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from console import Notice, UserError
+from tests.training.test_captures import circle, complaint, everyone
+from training.scenes import load_scene
+from training.scenes.box import require_rays
+from training.scenes.rays import camera_rays
+from training.scenes.scene import Scene, split_line
+
+SIZE = (40, 30)
+ORIGIN = (0.0, 0.0, 0.0)
+FOCAL = 55.0  # frames what NeRF-synthetic's cameras frame
+
+
+def synthetic(count: int = 9) -> np.ndarray:
+    """Cameras as NeRF-synthetic has them."""
+    return circle(count, radius=4.03 / np.hypot(1, 0.4), centre=ORIGIN)
+
+
+def write_blender(
+    path: Path, P: np.ndarray | None = None, *, held_out: int = 2, size=SIZE, mode="RGBA", **values
+) -> Path:
+    """transforms_{train,test}.json, of which the last `held_out` cameras are for testing. values: keys at the top."""
+    P = synthetic() if P is None else P
+    values = values or {"fl_x": FOCAL}
+    for split, poses in (("train", P[: len(P) - held_out]), ("test", P[len(P) - held_out :])):
+        (path / split).mkdir(parents=True, exist_ok=True)
+        frames = [{"file_path": f"./{split}/r_{i}", "transform_matrix": p.tolist()} for i, p in enumerate(poses)]
+        for i in range(len(poses)):
+            Image.new(mode, size, (200, 10 * i, 0, 255)[: len(mode)]).save(path / split / f"r_{i}.png")
+        (path / f"transforms_{split}.json").write_text(json.dumps({"frames": frames, **values}))
+    return path
+
+
+def write_capture(path: Path, P: np.ndarray | None = None, *, size=SIZE, **values) -> Path:
+    """transforms.json with pictures in images."""
+    P = circle(9) if P is None else P
+    (path / "images").mkdir(parents=True)
+    frames = [{"file_path": f"images/{i:03d}.png", "transform_matrix": p.tolist()} for i, p in enumerate(P)]
+    for i in range(len(P)):
+        Image.new("RGB", size, (i, 100, 0)).save(path / f"images/{i:03d}.png")
+    focal = {} if any(key.startswith(("fl_", "camera_angle", "x_fov")) for key in values) else {"fl_x": FOCAL}
+    (path / "transforms.json").write_text(json.dumps({"frames": frames, **focal, **values}))
+    return path
+
+
+def edit(file: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    document = json.loads(file.read_text())
+    change(document)
+    file.write_text(json.dumps(document))
+
+
+def cameras(scene: Scene) -> dict[str, Any]:
+    return {photograph.name: photograph.camera for photograph in everyone(scene)}
+
+
+# --- one camera model -------------------------------------------------------------------------------------------------
+
+LENS = {
+    "fl_x": 50.0,
+    "fl_y": 51.0,
+    "cx": 22.0,
+    "cy": 13.0,
+    "w": 40,
+    "h": 30,
+    "k1": 0.1,
+    "k2": -0.02,
+    "p1": 1e-3,
+    "p2": 2e-3,
+}
+
+
+@pytest.mark.parametrize("write", [write_blender, write_capture])
+def test_both_layouts_know_the_same_cameras(tmp_path: Path, write):
+    for camera in cameras(load_scene(write(tmp_path, **LENS))).values():
+        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (50, 51, 22, 13)
+        assert camera.distortion == (0.1, -0.02, 1e-3, 2e-3)
+
+
+@pytest.mark.parametrize("write", [write_blender, write_capture])
+@pytest.mark.parametrize(
+    ("values", "fx", "fy"),
+    [
+        ({"fl_x": 60.0}, 60, 60),
+        ({"fl_y": 60.0}, 60, 60),
+        ({"camera_angle_x": 2 * np.arctan(20 / 60)}, 60, 60),
+        ({"camera_angle_y": 2 * np.arctan(15 / 60)}, 60, 60),
+        ({"camera_angle_x": 2 * np.arctan(20 / 60), "camera_angle_y": 2 * np.arctan(15 / 61)}, 60, 61),
+        ({"x_fov": 2 * np.degrees(np.arctan(20 / 60))}, 60, 60),
+        ({"fl_x": 60.0, "camera_angle_x": 0.3, "camera_angle_y": 0.2}, 60, 60),  # lengths win
+        ({"fl_x": 120.0, "fl_y": 122.0, "w": 80, "h": 60}, 60, 61),  # pictures stored at half the size
+    ],
+)
+def test_a_focal_length_is_named_in_several_ways(tmp_path: Path, write, values, fx, fy):
+    for camera in cameras(load_scene(write(tmp_path, **values))).values():
+        assert (camera.fx, camera.fy) == (pytest.approx(fx), pytest.approx(fy))
+
+
+@pytest.mark.parametrize("write", [write_blender, write_capture])
+def test_what_a_frame_says_of_its_camera_wins(tmp_path: Path, write):
+    path = write(tmp_path, **LENS)
+    file = next(path.glob("transforms*.json")) if write is write_capture else path / "transforms_train.json"
+    angle = 2 * np.arctan(20 / 90)
+    edit(file, lambda d: [d["frames"][2].update(camera_angle_x=angle), d["frames"][3].update(cx=19.0, k1=0.0)])
+    found = cameras(load_scene(path))
+    third, fourth = (name for name in sorted(found) if name.split("/")[-1].split(".")[0] in ("r_2", "r_3", "002", "003")
+                     and not name.startswith("test"))  # fmt: skip
+    assert found[third].fx == found[third].fy == pytest.approx(90), "not 51 of the top"
+    assert found[fourth].cx == 19 and found[fourth].fx == 50 and found[fourth].distortion[0] == 0
+
+
+def test_pictures_of_other_shapes_need_their_own_focal_lengths(tmp_path: Path):
+    path = write_blender(tmp_path, camera_angle_x=0.7)
+    Image.new("RGBA", (30, 40)).save(path / "train/r_1.png")
+    assert "the shape of 40x30" in complaint(path)
+    edit(path / "transforms_train.json", lambda d: d["frames"][1].update(camera_angle_x=0.5))
+    camera = cameras(load_scene(path))["train/r_1"]
+    assert (camera.width, camera.height) == (30, 40) and camera.fx == pytest.approx(15 / np.tan(0.25))
+
+
+@pytest.mark.parametrize("write", [write_blender, write_capture])
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"camera_model": "EQUIRECTANGULAR"},
+        {"camera_model": "OPENCV_FISHEYE"},
+        {"camera_model": "ORTHOPHOTO"},
+        {"camera_model": "VR180_L"},
+        {"camera_model": "a lens of the future"},
+        {"camera_model": 3},
+        {"camera_model": "FULL_OPENCV", "k4": 0.01},
+        {"is_fisheye": True},
+        {"equirectangular": True},
+        {"latlong": 1},
+        {"ftheta_p0": 0.2},
+        {"k3": 0.1},
+        {"s1": 0.1},
+    ],
+)
+def test_lenses_that_are_not_understood_are_refused_by_name(tmp_path: Path, write, values):
+    line = complaint(write(tmp_path, fl_x=FOCAL, **values))
+    named = str(values.get("camera_model", next(iter(values))))
+    assert "lens model is not supported" in line and named in line
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"camera_model": "FULL_OPENCV", "k4": 0}, {"camera_model": "pinhole"}, {"is_fisheye": False}, {"k3": 0.0}],
+)
+def test_a_lens_that_says_no_more_than_we_read_is_read(tmp_path: Path, values):
+    assert len(cameras(load_scene(write_capture(tmp_path, **values)))) == 9
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda M: M * [[-1], [1], [1], [1]], "mirrors the world"),
+        (lambda M: M * [1, 1, -1, 1], "determinant -1"),
+        (lambda M: M.T, "last row"),
+        (lambda M: M + 0.3 * np.outer(np.eye(4)[0], np.eye(4)[1]), "right angles"),
+    ],
+)
+@pytest.mark.parametrize("write", [write_blender, write_capture])
+def test_matrices_that_are_no_pose_are_refused(tmp_path: Path, write, change, words):
+    P = circle(9)
+    assert words in complaint(write(tmp_path, np.stack([change(M) for M in P])))
+
+
+def test_what_is_known_and_not_read_is_named(tmp_path: Path):
+    path = write_capture(tmp_path)
+    moving = {"transform_matrix_start": np.eye(4).tolist(), "rolling_shutter": [0, 0]}
+    edit(path / "transforms.json", lambda d: d["frames"][0].update(moving))
+    Image.new("L", SIZE).save(path / "images/dynamic_mask_000.png")
+    with pytest.warns(Notice, match="transform_matrix_start.*dynamic_mask"):
+        load_scene(path)
+    edit(path / "transforms.json", lambda d: d.update(from_mitsuba=True))
+    assert "from_mitsuba" in complaint(path)
+
+
+# --- space ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1, 0), (0.3, 0), (6, 0), (1, 10), (1e3, -4e3)])
+def test_an_object_of_any_scale_and_place_gets_the_published_bounds(tmp_path: Path, scale, offset):
+    P = synthetic()
+    P[:, :3, 3] = scale * P[:, :3, 3] + np.array([1, 0, 0.2]) * offset
+    scene = load_scene(write_blender(tmp_path, P))
+    assert (scene.near, scene.far) == (2, 6) and np.abs(scene.aabb).tolist() == [[1.5] * 3] * 2
+    eyes = np.stack([camera.world_T_camera[:3, 3] for camera in cameras(scene).values()])
+    assert np.linalg.norm(eyes, axis=-1).mean() == pytest.approx(4.03)
+    require_rays(scene)
+
+
+def test_an_object_before_another_lens_has_the_box_that_cameras_frame(tmp_path: Path):
+    wide = load_scene(write_blender(tmp_path / "wide", fl_x=20.0))
+    assert np.abs(wide.aabb).max() == pytest.approx(1.03 * 4.03) and wide.near < 0.5 and wide.far > 11
+    zoomed = load_scene(write_blender(tmp_path / "zoomed", fl_x=400.0))
+    assert np.abs(zoomed.aabb).max() == pytest.approx(1.03 * 0.05 * 4.03)
+    assert 3.5 < zoomed.near < 4 < zoomed.far < 4.5
+    for scene in (wide, zoomed):
+        require_rays(scene)
+
+
+def test_cameras_that_look_outwards_have_a_box_around_them(tmp_path: Path):
+    P = circle(9, centre=ORIGIN)
+    P[:, :3, 0] *= -1
+    P[:, :3, 2] *= -1
+    for name, write in (("b", write_blender), ("t", write_capture)):
+        scene = load_scene(write(tmp_path / name, P))
+        eyes = np.stack([camera.world_T_camera[:3, 3] for camera in cameras(scene).values()])
+        assert np.abs(scene.aabb).max() >= 2 * np.abs(eyes).max()
+        require_rays(scene)
+
+
+@pytest.mark.parametrize("aabb_scale", [16, 32, 128])
+def test_a_converters_aabb_scale_reaches_no_further_than_what_cameras_look_at(tmp_path: Path, aabb_scale):
+    assert np.abs(load_scene(write_capture(tmp_path, aabb_scale=aabb_scale)).aabb).max() == 1.5
+
+
+def test_scale_offset_and_aabb_place_the_box_as_instant_ngp_does(tmp_path: Path):
+    centre, scale = np.array([1.0, -2.0, 0.5]), 0.11
+    mean = 3 * np.sqrt(1 + 0.4**2)  # distance of the cameras, our unit
+    plain = load_scene(write_capture(tmp_path / "a", scale=scale, offset=(0.5 - scale * centre).tolist(), aabb_scale=1))
+    np.testing.assert_allclose(np.abs(plain.aabb), 0.5 / scale / mean, atol=1e-6)
+    aabb = [[-1, -3, -0.5], [3, -1, 1.5]]  # about the centre
+    boxed = load_scene(write_capture(tmp_path / "b", aabb=aabb))
+    np.testing.assert_allclose(np.abs(boxed.aabb), 2 / mean, atol=1e-6)
+    with pytest.warns(Notice, match="do not look at"):
+        elsewhere = load_scene(write_capture(tmp_path / "c", scale=0.5, offset=[9, 9, 9]))
+    assert np.abs(elsewhere.aabb).tolist() == [[1.5] * 3] * 2
+    assert "no list of 6 numbers" in complaint(write_capture(tmp_path / "d", aabb=[[1, 2], [3, 4]]))
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_the_points_that_a_file_names_say_where_things_are(tmp_path: Path, form):
+    points = np.random.default_rng(0).normal(size=(400, 3)) * 0.2 + [1.0, -2.0, 0.5]
+    path = write_capture(tmp_path, ply_file_path="points.ply")
+    edit(path / "transforms.json", lambda d: d.update(fl_x=30.0))
+    head = (
+        f"ply\nformat {form} 1.0\nelement vertex 400\n"
+        + "".join(f"property float {a}\n" for a in "xyz")
+        + "end_header\n"
+    )
+    body = (
+        "\n".join(" ".join(map(str, p)) for p in points).encode() if form == "ascii" else points.astype("<f4").tobytes()
+    )
+    (path / "points.ply").write_bytes(head.encode() + body)
+    for file in (path / "images").iterdir():
+        Image.new("RGBA", SIZE, (9, 9, 9, 0)).save(file)  # nothing needs to be in the box up to the corners
+    scene = load_scene(path)
+    assert 0.1 < np.abs(scene.aabb).max() < 0.4 and 0.3 < scene.near <= 0.45
+    (path / "points.ply").write_bytes(head.encode() + body[: len(body) // 2] + b"x")
+    with pytest.warns(Notice, match="points are not used"):
+        assert np.abs(load_scene(path).aabb).max() > 0.4
+
+
+def test_a_scene_whose_rays_meet_nothing_is_refused_before_training(tmp_path: Path):
+    from dataclasses import replace
+
+    scene = load_scene(write_blender(tmp_path))
+    for spoilt in (replace(scene, near=50.0, far=60.0), replace(scene, aabb=scene.aabb + 100)):
+        with pytest.raises(UserError, match="no photograph sees the box"):
+            require_rays(spoilt)
+    away = np.eye(4)
+    away[:3, 3] = 100
+    moved = [replace(p, camera=replace(p.camera, world_T_camera=away)) for p in scene.splits["train"][:4]]
+    some = replace(scene, splits={"train": (*moved, *scene.splits["train"][4:])})
+    with pytest.warns(Notice, match="4 of 7 photographs see nothing"):
+        require_rays(some)
+
+
+# --- splits -----------------------------------------------------------------------------------------------------------
+
+
+def names(scene: Scene, split: str) -> list[str]:
+    return [photograph.name for photograph in scene.splits.get(split, ())]
+
+
+def test_names_of_splits_match_however_they_are_spelled(tmp_path: Path):
+    train, test = (
+        [f"./images/{i:03d}.png" for i in range(6)],
+        ["images\\006.png", "images//007.png", "./images/./008.png"],
+    )
+    scene = load_scene(write_capture(tmp_path, train_filenames=train, test_filenames=test))
+    assert names(scene, "train") == [f"images/{i:03d}.png" for i in range(6)] and len(names(scene, "test")) == 3
+    assert split_line(scene) == "photographs: 6 to train on, 3 to test with; as transforms.json lists them"
+
+
+def test_names_of_splits_that_match_nothing_are_named(tmp_path: Path):
+    path = write_capture(tmp_path, test_filenames=["images/000.png", "images/100.png", "x.png"])
+    with pytest.warns(Notice, match=r"2 of 3 test_filenames name no frame \(images/100\.png, x\.png\)"):
+        scene = load_scene(path)
+    assert names(scene, "test") == ["images/000.png"] and "images/000.png" not in names(scene, "train")
+    edit(path / "transforms.json", lambda d: d.update(train_filenames=["nothing.png"]))
+    assert "names no frame" in complaint(path)
+    edit(path / "transforms.json", lambda d: d.update(train_filenames="images/001.png"))
+    assert "no list of names" in complaint(path)
+
+
+def test_a_frame_is_never_trained_on_and_held_out(tmp_path: Path):
+    both = [f"images/{i:03d}.png" for i in range(9)]
+    with pytest.warns(Notice, match="2 frames are listed for training and for testing"):
+        scene = load_scene(write_capture(tmp_path / "a", train_filenames=both[:8], test_filenames=both[6:]))
+    assert len(names(scene, "train")) == 8 and names(scene, "test") == both[8:]
+    path = write_blender(tmp_path / "b")
+    first = json.loads((path / "transforms_train.json").read_text())["frames"][0]
+    edit(path / "transforms_test.json", lambda d: d["frames"].append(first))
+    with pytest.warns(Notice, match="1 of 3 frames are trained on"):
+        assert len(names(load_scene(path), "test")) == 2
+
+
+def test_a_frame_that_is_listed_twice_counts_once(tmp_path: Path):
+    path = write_capture(tmp_path)
+    edit(path / "transforms.json", lambda d: d["frames"].extend(dict(f) for f in d["frames"][:3]))
+    edit(path / "transforms.json", lambda d: d["frames"][-1].update(file_path="./images//002.png"))
+    with pytest.warns(Notice, match="3 frames repeat another"):
+        assert len(everyone(load_scene(path))) == 9
+    edit(path / "transforms.json", lambda d: d["frames"][-1].update(transform_matrix=circle(9)[5].tolist()))
+    assert "different poses" in complaint(path)
+
+
+def test_hold_outs_go_by_sorted_names_whatever_the_order_of_the_frames(tmp_path: Path):
+    path = write_capture(tmp_path, circle(17))
+    before = load_scene(path)
+    edit(path / "transforms.json", lambda d: d["frames"].reverse())
+    edit(path / "transforms.json", lambda d: [f.update(file_path="./" + f["file_path"]) for f in d["frames"][::2]])
+    after = load_scene(path)
+    assert names(before, "test") == names(after, "test") == ["images/000.png", "images/008.png", "images/016.png"]
+    for one, other in zip(everyone(before), everyone(after), strict=True):
+        np.testing.assert_allclose(one.camera.world_T_camera, other.camera.world_T_camera, atol=1e-12)
+    assert split_line(after).endswith("every 8th by sorted name")
+
+
+@pytest.mark.parametrize("spoil", [lambda d: d.update(frames=[]), lambda d: d["frames"][0].update(file_path="gone"),
+                                   lambda d: d.pop("frames")])  # fmt: skip
+def test_a_test_list_without_pictures_is_told_and_training_goes_on(tmp_path: Path, spoil):
+    path = write_blender(tmp_path, held_out=1)
+    edit(path / "transforms_test.json", spoil)
+    with pytest.warns(Notice, match="there is no split test"):
+        scene = load_scene(path)
+    assert list(scene.splits) == ["train"] and split_line(scene).endswith("none held out")
+
+
+def test_rays_go_where_the_file_says_in_either_layout(tmp_path: Path):
+    P = synthetic()
+    blender, capture = (
+        load_scene(write_blender(tmp_path / "b", P, **LENS)),
+        load_scene(write_capture(tmp_path / "c", P, **LENS)),
+    )
+    in_order = sorted(everyone(capture), key=lambda photograph: photograph.name)
+    pairs = list(zip([p.camera for p in everyone(blender)], [p.camera for p in in_order], strict=True))
+    ours, theirs = (np.stack([pair[side].world_T_camera for pair in pairs]) for side in (0, 1))
+    turn, scale = ours[0, :3, :3] @ theirs[0, :3, :3].T, 4.03
+    np.testing.assert_allclose(ours[:, :3, 3], scale * theirs[:, :3, 3] @ turn.T, atol=1e-5)
+    for one, other in pairs:
+        np.testing.assert_allclose(camera_rays(one)[1], camera_rays(other)[1] @ turn.T, atol=1e-6)

@@ -1,0 +1,347 @@
+"""The space of a scene: training frame, near, far and box, from cameras, points and what its files say of both.
+
+Notation: P float64 [N, 4, 4], world_T_camera of all photographs, OpenGL axes. A box is float64 [2, 3], low and high corner.
+
+    layout                  training frame                                      box
+    Blender                 the file's, where it suits the published bounds;    cube about the origin: what cameras frame
+                            else about the focus, at the published distance
+    LLFF, forward-facing    mean pose; nearest depth at 4/3                     NDC: all that cameras see
+    LLFF, 360 degrees       about the focus; cameras at RMS distance 1          what cameras frame, at most 1.2
+    transforms, COLMAP      about the focus, z up; cameras at mean distance 1   of the points; else a cube about the origin
+
+The focus is the point nearest to all optical axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from console import UserError
+from scenepack.constants import NDC_NEAR
+from training.scenes.poses import focus_point, mean_pose, normalised, similarity, upright_axes
+from training.scenes.rays import camera_rays, ndc_rays
+from training.scenes.scene import Camera
+
+# docs/format.md, "Coordinate frames": the pack's grid frame (y up) to a training frame whose z is up, and to NDC.
+WORLDSPACE_T_OPENGL = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
+NDC_WORLDSPACE_T_OPENGL = np.diag([1.0, 1.0, -1.0, 1.0])
+
+# NeRF-synthetic's bounds: cameras at 4.03 frame 1.45 to either side of the origin.
+SYNTHETIC_DISTANCE, SYNTHETIC_NEAR, SYNTHETIC_FAR, SYNTHETIC_HALF_SIDE = 4.03, 2.0, 6.0, 1.5
+SYNTHETIC_SUITS = 0.25  # how far, as a share, cameras may differ from that and still keep its bounds
+FRAMED_MARGIN = 1.03  # of a box around what cameras frame
+
+BOUNDS_FACTOR = 0.75  # LLFF's: the nearest depth becomes 1 / 0.75
+NEAR_360, FAR_360, HALF_SIDE_360 = 0.45, 100.0, 1.2  # LLFF: near at most, far at least, box at most
+
+# Of captures, in units of the cameras' mean distance from the focus:
+NEAR, FAR = 0.1, 100.0  # where no points tell
+HALF_SIDE = 1.5  # of the box of a capture that looks inwards
+OUTWARD_HALF_SIDE = 3.0  # of one that looks outwards, where no points tell
+FARTHEST = 30.0  # reach of the points' box of a capture that looks outwards
+NEAREST, NEAREST_FAR = 0.02, 10.0  # near is at least, far at least
+FEWEST_POINTS = 50  # fewer say little of where the content is
+OUTLIERS = 0.01  # share of all observations left out at either end of the box, and of the distances
+MARGIN, LEAST_MARGIN = 0.1, 0.05  # around the points, as a share of their extent, and at least
+FRAMED, FEW_FRAMES = 0.95, 0.02  # how much of its points a picture's frame is put behind; share of the frames left out
+
+
+class Frame(NamedTuple):
+    """The training frame in the file's: p_training = scale · (p_file − centre) @ axes. axes [3, 3] by columns."""
+
+    axes: np.ndarray
+    centre: np.ndarray
+    scale: float
+
+    def poses(self, P: np.ndarray) -> np.ndarray:
+        """Poses [N, 4, 4] in the training frame."""
+        return similarity(self.axes, self.centre, self.scale, P)
+
+    def points(self, places: np.ndarray) -> np.ndarray:
+        """Points [M, 3] in the training frame."""
+        return self.scale * (places - self.centre) @ self.axes
+
+    def turned(self, axes: np.ndarray) -> Frame:
+        """The frame whose axes are the columns of `axes` [3, 3] in this one."""
+        return self._replace(axes=self.axes @ axes)
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Sparse points: places [M, 3]; weights [M], in how many photographs each was found; seen: of each photograph, the rows of
+    the points it shows."""
+
+    places: np.ndarray
+    weights: np.ndarray
+    seen: Sequence[np.ndarray]
+
+    @property
+    def suffices(self) -> bool:
+        """Whether there are enough to tell where things are."""
+        return len(self.places) >= FEWEST_POINTS and sum(map(len, self.seen)) >= FEWEST_POINTS
+
+    def moved(self, frame: Frame) -> PointCloud:
+        """The same points in a training frame."""
+        return replace(self, places=frame.points(self.places))
+
+
+class Space(NamedTuple):
+    """What a Scene says of the space; see there."""
+
+    near: float
+    far: float
+    aabb: np.ndarray
+    worldspace_T_opengl: np.ndarray = WORLDSPACE_T_OPENGL
+    disparity: bool = True
+    ndc: bool = False
+    ndc_camera: tuple[int, int, float] | None = None
+
+
+# --- training frames --------------------------------------------------------------------------------------------------
+
+
+def focus_of(P: np.ndarray) -> np.ndarray | None:
+    """The point [3] that cameras look at; None where they look the same way, or away from one another."""
+    try:
+        focus = focus_point(P)
+    except np.linalg.LinAlgError:
+        return None
+    ahead = ((focus - P[:, :3, 3]) * -P[:, :3, 2]).sum(-1) > 0
+    return focus if ahead.mean() >= 0.5 else None
+
+
+def frame_about_focus(P: np.ndarray) -> Frame:
+    """About the focus (else the middle of the cameras), z their mean up direction, their mean distance 1."""
+    focus = focus_of(P)
+    centre = P[:, :3, 3].mean(0) if focus is None else focus
+    distance = np.linalg.norm(P[:, :3, 3] - centre, axis=-1).mean()
+    up = P[:, :3, 1].mean(0)
+    axes = upright_axes(up) if np.linalg.norm(up) > 1e-3 else np.eye(3)
+    return Frame(axes, centre, 1.0 / distance if distance > 1e-9 else 1.0)
+
+
+def frame_of_object(cameras: Sequence[Camera]) -> Frame:
+    """The file's own frame, where the published bounds suit it; else about the focus at the published distance."""
+    P = poses_of(cameras)
+    focus = focus_of(P)
+    centre = P[:, :3, 3].mean(0) if focus is None else focus
+    distance = float(np.linalg.norm(P[:, :3, 3] - centre, axis=-1).mean())
+    stays = np.linalg.norm(centre) <= SYNTHETIC_SUITS * distance and _published_bounds_suit(cameras, centre)
+    if stays or distance < 1e-9:
+        return Frame(np.eye(3), np.zeros(3), 1.0)
+    return Frame(np.eye(3), centre, SYNTHETIC_DISTANCE / distance)
+
+
+def frame_of_sphere(P: np.ndarray) -> Frame:
+    """LLFF's: about the focus, z the mean direction to the cameras, these at root mean square distance 1."""
+    try:
+        centre = focus_point(P)
+    except np.linalg.LinAlgError as error:
+        raise UserError("all cameras look the same way, so they have no common centre", where="poses_bounds.npy",
+                        remedy="leave out --spherify") from error  # fmt: skip
+    distance = np.sqrt(np.square(P[:, :3, 3] - centre).sum(-1).mean())
+    if distance < 1e-9:
+        raise UserError("all cameras stand at the point that they look at", where="poses_bounds.npy",
+                        remedy="check the poses")  # fmt: skip
+    z = normalised((P[:, :3, 3] - centre).mean(0))
+    x = normalised(np.cross([0.1, 0.2, 0.3], z))  # any direction across; this one is NeRF's
+    return Frame(np.stack([x, np.cross(z, x), z], axis=1), centre, 1.0 / distance)
+
+
+def frame_forward(P: np.ndarray, nearest: float) -> Frame:
+    """Of a forward-facing capture, before the NDC warp: the mean pose, and the nearest depth behind the NDC near plane."""
+    if np.linalg.norm(P[:, :3, 2].mean(0)) < 1e-3:
+        raise _not_forward("the cameras look into opposite directions")
+    mean = mean_pose(P)
+    return Frame(mean[:3, :3], mean[:3, 3], 1.0 / (BOUNDS_FACTOR * nearest))
+
+
+# --- near, far and box ------------------------------------------------------------------------------------------------
+
+
+def space_of_object(cameras: Sequence[Camera]) -> Space:
+    """Of an object in its frame_of_object: the published bounds, or what training cameras frame about the origin."""
+    origin = np.zeros(3)
+    if _published_bounds_suit(cameras, origin):
+        return Space(SYNTHETIC_NEAR, SYNTHETIC_FAR, cube(SYNTHETIC_HALF_SIDE), disparity=False)
+    P = poses_of(cameras)
+    distances = np.linalg.norm(P[:, :3, 3], axis=-1)
+    inwards = looks_inwards(P)
+    half = (
+        FRAMED_MARGIN * framed_half_side(cameras, origin) if inwards else OUTWARD_HALF_SIDE * (distances.mean() or 1.0)
+    )
+    reach = float(np.sqrt(3.0) * half)
+    near = max(float(distances.min()) - reach, NEAREST * SYNTHETIC_DISTANCE)
+    return Space(near, float(distances.max()) + reach, cube(half), disparity=False)
+
+
+def space_of_bounds(cameras: Sequence[Camera], bounds: np.ndarray) -> Space:
+    """Of a 360° capture in its frame_of_sphere, with each photograph's nearest and farthest depth [N, 2]."""
+    # what the widest camera frames around the origin, corners included
+    framed = max(
+        np.linalg.norm(c.world_T_camera[:3, 3]) * np.hypot(c.width / c.fx, c.height / c.fy) / 2 for c in cameras
+    )
+    near = float(np.clip(0.9 * bounds.min(), 0.05, NEAR_360))
+    return Space(near, max(FAR_360, float(bounds.max())), cube(min(HALF_SIDE_360, float(framed))))
+
+
+def space_of_capture(
+    cameras: Sequence[Camera], points: PointCloud | None, *, opaque: bool, file_box: np.ndarray | None = None
+) -> Space:
+    """Of a capture in its frame_about_focus. points: in that frame; None where there are too few to tell.
+
+    opaque: photographs are trained up to their corners. file_box: what the file names, in that frame; it counts where no
+    points tell, if it holds the focus, and as far as HALF_SIDE where cameras look inwards.
+    """
+    P = poses_of(cameras)
+    inwards = looks_inwards(P)
+    if points is not None:
+        near, far = _near_far(P, points)
+        box = box_of_points(
+            points.places, points.weights, HALF_SIDE if inwards else FARTHEST, otherwise=cube(HALF_SIDE)
+        )
+        if opaque:
+            box = _with_frames(box, cameras, points)
+        return Space(near, far, box)
+    if file_box is not None and (file_box[0] < 0).all() and (file_box[1] > 0).all():
+        reach = HALF_SIDE if inwards else FARTHEST
+        return Space(NEAR, FAR, np.clip(file_box, -reach, reach))
+    if not inwards:
+        return Space(NEAR, FAR, cube(OUTWARD_HALF_SIDE))
+    framed = FRAMED_MARGIN * framed_half_side(cameras, np.zeros(3))
+    return Space(NEAR, FAR, cube(HALF_SIDE if opaque else min(HALF_SIDE, framed)))
+
+
+def space_forward(cameras: Sequence[Camera], names: Sequence[str]) -> Space:
+    """Of a forward-facing capture, in NDC. UserError where a photograph sees what the warp cannot show."""
+    ndc_camera = (cameras[0].width, cameras[0].height, cameras[0].fx)
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for camera, name in zip(cameras, names, strict=True):  # the corners of all views bound what any of them sees
+        x, y = (
+            np.array(ends) * side
+            for ends, side in (([0.0, 1.0] * 2, camera.width), ([0.0, 0.0, 1.0, 1.0], camera.height))
+        )
+        origins, directions = camera_rays(camera, x, y)
+        if (directions[:, 2] > -1e-3).any() or (origins[:, 2] < -NDC_NEAR).any():
+            raise _not_forward(name)
+        origins, directions = ndc_rays(origins, directions, *ndc_camera)
+        ends = np.concatenate([origins, origins + directions])
+        low, high = np.minimum(low, ends.min(0)), np.maximum(high, ends.max(0))
+    return Space(
+        0.0, 1.0, np.stack([low, high]), NDC_WORLDSPACE_T_OPENGL, disparity=False, ndc=True, ndc_camera=ndc_camera
+    )
+
+
+def depth_ranges(P: np.ndarray, points: PointCloud) -> np.ndarray:
+    """Nearest and farthest depth [N, 2] of what each photograph shows, outliers left out; of all where it shows too little."""
+    weights = [points.weights[rows] for rows in points.seen]
+    depths = [
+        np.maximum(-(points.places[rows] - pose[:3, 3]) @ pose[:3, 2], 1e-6)
+        for pose, rows in zip(P, points.seen, strict=True)
+    ]
+    ends = (OUTLIERS, 1 - OUTLIERS)
+    whole = _quantiles(np.concatenate(depths), np.concatenate(weights), ends)
+    pairs = zip(depths, weights, strict=True)
+    return np.array([_quantiles(d, w, ends) if len(d) >= FEWEST_POINTS else whole for d, w in pairs])
+
+
+def points_in_view(cameras: Sequence[Camera], places: np.ndarray) -> list[np.ndarray]:
+    """Of each camera the rows of places [M, 3] that lie within its picture, whatever may hide them."""
+    return [np.flatnonzero(in_picture(camera, places)) for camera in cameras]
+
+
+def _published_bounds_suit(cameras: Sequence[Camera], centre: np.ndarray) -> bool:
+    """Whether cameras look at `centre` [3] from about as far, and frame about as much there, as NeRF-synthetic's do."""
+    P = poses_of(cameras)
+    P[:, :3, 3] -= centre
+    pairs = (
+        (np.linalg.norm(P[:, :3, 3], axis=-1).mean(), SYNTHETIC_DISTANCE),
+        (framed_half_side(cameras, centre), SYNTHETIC_HALF_SIDE),
+    )
+    return looks_inwards(P) and all(abs(ours / published - 1) <= SYNTHETIC_SUITS for ours, published in pairs)
+
+
+def in_picture(camera: Camera, places: np.ndarray) -> np.ndarray:
+    """bool [M]: which places [M, 3] lie within the picture; the lens's distortion is left out."""
+    x, y, z = ((places - camera.world_T_camera[:3, 3]) @ camera.world_T_camera[:3, :3]).T
+    depth = np.where(z < 0, -z, np.inf)
+    u, v = camera.fx * x / depth + camera.cx, camera.cy - camera.fy * y / depth
+    return (z < 0) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
+
+
+def cube(half_side: float) -> np.ndarray:
+    """The box [2, 3] of a cube about the origin."""
+    return np.array([[-half_side] * 3, [half_side] * 3])
+
+
+def poses_of(cameras: Sequence[Camera]) -> np.ndarray:
+    """Poses [N, 4, 4]."""
+    return np.stack([camera.world_T_camera for camera in cameras])
+
+
+def framed_half_side(cameras: Sequence[Camera], centre: np.ndarray) -> float:
+    """Half the longer side of what the widest camera frames at its distance from `centre` [3]."""
+    distances = (float(np.linalg.norm(camera.world_T_camera[:3, 3] - centre)) for camera in cameras)
+    return max(d * max(c.width / c.fx, c.height / c.fy) / 2 for c, d in zip(cameras, distances, strict=True))
+
+
+def looks_inwards(P: np.ndarray) -> bool:
+    """Whether most cameras [N, 4, 4], about the origin, look at something between them, and not at walls around them."""
+    return bool(((P[:, :3, 2] * P[:, :3, 3]).sum(-1) > 0).mean() > 0.5)
+
+
+def box_of_points(places: np.ndarray, weights: np.ndarray, reach: float, otherwise: np.ndarray) -> np.ndarray:
+    """The box [2, 3] of nearly all points, `reach` to either side at most; `otherwise` where there are too few."""
+    counted = np.abs(places).max(-1) < FARTHEST
+    if counted.sum() < FEWEST_POINTS:
+        return otherwise
+    ends = (OUTLIERS, 1 - OUTLIERS)
+    low, high = np.stack([_quantiles(values, weights[counted], ends) for values in places[counted].T], axis=1)
+    margin = np.maximum(MARGIN * (high - low), LEAST_MARGIN)
+    box = np.clip(np.stack([low - margin, high + margin]), -reach, reach)
+    return box if (box[1] > box[0]).all() else otherwise
+
+
+def _near_far(P: np.ndarray, points: PointCloud) -> tuple[float, float]:
+    """Where rays begin and end: what photographs show lies between, with a margin."""
+    distances = [
+        np.linalg.norm(points.places[rows] - pose[:3, 3], axis=-1) for pose, rows in zip(P, points.seen, strict=True)
+    ]
+    weights = np.concatenate([points.weights[rows] for rows in points.seen])
+    low, high = _quantiles(np.concatenate(distances), weights, (OUTLIERS, 1 - OUTLIERS))
+    return float(np.clip(0.7 * low, NEAREST, NEAR_360)), float(max(2.0 * high, NEAREST_FAR))
+
+
+def _with_frames(box: np.ndarray, cameras: Sequence[Camera], points: PointCloud) -> np.ndarray:
+    """The box [2, 3] grown to nearly all that opaque photographs show, up to their corners: points thin out towards these, and
+    what is cut off is trained as specks before the lens."""
+    frames = []
+    for camera, rows in zip(cameras, points.seen, strict=True):
+        if len(rows) < FEWEST_POINTS:
+            continue
+        pose = camera.world_T_camera
+        depths = -(points.places[rows] - pose[:3, 3]) @ pose[:3, 2]
+        _, depth = _quantiles(depths, points.weights[rows], (0.0, FRAMED))
+        x, y = np.meshgrid([0.0, camera.width], [0.0, camera.height])
+        corners = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, np.full_like(x, -1.0)], -1)
+        frames.append(pose[:3, 3] + depth * corners.reshape(4, 3) @ pose[:3, :3].T)
+    if not frames:
+        return box
+    low, high = np.quantile(np.min(frames, 1), FEW_FRAMES, 0), np.quantile(np.max(frames, 1), 1 - FEW_FRAMES, 0)
+    reach = max(HALF_SIDE, np.abs(box).max())  # as far as the points' box may reach, where cameras look inwards
+    return np.stack([np.minimum(box[0], np.maximum(low, -reach)), np.maximum(box[1], np.minimum(high, reach))])
+
+
+def _quantiles(values: np.ndarray, weights: np.ndarray, shares: tuple[float, float]) -> np.ndarray:
+    """Quantiles [2] of weighted values [K]."""
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order]) / weights.sum()
+    return values[order][np.minimum(np.searchsorted(reached, shares), len(values) - 1)]
+
+
+def _not_forward(found: str) -> UserError:
+    return UserError("not a forward-facing capture", where="poses_bounds.npy", found=found, remedy="use --spherify")
