@@ -27,7 +27,7 @@ from training.lock import only_one_trains
 from training.recorder import Recorder
 from training.run import Run, RunDescription, read_description, resume_run, start_run
 from training.scenes import SceneOptions
-from training.scenes.box import box_line
+from training.scenes.box import box_line, box_text
 from training.scenes.read import AS_IT_IS
 from training.scenes.scene import few_line, split_line
 
@@ -103,6 +103,7 @@ def _train(
             if last or run.step % config.log_every == 0:
                 values = {name: float(value) for name, value in jax.device_get(metrics).items()}
                 _refuse_divergence(run, values["loss"])
+                _refuse_emptiness(run, values)
                 values["progress"] = progress_made
                 with together():
                     bar.update(run.step, metrics=recorder.log(values))
@@ -167,6 +168,18 @@ def _checkpoint(run: Run) -> None:
         if any(np.issubdtype(array.dtype, np.floating) and np.isnan(array).any() for array in arrays.values()):
             _refuse_divergence(run, math.nan)
         write_checkpoint(run.checkpoints, run.step, arrays)
+
+
+def _refuse_emptiness(run: Run, metrics: dict[str, float]) -> None:
+    """UserError where no ray of a step met anything: a field without content agrees with photographs of nothing."""
+    if metrics.get("samples") == 0:
+        raise UserError(
+            f"the field is empty after step {run.step}: no ray meets anything in it",
+            where=run.path,
+            expected="photographs that show something within the box",
+            found=box_text(run.scene.aabb),
+            remedy="check the camera poses and the masks, or name the box with --aabb",
+        )
 
 
 def _refuse_divergence(run: Run, loss: float) -> None:

@@ -163,14 +163,16 @@ def frame_forward(P: np.ndarray, nearest: float) -> Frame:
 # --- near, far and box ------------------------------------------------------------------------------------------------
 
 
-def space_of_object(cameras: Sequence[Camera]) -> Space:
-    """Of an object in its frame_of_object: the published bounds, or what training cameras frame about the origin."""
-    origin = np.zeros(3)
-    if _published_bounds_suit(cameras, origin):
-        return Space(SYNTHETIC_NEAR, SYNTHETIC_FAR, cube(SYNTHETIC_HALF_SIDE), disparity=False)
-    P = poses_of(cameras)
-    distances = np.linalg.norm(P[:, :3, 3], axis=-1)
+def space_of_object(cameras: Sequence[Camera], *, opaque: bool) -> Space:
+    """Of an object in its frame_of_object: the published bounds, or what training cameras frame about the origin.
+
+    Cameras that look outwards may stand in a room, unless it was cut out: then they are wrong, and see nothing of the box.
+    """
+    origin, P = np.zeros(3), poses_of(cameras)
     inwards = looks_inwards(P)
+    if _published_bounds_suit(cameras, origin) or not (inwards or opaque):
+        return Space(SYNTHETIC_NEAR, SYNTHETIC_FAR, cube(SYNTHETIC_HALF_SIDE), disparity=False)
+    distances = np.linalg.norm(P[:, :3, 3], axis=-1)
     half = (
         FRAMED_MARGIN * framed_half_side(cameras, origin) if inwards else OUTWARD_HALF_SIDE * (distances.mean() or 1.0)
     )

@@ -109,7 +109,8 @@ def _read_synthetic(path: Path, options: SceneOptions) -> Scene:
     }
     frame = frame_of_object([photograph.camera for photograph in splits["train"]])
     splits = {split: _moved(photographs, frame) for split, photographs in splits.items()}
-    space = space_of_object([photograph.camera for photograph in splits["train"]])
+    opaque = not may_be_transparent(splits["train"])
+    space = space_of_object([photograph.camera for photograph in splits["train"]], opaque=opaque)
     held_out = "as transforms_test.json lists them" if "test" in splits else ""
     return Scene(path=path, kind="blender", splits=splits, held_out=held_out, notes=vars(options), **space._asdict())
 

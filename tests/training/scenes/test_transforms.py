@@ -216,11 +216,20 @@ def test_cameras_that_look_outwards_have_a_box_around_them(tmp_path: Path):
     P = circle(9, centre=ORIGIN)
     P[:, :3, 0] *= -1
     P[:, :3, 2] *= -1
-    for name, write in (("b", write_blender), ("t", write_capture)):
-        scene = load_scene(write(tmp_path / name, P))
+    for scene in (
+        load_scene(write_blender(tmp_path / "b", P, mode="RGB")),
+        load_scene(write_capture(tmp_path / "t", P)),
+    ):
         eyes = np.stack([camera.world_T_camera[:3, 3] for camera in cameras(scene).values()])
         assert np.abs(scene.aabb).max() >= 2 * np.abs(eyes).max()
         require_rays(scene)
+
+
+def test_cameras_that_look_away_from_an_object_that_was_cut_out_are_wrong(tmp_path: Path):
+    P = circle(9, centre=ORIGIN)
+    P[:, :3, [0, 2]] *= -1
+    with pytest.raises(UserError, match="no photograph sees the box"):
+        require_rays(load_scene(write_blender(tmp_path, P)))
 
 
 @pytest.mark.parametrize("aabb_scale", [16, 32, 128])
