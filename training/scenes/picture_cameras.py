@@ -11,7 +11,7 @@ from training.scenes.files import few
 from training.scenes.pictures import PictureLoader, is_turned, picture_size, times
 from training.scenes.scene import Camera, Photograph
 
-SHAPE_TOLERANCE = 0.02  # how far width over height may differ, as a share: shrunk sizes are rounded
+SHAPE_TOLERANCE = 0.01  # how far width over height may differ, as a share; or by a pixel, as shrunk sizes are rounded
 
 
 def camera_of_picture(
@@ -50,4 +50,5 @@ def tell_turned(where: Path, photographs: Sequence[Photograph]) -> None:
 
 
 def _same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:
-    return abs(size[0] * other[1] - size[1] * other[0]) <= SHAPE_TOLERANCE * size[1] * other[0]
+    (w, h), (width, height) = size, other
+    return abs(w * height - h * width) <= max(SHAPE_TOLERANCE * h * width, width, height)

@@ -17,6 +17,7 @@ import numpy as np
 from console import UserError
 from training.scenes import colmap, llff, transforms
 from training.scenes.box import checked_box, with_box
+from training.scenes.picture_formats import PICTURE_SUFFIXES
 from training.scenes.rays import camera_rays
 from training.scenes.scene import Scene, SceneOptions
 from training.scenes.upright import OPTION as UP
@@ -26,7 +27,6 @@ MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some
 LEAST_FOCAL = 1e-3  # pixels; below, squares of the picture's own coordinates leave the range of floats
 PROBES = 5  # pixels along each side of a picture whose rays are tried
 AS_IT_IS = SceneOptions()
-PICTURES = (".jpg", ".jpeg", ".png", ".heic", ".tif", ".tiff", ".webp")
 LAYOUTS = (transforms, llff, colmap)  # COLMAP last: others keep its files beside their own
 
 
@@ -53,7 +53,7 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
             _require_finite(scene)
             _require_rays(scene)
             return scene if options.aabb is None else with_box(scene, options.aabb)
-    if any(file.suffix.lower() in PICTURES for folder in (path, path / "images") for file in folder.glob("*")):
+    if any(file.suffix.lower() in PICTURE_SUFFIXES for folder in (path, path / "images") for file in folder.glob("*")):
         raise UserError("photographs without camera poses", where=path, expected="one of: " + _looked_for(),
                         remedy="snerg-make finds the poses of photographs and films")  # fmt: skip
     raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
