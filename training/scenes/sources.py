@@ -2,29 +2,61 @@
 
 from __future__ import annotations
 
+import os
 import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from console import UserError
+from console.contents import HEAD_BYTES, told
+from training.scenes.film_containers import FILM_NAMES, FILMS, container_of
 from training.scenes.pictures import find_mask
 
-PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
-FILMS = (".mp4", ".m4v", ".mov", ".webm", ".mkv")
-HEAD = 12  # bytes of a film that tell its container
+PICTURES = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
+# Pictures that are not read: what each suffix is called, and what to do about it.
+_DEVELOP, _CONVERT = "develop them as JPEG or TIFF", "convert them to PNG or JPEG"
+_RAW = (".dng .cr2 .cr3 .crw .nef .nrw .arw .sr2 .srf .srw .raf .orf .rw2 .rwl .pef .x3f .3fr .fff .iiq .erf .kdc .dcr .mos "
+        ".mrw .gpr")  # fmt: skip
+UNREAD = {
+    **{suffix: (suffix[1:].upper(), _DEVELOP) for suffix in _RAW.split()},
+    **dict.fromkeys((".avif", ".avifs"), ("AVIF", _CONVERT)),
+    ".gif": ("GIF", _CONVERT),
+    ".jxl": ("JPEG XL", _CONVERT),
+    **dict.fromkeys((".jp2", ".j2k", ".jpf", ".jpx"), ("JPEG 2000", _CONVERT)),
+    **dict.fromkeys((".psd", ".psb"), ("Photoshop", _CONVERT)),
+    **dict.fromkeys((".ppm", ".pgm", ".pnm"), ("PNM", _CONVERT)),
+    ".tga": ("TGA", _CONVERT),
+    ".exr": ("OpenEXR", _CONVERT),
+    ".hdr": ("Radiance HDR", _CONVERT),
+    ".insp": ("Insta360", "export flat pictures"),
+}
 FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can come
+READ = (
+    f"a folder of photographs (JPEG, PNG, WebP, TIFF, BMP, HEIC), at least {FEWEST} or with camera poses, "
+    f"or a film ({FILM_NAMES})"
+)
 SUBFOLDER = "images"  # where other programs keep a scene's pictures
 MASKS = "masks"  # beside the photographs, or beside the folder SUBFOLDER that they are in
+# What systems keep beside pictures, but for names that begin with a dot (macOS has ._IMG_1.jpg): Windows, macOS, network disks.
+_SYSTEM = ("thumbs.db", "ehthumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "__macosx", "icon\r",
+           "@eadir", "#recycle", "lost+found")  # fmt: skip
+_NAMED = 4  # files that a message names
 
 
 @dataclass(frozen=True)
 class Source:
-    """path: the folder or the film, as it was named. files: the pictures in the order of their names; or the one film."""
+    """path: the folder or the film, as it was named. files: the pictures in the order of their names; or the one film.
+
+    notes: what else lies there and is not used, a line each.
+    """
 
     kind: Literal["photographs", "film"]
     path: Path
     files: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -44,48 +76,85 @@ class Source:
         folder = self.masks
         if folder is None:
             return None
-        within = self.name_of(file).removeprefix(f"{SUBFOLDER}/")
+        within = file.relative_to(self.folder).as_posix().removeprefix(f"{SUBFOLDER}/")
         return find_mask(folder, within) or find_mask(folder, file.name)
 
     def name_of(self, file: Path) -> str:
-        """A file's name for messages."""
-        return file.relative_to(self.folder).as_posix()
+        """A file's name for messages; bytes that are not UTF-8 as \\xe4."""
+        return _readable(file.relative_to(self.folder).as_posix())
 
 
 def find_source(path: Path) -> Source | None:
     """The photographs or the film at `path`; None where there are none. A scene with poses is not looked for.
 
-    Photographs lie in the folder itself, or else in its `images`, or else in folders just below. A folder without
-    photographs may hold one film. Folders of masks are none of photographs. UserError where it holds several.
+    Photographs lie in the folder itself, or else in its `images`, or else in folders just below. A folder may hold one film
+    instead, also beside fewer than FEWEST pictures, such as its cover. Folders of masks are none of photographs. UserError
+    where it holds several films, or only pictures of formats that are not read.
     """
-    if path.is_file():
-        return Source("film", path, (path,)) if is_film(path) else None
-    if not path.is_dir():
+    if os.path.isfile(path):
+        return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
+    if not os.path.isdir(path):
         return None
-    others = (folder for folder in path.glob("*/") if not folder.name.startswith(MASKS))
-    for folders in ((path,), (path / SUBFOLDER,), tuple(others)):
-        found = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if _is_picture(file)]
+    found: list[Path] = []
+    unread: list[Path] = []
+    others = (folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS))
+    below = [folder for folder in others if not is_hidden(folder)]
+    for folders in ([path], [path / SUBFOLDER], below):
+        files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if not is_hidden(file)]
+        found = [file for file in files if file.suffix.lower() in PICTURES and file.is_file()]
+        unread += [file for file in files if file.suffix.lower() in UNREAD and file.is_file()]
         if found:
-            return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))))
+            break
     films = sorted(file for file in path.iterdir() if is_film(file))
-    if len(films) > 1:
-        raise UserError("several films, and no photographs", where=path, expected="one film",
-                        found=", ".join(film.name for film in films[:4]), remedy="name one of them")  # fmt: skip
-    return Source("film", path, (films[0],)) if films else None
+    stems = {file.with_suffix("") for file in found}
+    unread = [file for file in unread if file.with_suffix("") not in stems]  # cameras write IMG_1.DNG beside IMG_1.JPG
+    notes = [f"{_formats(unread)}, a format that is not read; {_remedies(unread)}"] if unread else []
+    if len(found) < FEWEST and films:
+        if len(films) > 1:
+            also = "no" if not found else f"only {len(found)}"
+            raise UserError(f"several films, and {also} photographs", where=path, expected="one film",
+                            found=_named(films), remedy="name one of them")  # fmt: skip
+        if found:
+            notes.append(f"{_readable(films[0].name)} is used, not {_counted(found)} beside it")
+        return Source("film", path, (films[0],), tuple(notes))
+    if not found and unread:
+        raise UserError("no pictures of a format that is read", where=path, expected=READ, found=_formats(unread),
+                        remedy=_remedies(unread))  # fmt: skip
+    if not found:
+        return None
+    return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))), tuple(notes))
+
+
+def require_source(path: Path) -> Source:
+    """The same. UserError, with what is there and what is read, where there are neither photographs nor a film."""
+    source = find_source(path)
+    if source is not None and (source.kind == "photographs" or container_of(source.files[0]) is not None):
+        return source
+    if not os.path.lexists(path):
+        raise UserError("no such file or folder", where=path, expected=READ)
+    file = path if source is None else source.files[0]
+    if os.path.isfile(file):
+        with file.open("rb") as opened:
+            found = told(opened.read(HEAD_BYTES))
+        of_scene = file.suffix.lower() in (*PICTURES, *UNREAD, ".json", ".npy", ".bin")
+        raise UserError("not a film that can be read", where=file, expected=READ, found=found,
+                        remedy="name the folder that it is in" if of_scene else None)  # fmt: skip
+    if not os.path.isdir(path):
+        raise UserError("neither a file nor a folder", where=path, expected=READ)
+    files = sorted(file for file in path.iterdir() if not is_hidden(file))
+    if not files:
+        raise UserError("the folder is empty", where=path, expected=READ)
+    raise UserError("no photographs and no film in this folder", where=path, expected=READ, found=_named(files))
 
 
 def is_film(path: Path) -> bool:
     """Whether a file is named as a film that can be read."""
-    return path.suffix.lower() in FILMS and path.is_file()
+    return path.suffix.lower() in FILMS and not is_hidden(path) and os.path.isfile(path)
 
 
-def container_of(film: Path) -> str | None:
-    """FFmpeg's name for a film's container, "mp4" or "matroska", by its first bytes; None for any other."""
-    with film.open("rb") as file:
-        head = file.read(HEAD)
-    if head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"):  # QuickTime may begin with any of them
-        return "mp4"
-    return "matroska" if head.startswith(b"\x1a\x45\xdf\xa3") else None
+def is_hidden(path: Path) -> bool:
+    """Whether a file or a folder is the system's own, by its name."""
+    return path.name.startswith(".") or path.name.lower() in _SYSTEM
 
 
 def in_order(name: str) -> list[tuple[int, int, str]]:
@@ -94,5 +163,24 @@ def in_order(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isascii() and part.isdigit() else (1, 0, part) for part in parts if part]
 
 
-def _is_picture(file: Path) -> bool:
-    return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
+def _readable(name: str) -> str:
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def _named(files: Sequence[Path]) -> str:
+    more = f", … ({len(files)} in all)" if len(files) > _NAMED else ""
+    return ", ".join(_readable(file.name) for file in files[:_NAMED]) + more
+
+
+def _counted(files: Sequence[Path]) -> str:
+    return _readable(files[0].name) if len(files) == 1 else f"the {len(files)} pictures"
+
+
+def _formats(files: Sequence[Path]) -> str:
+    """How many there are of each format: "12 AVIF, 1 GIF pictures"."""
+    counts = Counter(sorted(UNREAD[file.suffix.lower()][0] for file in files))
+    return ", ".join(f"{count} {name}" for name, count in counts.items()) + f" picture{'s' * (len(files) > 1)}"
+
+
+def _remedies(files: Sequence[Path]) -> str:
+    return "; ".join(dict.fromkeys(remedy for _, remedy in sorted(UNREAD[file.suffix.lower()] for file in files)))
