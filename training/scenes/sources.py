@@ -89,25 +89,15 @@ def find_source(path: Path) -> Source | None:
 
     Photographs lie in the folder itself, or else in its `images`, or else in folders just below. A folder may hold one film
     instead, also beside fewer than FEWEST pictures, such as its cover. Folders of masks are none of photographs. UserError
-    where it holds several films, or only pictures of formats that are not read.
+    where it holds several films, or only pictures of formats that are not read; where such pictures lie further below, it may
+    be any folder, and is left to require_source.
     """
     if os.path.isfile(path):
         return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
     if not os.path.isdir(path):
         return None
-    found: list[Path] = []
-    unread: list[Path] = []
-    others = (folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS))
-    below = [folder for folder in others if not is_hidden(folder)]
-    for folders in ([path], [path / SUBFOLDER], below):
-        files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if not is_hidden(file)]
-        found = [file for file in files if file.suffix.lower() in PICTURES and file.is_file()]
-        unread += [file for file in files if file.suffix.lower() in UNREAD and file.is_file()]
-        if found:
-            break
+    found, unread = _pictures(path)
     films = sorted(file for file in path.iterdir() if is_film(file))
-    stems = {file.with_suffix("") for file in found}
-    unread = [file for file in unread if file.with_suffix("") not in stems]  # cameras write IMG_1.DNG beside IMG_1.JPG
     notes = [f"{_formats(unread)}, a format that is not read; {_remedies(unread)}"] if unread else []
     if len(found) < FEWEST and films:
         if len(films) > 1:
@@ -117,10 +107,9 @@ def find_source(path: Path) -> Source | None:
         if found:
             notes.append(f"{_readable(films[0].name)} is used, not {_counted(found)} beside it")
         return Source("film", path, (films[0],), tuple(notes))
-    if not found and unread:
-        raise UserError("no pictures of a format that is read", where=path, expected=READ, found=_formats(unread),
-                        remedy=_remedies(unread))  # fmt: skip
     if not found:
+        if any(file.parent in (path, path / SUBFOLDER) for file in unread):
+            raise _none_is_read(path, unread)
         return None
     return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))), tuple(notes))
 
@@ -141,10 +130,35 @@ def require_source(path: Path) -> Source:
                         remedy="name the folder that it is in" if of_scene else None)  # fmt: skip
     if not os.path.isdir(path):
         raise UserError("neither a file nor a folder", where=path, expected=READ)
+    if unread := _pictures(path)[1]:
+        raise _none_is_read(path, unread)
     files = sorted(file for file in path.iterdir() if not is_hidden(file))
     if not files:
         raise UserError("the folder is empty", where=path, expected=READ)
     raise UserError("no photographs and no film in this folder", where=path, expected=READ, found=_named(files))
+
+
+def _pictures(path: Path) -> tuple[list[Path], list[Path]]:
+    """Pictures in a folder, in its SUBFOLDER, or in folders just below: those of the first that has any, and those up to there
+    of formats that are not read. Cameras write IMG_1.DNG beside IMG_1.JPG: then it is none of the latter.
+    """
+    found: list[Path] = []
+    unread: list[Path] = []
+    others = (folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS))
+    below = [folder for folder in others if not is_hidden(folder)]
+    for folders in ([path], [path / SUBFOLDER], below):
+        files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if not is_hidden(file)]
+        found = [file for file in files if file.suffix.lower() in PICTURES and file.is_file()]
+        unread += [file for file in files if file.suffix.lower() in UNREAD and file.is_file()]
+        if found:
+            break
+    stems = {file.with_suffix("") for file in found}
+    return found, [file for file in unread if file.with_suffix("") not in stems]
+
+
+def _none_is_read(path: Path, unread: Sequence[Path]) -> UserError:
+    return UserError("no pictures of a format that is read", where=path, expected=READ, found=_formats(unread),
+                     remedy=_remedies(unread))  # fmt: skip
 
 
 def is_film(path: Path) -> bool:

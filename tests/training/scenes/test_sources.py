@@ -81,6 +81,9 @@ def test_pictures_of_formats_that_are_not_read_are_said_by_name_with_what_to_do(
         find_source(files(tmp_path / "alone", *(f"{i}.avif" for i in range(9))))
     with pytest.raises(UserError, match=r"found 1 GIF picture\)"):
         find_source(files(tmp_path / "images_alone", "images/a.gif"))
+    assert find_source(files(tmp_path / "any", "below/a.gif", "notes.txt")) is None  # a folder to be looked into
+    with pytest.raises(UserError, match=r"found 1 GIF picture\)"):
+        require_source(tmp_path / "any")
     for suffix, (name, remedy) in UNREAD.items():
         with pytest.raises(UserError) as error:
             find_source(files(tmp_path / suffix[1:], f"a{suffix}"))
