@@ -28,12 +28,13 @@ def one_line(text: str, longest: int = LONGEST_LINE) -> str:
 def lasting_output() -> Iterator[None]:
     """stdout and stderr that the work outlives: what is printed after their reader went away is dropped.
 
-    On a terminal or pipe that is not UTF-8, what it cannot show becomes "?" instead of an exception.
+    On a terminal or pipe that is not UTF-8, what it cannot show becomes "?" instead of an exception. On others, names of files
+    that are not UTF-8 keep their bytes.
     """
     before = sys.stdout, sys.stderr
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
-    if encoding != "utf8" and isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="surrogateescape" if encoding == "utf8" else "replace")
     sys.stdout, sys.stderr = (stream and _Lasting(stream) for stream in before)
     try:
         yield

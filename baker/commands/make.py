@@ -89,7 +89,7 @@ def snerg_make(
     from training.loop import train
     from training.plausible import require_plausible
     from training.run import is_run, read_description
-    from training.scenes import SceneOptions
+    from training.scenes import SceneOptions, load_scene
     from training.scenes.box import OPTION, parse_box
     from training.scenes.downscale import suggested_downscale
     from training.scenes.upright import parse_up
@@ -110,6 +110,8 @@ def snerg_make(
     began = time.monotonic()
     scene = posed_scene(scene, out, seed=seed, most_frames=frames)
     if poses_only:
+        if scene != out / SCENE:
+            load_scene(scene)  # else nothing would have looked at it
         print(f"the poses are in {scene}; {minutes(time.monotonic() - began)}")
         return
     if not masks and scene == out / SCENE and (scene / "masks").is_dir():

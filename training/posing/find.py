@@ -35,7 +35,7 @@ from training.posing.telling import (
     write_table,
 )
 from training.scenes.read import has_poses
-from training.scenes.sources import Source, find_source
+from training.scenes.sources import Source, require_source
 
 SCENE, WORK, REPORT = "scene", "posing", "poses.json"
 MARK = "README.txt"  # in WORK: it is ours
@@ -54,6 +54,8 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
     used or overlap, and where OUT/scene is of other photographs and a run was trained on it. ModuleNotFoundError where
     pycolmap, or for films PyAV, is not installed.
     """
+    for note in source.notes:
+        warnings.warn(Notice(f"{source.path}: {note}"), stacklevel=2)
     key = {"files": fingerprint(source), "frames": most_frames if source.kind == "film" else 0}
     scene = out / SCENE
     if (scene / REPORT).is_file():
@@ -71,9 +73,8 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
 
 
 def posed_scene(path: Path, out: Path, *, seed: int = 0, most_frames: int = FRAMES) -> Path:
-    """`path` itself where it has poses, or is nothing whose poses can be found; else the scene that find_poses makes of it."""
-    source = None if has_poses(path) else find_source(path)
-    return path if source is None else find_poses(source, out, seed=seed, most_frames=most_frames)
+    """`path` itself where it has poses; else the scene that find_poses makes of it. UserError where it is neither."""
+    return path if has_poses(path) else find_poses(require_source(path), out, seed=seed, most_frames=most_frames)
 
 
 def require(source: Source) -> None:

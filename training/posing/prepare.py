@@ -22,6 +22,7 @@ from training.posing.child import ask
 from training.posing.choice import blurred, repeated, sharpness, thumbnail
 from training.posing.masks import MASKS, put_mask
 from training.scenes.pixels import notice_masks
+from training.scenes.files import is_hidden
 from training.scenes.sources import Source
 
 IMAGES, RECORD, LOG = "images", "pictures.json", "log.txt"
@@ -49,7 +50,11 @@ class Prepared:
 
 def fingerprint(source: Source) -> list[list[object]]:
     """Names, sizes and times of the files and their masks: what was found for them holds as long as these stay."""
-    masks = [] if source.masks is None else sorted(file for file in source.masks.rglob("*") if file.is_file())
+    masks = (
+        []
+        if source.masks is None
+        else sorted(file for file in source.masks.rglob("*") if file.is_file() and not is_hidden(file))
+    )
     stats = [(source.name_of(file), file.stat()) for file in source.files]
     stats += [(file.name, file.stat()) for file in masks]
     return [[name, stat.st_size, str(stat.st_mtime_ns)] for name, stat in stats]  # JSON would round them
@@ -134,11 +139,12 @@ def chosen_looks(source: Source, looks: Sequence[tuple[Path, Look]], aside: dict
 
 
 def file_stems(names: Sequence[str]) -> list[str]:
-    """A name without suffix for each picture, no two alike, which COLMAP's lists of names can hold: no blanks, no leading #."""
+    """A name without suffix for each picture, no two alike, which COLMAP's lists of names can hold: no blanks, no leading #,
+    no backslashes."""
     stems: list[str] = []
     taken: set[str] = set()
     for name in names:
-        plain = re.sub(r"[\s#]+", "_", name.replace("/", "-"))
+        plain = re.sub(r"[\s#\\]+", "_", name.replace("/", "-"))
         stem = base = plain.rpartition(".")[0] or plain
         number = 1
         while stem.lower() in taken:
@@ -164,7 +170,7 @@ def _frames(source: Source, work: Path, most: int, bar: Progress) -> Prepared:
     is_blurred = blurred([frame["sharpness"] for frame in frames]) if frames else []
     pictures, aside = [], {}
     for frame, bad in zip(frames, is_blurred, strict=True):
-        told_as = f"{film.name} at {frame['seconds']:.2f} s"
+        told_as = f"{source.name_of(film)} at {frame['seconds']:.2f} s"
         if bad:
             aside[told_as] = "blurred"
             (work / IMAGES / frame["name"]).unlink()

@@ -85,7 +85,7 @@ def _film(source: Source, folder: Path) -> None:
                 picture.save(Path(temporary) / small, quality=95)
             picture.thumbnail((SIDE, SIDE), Image.Resampling.BOX, reducing_gap=2.0)
             picture.save(folder / small, format="JPEG", quality=85)
-            _say(name=f"{film.name} at {seconds:.1f} s", file=small)
+            _say(name=f"{source.name_of(film)} at {seconds:.1f} s", file=small)
 
         count, decoding = glimpse(film, FRAMES, GLIMPSES, lambda frames: _say(count=frames), show)
         _say(aside={})

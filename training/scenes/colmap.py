@@ -13,10 +13,11 @@ from pathlib import Path
 
 from console import Notice, UserError
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
-from training.scenes.files import FileFinder, clean_name, few
+from training.scenes.files import FileFinder, clean_name, few, is_hidden
 from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders, target_size
 from training.scenes.picture_cameras import camera_of_picture, tell_turned
-from training.scenes.pictures import PICTURE_SUFFIXES, PictureLoader, picture_size
+from training.scenes.picture_formats import PICTURE_SUFFIXES
+from training.scenes.pictures import PictureLoader, picture_size
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
 from training.scenes.scene import HELD_OUT_BY_NAME, Photograph, Scene, SceneOptions, hold_out
@@ -140,7 +141,7 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
         warnings.warn(Notice(f"{folder}: {text} ({few(gone)})"), stacklevel=3)
     known = {picture for picture in listed if picture is not None}
     stored = (p for p in folder.rglob("*") if p.suffix.lower() in PICTURE_SUFFIXES and p not in known)
-    unposed = sorted(p.relative_to(folder).as_posix() for p in stored if not p.name.startswith("."))
+    unposed = sorted(p.relative_to(folder).as_posix() for p in stored if not is_hidden(p))
     if unposed:
         total = len(known) + len(unposed)
         text = f"{len(unposed)} of {total} pictures have no pose in the reconstruction and are left out"

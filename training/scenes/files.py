@@ -18,10 +18,12 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 
-from training.scenes.pictures import PICTURE_SUFFIXES, UNREAD_SUFFIXES
+from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
 
 MASK_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
-FOREIGN_FOLDERS = ("__MACOSX", "@eaDir")  # that other systems leave beside files
+# What systems leave beside files, but for names that begin with a dot: Windows, macOS, network disks.
+SYSTEM_FILES = ("thumbs.db", "ehthumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "__macosx", "icon\r",
+                "@eadir", "#recycle", "lost+found")  # fmt: skip
 
 
 def clean_name(name: str) -> str:
@@ -35,10 +37,15 @@ def without_suffix(name: str) -> str:
     return name[: -len(suffix)] if (suffix := _suffix(name)) else name
 
 
+def is_hidden(path: Path) -> bool:
+    """Whether a file or a folder is the system's own, by its name: ._IMG_1.jpg, __MACOSX, Thumbs.db."""
+    return path.name.startswith(".") or path.name.lower() in SYSTEM_FILES
+
+
 def visible_files(folder: Path, suffixes: Sequence[str] = PICTURE_SUFFIXES) -> list[Path]:
     """The files directly in a folder with one of the suffixes, sorted by name; without those that systems hide."""
     return sorted(
-        p for p in folder.iterdir() if p.suffix.lower() in suffixes and not p.name.startswith(".") and p.is_file()
+        p for p in folder.iterdir() if p.suffix.lower() in suffixes and not is_hidden(p) and p.is_file()
     )
 
 
@@ -108,7 +115,7 @@ class FileFinder:
             except OSError:
                 entries = []
             for entry in entries:
-                if not entry.name.startswith(".") and entry.name not in FOREIGN_FOLDERS:
+                if not is_hidden(entry):
                     listing.setdefault(_key(entry.name), []).append(entry)
             self._listings[folder] = listing
         return self._listings[folder]
@@ -142,4 +149,4 @@ def _key(name: str) -> str:
 
 def _suffix(name: str) -> str:
     suffix = PurePosixPath(name).suffix
-    return suffix if suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_SUFFIXES) else ""
+    return suffix if suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_FORMATS) else ""

@@ -37,7 +37,6 @@ from training.scenes.deep_pictures import (
 from training.scenes.mask_values import mask_values
 from training.scenes.picture_formats import PICTURE_SUFFIXES as PICTURE_SUFFIXES
 from training.scenes.picture_formats import READ, UNREAD_FORMATS
-from training.scenes.picture_formats import UNREAD_SUFFIXES as UNREAD_SUFFIXES
 
 warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack

@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+import os
 import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from console import UserError
-from training.scenes.files import find_masks
+from console.contents import HEAD_BYTES, told
+from training.scenes.files import find_masks, few, is_hidden
+from training.scenes.film_containers import FILM_NAMES, FILMS, container_of
+from training.scenes.picture_formats import PICTURE_SUFFIXES, READ as READ_PICTURES, UNREAD_FORMATS
 
-PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".heic", ".heif")
-FILMS = (".mp4", ".m4v", ".mov", ".webm", ".mkv")
-HEAD = 12  # bytes of a film that tell its container
 FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can come
+READ = f"a folder of photographs ({READ_PICTURES}), at least {FEWEST} or with camera poses, or a film ({FILM_NAMES})"
 SUBFOLDER = "images"  # where other programs keep a scene's pictures
 MASKS = "masks"  # beside the photographs, or beside the folder SUBFOLDER that they are in
+_NAMED = 4  # files that a message names
 
 
 @dataclass(frozen=True)
 class Source:
-    """path: the folder or the film, as it was named. files: the pictures in the order of their names; or the one film."""
+    """path: the folder or the film, as it was named. files: the pictures in the order of their names; or the one film.
+
+    notes: what else lies there and is not used, a line each.
+    """
 
     kind: Literal["photographs", "film"]
     path: Path
     files: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -44,48 +53,94 @@ class Source:
         folder = self.masks
         if folder is None:
             return None
-        within = self.name_of(file).removeprefix(f"{SUBFOLDER}/")
+        within = file.relative_to(self.folder).as_posix().removeprefix(f"{SUBFOLDER}/")
         return next((mask for mask in find_masks(folder, [within, file.name]) if mask is not None), None)
 
     def name_of(self, file: Path) -> str:
-        """A file's name for messages."""
-        return file.relative_to(self.folder).as_posix()
+        """A file's name for messages; bytes that are not UTF-8 as \\xe4."""
+        return _readable(file.relative_to(self.folder).as_posix())
 
 
 def find_source(path: Path) -> Source | None:
     """The photographs or the film at `path`; None where there are none. A scene with poses is not looked for.
 
-    Photographs lie in the folder itself, or else in its `images`, or else in folders just below. A folder without
-    photographs may hold one film. Folders of masks are none of photographs. UserError where it holds several.
+    Photographs lie in the folder itself, or else in its `images`, or else in folders just below. A folder may hold one film
+    instead, also beside fewer than FEWEST pictures, such as its cover. Folders of masks are none of photographs. UserError
+    where it holds several films, or only pictures of formats that are not read; where such pictures lie further below, it may
+    be any folder, and is left to require_source.
     """
-    if path.is_file():
-        return Source("film", path, (path,)) if is_film(path) else None
-    if not path.is_dir():
+    if os.path.isfile(path):
+        return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
+    if not os.path.isdir(path):
         return None
-    others = (folder for folder in path.glob("*/") if not folder.name.startswith(MASKS))
-    for folders in ((path,), (path / SUBFOLDER,), tuple(others)):
-        found = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if _is_picture(file)]
-        if found:
-            return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))))
+    found, unread = _pictures(path)
     films = sorted(file for file in path.iterdir() if is_film(file))
-    if len(films) > 1:
-        raise UserError("several films, and no photographs", where=path, expected="one film",
-                        found=", ".join(film.name for film in films[:4]), remedy="name one of them")  # fmt: skip
-    return Source("film", path, (films[0],)) if films else None
+    notes = [f"{_formats(unread)}, a format that is not read; {_remedies(unread)}"] if unread else []
+    if len(found) < FEWEST and films:
+        if len(films) > 1:
+            also = "no" if not found else f"only {len(found)}"
+            raise UserError(f"several films, and {also} photographs", where=path, expected="one film",
+                            found=_named(films), remedy="name one of them")  # fmt: skip
+        if found:
+            notes.append(f"{_readable(films[0].name)} is used, not {_counted(found)} beside it")
+        return Source("film", path, (films[0],), tuple(notes))
+    if not found:
+        if any(file.parent in (path, path / SUBFOLDER) for file in unread):
+            raise _none_is_read(path, unread)
+        return None
+    return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))), tuple(notes))
+
+
+def require_source(path: Path) -> Source:
+    """The same. UserError, with what is there and what is read, where there are neither photographs nor a film."""
+    source = find_source(path)
+    if source is not None and (source.kind == "photographs" or container_of(source.files[0]) is not None):
+        return source
+    if not os.path.lexists(path):
+        raise UserError("no such file or folder", where=path, expected=READ)
+    file = path if source is None else source.files[0]
+    if os.path.isfile(file):
+        with file.open("rb") as opened:
+            found = told(opened.read(HEAD_BYTES))
+        of_scene = file.suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_FORMATS, ".json", ".npy", ".bin")
+        raise UserError("not a film that can be read", where=file, expected=READ, found=found,
+                        remedy="name the folder that it is in" if of_scene else None)  # fmt: skip
+    if not os.path.isdir(path):
+        raise UserError("neither a file nor a folder", where=path, expected=READ)
+    if unread := _pictures(path)[1]:
+        raise _none_is_read(path, unread)
+    files = sorted(file for file in path.iterdir() if not is_hidden(file))
+    if not files:
+        raise UserError("the folder is empty", where=path, expected=READ)
+    raise UserError("no photographs and no film in this folder", where=path, expected=READ, found=_named(files))
+
+
+def _pictures(path: Path) -> tuple[list[Path], list[Path]]:
+    """Pictures in a folder, in its SUBFOLDER, or in folders just below: those of the first that has any, and those up to there
+    of formats that are not read. Cameras write IMG_1.DNG beside IMG_1.JPG: then it is none of the latter.
+    """
+    found: list[Path] = []
+    unread: list[Path] = []
+    others = (folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS))
+    below = [folder for folder in others if not is_hidden(folder)]
+    for folders in ([path], [path / SUBFOLDER], below):
+        files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if not is_hidden(file)]
+        found = [file for file in files if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file()]
+        unread += [file for file in files if file.suffix.lower() in UNREAD_FORMATS and file.is_file()]
+        if found:
+            break
+    stems = {file.with_suffix("") for file in found}
+    return found, [file for file in unread if file.with_suffix("") not in stems]
+
+
+def _none_is_read(path: Path, unread: Sequence[Path]) -> UserError:
+    return UserError("no pictures of a format that is read", where=path, expected=READ, found=_formats(unread),
+                     remedy=_remedies(unread))  # fmt: skip
 
 
 def is_film(path: Path) -> bool:
     """Whether a file is named as a film that can be read."""
-    return path.suffix.lower() in FILMS and path.is_file()
-
-
-def container_of(film: Path) -> str | None:
-    """FFmpeg's name for a film's container, "mp4" or "matroska", by its first bytes; None for any other."""
-    with film.open("rb") as file:
-        head = file.read(HEAD)
-    if head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"):  # QuickTime may begin with any of them
-        return "mp4"
-    return "matroska" if head.startswith(b"\x1a\x45\xdf\xa3") else None
+    return path.suffix.lower() in FILMS and not is_hidden(path) and os.path.isfile(path)
 
 
 def in_order(name: str) -> list[tuple[int, int, str]]:
@@ -94,5 +149,23 @@ def in_order(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isascii() and part.isdigit() else (1, 0, part) for part in parts if part]
 
 
-def _is_picture(file: Path) -> bool:
-    return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
+def _readable(name: str) -> str:
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def _named(files: Sequence[Path]) -> str:
+    return few([_readable(file.name) for file in files], _NAMED)
+
+
+def _counted(files: Sequence[Path]) -> str:
+    return _readable(files[0].name) if len(files) == 1 else f"the {len(files)} pictures"
+
+
+def _formats(files: Sequence[Path]) -> str:
+    """How many there are of each format: "12 AVIF, 1 GIF pictures"."""
+    counts = Counter(sorted(UNREAD_FORMATS[file.suffix.lower()].name for file in files))
+    return ", ".join(f"{count} {name}" for name, count in counts.items()) + f" picture{'s' * (len(files) > 1)}"
+
+
+def _remedies(files: Sequence[Path]) -> str:
+    return "; ".join(dict.fromkeys(remedy for _, remedy in sorted(UNREAD_FORMATS[file.suffix.lower()] for file in files)))

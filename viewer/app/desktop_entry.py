@@ -14,6 +14,7 @@ from pathlib import Path
 
 from console import UserError, not_written
 from console.atomic import write_file
+from training.scenes.film_containers import CONTAINERS
 
 NAME = "snerg"  # also the window's class, by which a desktop knows whose window it is
 PACK_TYPE = "application/x-snerg-pack"
@@ -22,7 +23,7 @@ ENTRY, ICON, TYPES = (
     Path("icons", "hicolor", "scalable", "apps", f"{NAME}.svg"),
     Path("mime", "packages", f"{NAME}.xml"),
 )
-FILMS = "video/mp4;video/quicktime;video/webm;video/x-matroska"
+FILMS = ";".join(kind for container in CONTAINERS for kind in container.mime_types)
 REFRESH = (("update-desktop-database", "applications"), ("update-mime-database", "mime"))
 
 DESKTOP = """[Desktop Entry]

@@ -12,7 +12,8 @@ from typing import Literal
 from console import UserError, not_written
 from console.results import try_folder
 from scenepack.files import PARAMS_NAME, ZIP_ERRORS
-from training.scenes.sources import PICTURES, find_source, is_film
+from training.scenes.picture_formats import PICTURE_SUFFIXES
+from training.scenes.sources import find_source, is_film
 
 Kind = Literal["pack", "run", "scene", "pictures", "session", "unknown"]
 SESSION_SUFFIX = ".snerg"
@@ -95,7 +96,7 @@ def _bare(path: Path) -> bool:
 
 
 def _holds_pictures(folder: Path) -> bool:
-    return folder.is_dir() and any(child.suffix.lower() in PICTURES for child in folder.iterdir())
+    return folder.is_dir() and any(child.suffix.lower() in PICTURE_SUFFIXES for child in folder.iterdir())
 
 
 def existing_folder(path: Path) -> Path:

@@ -127,6 +127,7 @@ class Survey:
             self.bare = self.bare or (None if has_poses(self.path) else find_source(self.path))
             if self.bare is not None:
                 self._look_at_bare(self.bare)
+                self.text = " ".join([self.text, *(f"{note}." for note in self.bare.notes)])
                 return
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")

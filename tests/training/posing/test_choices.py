@@ -1,4 +1,4 @@
-"""Which files are photographs, which of them are used, and which pairs are matched."""
+"""Which photographs are used, and which pairs are matched."""
 
 from __future__ import annotations
 
@@ -17,28 +17,6 @@ from training.posing.camera_files import look_at
 from training.posing.choice import blurred, repeated, sharpness, thumbnail
 from training.posing.pairs import OVERLAP, all_pairs, chosen_pairs, how_many_pairs
 from training.posing.prepare import file_stems
-from training.scenes.sources import find_source
-
-
-def files(folder: Path, *names: str) -> Path:
-    for name in names:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(b"")
-    return folder
-
-
-def test_photographs_are_found_in_the_folder_or_just_below_it_in_the_order_of_their_numbers(tmp_path: Path):
-    source = find_source(files(tmp_path / "a", "IMG_10.jpg", "IMG_9.JPG", "notes.txt", ".IMG_1.jpg", "film.mp4"))
-    assert source is not None and [file.name for file in source.files] == ["IMG_9.JPG", "IMG_10.jpg"]
-    source = find_source(files(tmp_path / "b", "images/1.heic", "masks/1.png"))
-    assert source is not None and [source.name_of(file) for file in source.files] == ["images/1.heic"]
-    source = find_source(files(tmp_path / "c", "left/1.png", "right/1.png"))
-    assert source is not None and [source.name_of(file) for file in source.files] == ["left/1.png", "right/1.png"]
-    source = find_source(files(tmp_path / "d", "walk.MOV"))
-    assert source is not None and source.kind == "film"
-    assert find_source(files(tmp_path / "e", "notes.txt")) is None and find_source(tmp_path / "none") is None
-    with pytest.raises(UserError, match="several films"):
-        find_source(files(tmp_path / "f", "a.mp4", "b.webm"))
 
 
 def test_a_blurred_picture_is_told_from_plain_ones_and_from_pictures_of_other_things():
@@ -63,7 +41,13 @@ def test_repeated_pictures_are_set_aside_and_similar_ones_are_not():
 
 
 def test_names_become_such_as_lists_of_pairs_can_hold():
-    assert file_stems(["a b.jpg", "a_b.png", "#1.jpg", "left/1.jpg"]) == ["a_b", "a_b-2", "_1", "left-1"]
+    assert file_stems(["a b.jpg", "a_b.png", "#1.jpg", "left/1.jpg", "\\xe4.jpg"]) == [
+        "a_b",
+        "a_b-2",
+        "_1",
+        "left-1",
+        "_xe4",
+    ]
 
 
 def test_pictures_of_one_lens_share_a_camera_and_exif_says_its_focal_length(tmp_path: Path):

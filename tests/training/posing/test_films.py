@@ -16,12 +16,26 @@ from training.scenes.sources import find_source
 
 av = pytest.importorskip("av", reason="films need PyAV (the extra video)")
 
+from av.stream import Disposition  # noqa: E402
+
 from training.posing.film import glimpse, intervals_of, take_frames  # noqa: E402
 
 WIDTH, HEIGHT = 192, 128
-PORTRAIT = np.array(
-    [0, 1 << 16, 0, -1 << 16, 0, 0, HEIGHT << 16, 0, 1 << 30], ">i4"
-)  # as phones write it: turn clockwise
+# Matrices of ISO/IEC 14496-12, as phones write them, by how often a picture is to be turned clockwise by 90°.
+TURNS = {
+    turns: np.array([c << 16, s << 16, 0, -s << 16, c << 16, 0, x << 16, y << 16, 1 << 30], ">i4")
+    for turns, (c, s, x, y) in {1: (0, 1, HEIGHT, 0), 2: (-1, 0, WIDTH, HEIGHT), 3: (0, -1, 0, WIDTH)}.items()
+}
+PORTRAIT = TURNS[1]
+# Suffix, FFmpeg's muxer, codec, and options of the muxer.
+CONTAINERS = [
+    (".mp4", "mp4", "libx264", {}), (".mov", "mov", "mpeg4", {}), (".webm", "webm", "libvpx", {}),
+    (".mkv", "matroska", "ffv1", {}), (".avi", "avi", "mpeg4", {}), (".AVI", "avi", "mjpeg", {}),
+    (".avi", "avi", "libx264", {}), (".ts", "mpegts", "libx264", {}),
+    (".MTS", "mpegts", "mpeg2video", {"mpegts_m2ts_mode": "1"}), (".wmv", "asf", "wmv2", {}), (".asf", "asf", "msmpeg4", {}),
+    (".flv", "flv", "flv", {}), (".3gp", "3gp", "mpeg4", {}), (".ogv", "ogg", "libvpx", {}), (".mpg", "mpeg", "mpeg1video", {}),
+    (".vob", "vob", "mpeg2video", {}),
+]  # fmt: skip
 
 
 def frames_of_film(count: int = 24, sharp_every: int = 4) -> list[np.ndarray]:
@@ -40,7 +54,7 @@ def frames_of_film(count: int = 24, sharp_every: int = 4) -> list[np.ndarray]:
 
 def write_film(
     file: Path, frames: list[np.ndarray], times: list[int], codec: str = "libx264", matrix: np.ndarray | None = None
-):
+) -> Path:
     """A film whose frames are shown at `times` (milliseconds), with that display matrix in its header."""
     buffer = io.BytesIO()
     container = "webm" if file.suffix == ".webm" else "mp4"
@@ -73,6 +87,62 @@ def taken(film: Path, most: int = 6) -> list[tuple[float, np.ndarray]]:
     return [(f.seconds, np.asarray(Image.open(folder / f.name, formats=["JPEG"]).convert("RGB"))) for f in frames]
 
 
+@pytest.mark.parametrize(("suffix", "muxer", "codec", "options"), CONTAINERS)
+def test_films_of_every_container_give_the_same_frames(
+    suffix: str, muxer: str, codec: str, options: dict[str, str], tmp_path: Path
+):
+    frames, film = frames_of_film(sharp_every=1), tmp_path / f"walk{suffix}"
+    with av.open(str(film), "w", format=muxer, options=options) as written:
+        stream = written.add_stream(codec, rate=25, options={"crf": "10"} if codec == "libx264" else {})
+        stream.width, stream.height = WIDTH, HEIGHT
+        stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        stream.bit_rate = 8_000_000
+        for pixels in frames:
+            written.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+        written.mux(stream.encode())
+    source = find_source(tmp_path)
+    assert source is not None and source.kind == "film" and source.files == (film,)
+    found = taken(film, 4)
+    assert len(found) == 4 and found[0][0] < 0.3 and 0.5 < found[-1][0] < 1.1
+    for _, picture in found:
+        assert picture.shape == (HEIGHT, WIDTH, 3)
+        assert min(np.abs(picture.astype(float) - frame).mean() for frame in frames) < 12
+    told: list[int] = []
+    shown: list[float] = []
+    glimpse(film, 4, 3, told.append, lambda _, at, __: shown.append(at))
+    assert told == [4] and shown and shown == sorted(shown)
+
+
+@pytest.mark.parametrize("muxer", ["mp4", "matroska", "avi"])
+@pytest.mark.parametrize("still", ["one frame", "attached"])
+def test_the_stream_that_moves_is_the_film_whatever_still_picture_comes_first(muxer: str, still: str, tmp_path: Path):
+    frames, film = frames_of_film(12, sharp_every=1), tmp_path / "film"
+    with av.open(str(film), "w", format=muxer) as written:
+        streams = [written.add_stream(codec, rate=10) for codec in ("mjpeg", "mpeg4")]
+        for stream, pix_fmt, size in zip(streams, ("yuvj420p", "yuv420p"), ((640, 480), (WIDTH, HEIGHT)), strict=True):
+            (stream.width, stream.height), stream.pix_fmt = size, pix_fmt
+        if still == "attached":
+            streams[0].disposition = Disposition.attached_pic | Disposition.default
+        cover = av.VideoFrame.from_ndarray(np.zeros((480, 640, 3), np.uint8), format="rgb24")
+        written.mux([*streams[0].encode(cover), *streams[0].encode()])
+        for pixels in frames:
+            written.mux(streams[1].encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+        written.mux(streams[1].encode())
+    found = taken(film)
+    assert len(found) > 3 and all(picture.shape == (HEIGHT, WIDTH, 3) for _, picture in found)
+
+
+def test_a_film_of_nothing_but_its_cover_is_refused(tmp_path: Path):
+    film = tmp_path / "song.mp4"
+    with av.open(str(film), "w") as written:
+        stream = written.add_stream("mjpeg", rate=1)
+        stream.width, stream.height, stream.pix_fmt, stream.disposition = 64, 64, "yuvj420p", Disposition.attached_pic
+        cover = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")
+        written.mux([*stream.encode(cover), *stream.encode()])
+    with pytest.raises(UserError, match="no moving picture"):
+        taken(film)
+
+
 @pytest.mark.parametrize(("name", "codec"), [("walk.mp4", "libx264"), ("walk.mov", "mpeg4"), ("walk.webm", "libvpx")])
 def test_the_sharpest_frame_of_each_interval_is_taken(name: str, codec: str, tmp_path: Path):
     film = write_film(tmp_path / name, frames_of_film(), [100 * i for i in range(24)], codec)
@@ -93,11 +163,12 @@ def test_a_glimpse_of_a_film_counts_its_frames_and_shows_some_of_them_in_their_o
     assert {size for _, size in shown} == {(HEIGHT, WIDTH)}  # upright
 
 
-def test_a_film_of_a_phone_held_upright_comes_upright(tmp_path: Path):
+@pytest.mark.parametrize("turns", TURNS)
+def test_a_film_of_a_phone_held_upright_or_upside_down_comes_upright(turns: int, tmp_path: Path):
     frames = frames_of_film()
-    film = write_film(tmp_path / "walk.mp4", frames, [100 * i for i in range(24)], matrix=PORTRAIT)
+    film = write_film(tmp_path / "walk.mp4", frames, [100 * i for i in range(24)], matrix=TURNS[turns])
     for seconds, picture in taken(film):
-        expected = np.rot90(frames[round(seconds * 10)], -1).astype(float)  # clockwise
+        expected = np.rot90(frames[round(seconds * 10)], -turns).astype(float)  # clockwise
         assert picture.shape == expected.shape
         assert np.abs(picture - expected).mean() < 12
 
@@ -120,7 +191,8 @@ def test_frames_are_counted_by_their_time_and_a_camera_that_rests_gives_its_shar
         (b"#EXTM3U\n#EXTINF:1,\nhttp://127.0.0.1:9/x.ts\n", "text that begins '#EXTM3U"),
         (b"v=0\no=- 0 0 IN IP4 127.0.0.1\n", "text that begins 'v=0"),
         (b"ffconcat version 1.0\nfile /etc/passwd\n", "text that begins 'ffconcat"),
-        (b"RIFF\x24\x00\x00\x00AVI LIST", "an AVI film"),
+        (b"RIFF\x24\x00\x00\x00AVI LIST", "cannot be read"),
+        (b"RIFF\x24\x00\x00\x00WAVEfmt ", "unknown data"),
         (b"\x00\x00\x00\x18ftypisom" + bytes(64), "cannot be read"),
         (b"", "an empty file"),
     ],

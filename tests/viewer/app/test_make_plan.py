@@ -105,6 +105,27 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset cpu"
 
 
+def test_what_lies_beside_photographs_or_a_film_and_is_not_used_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(make_plan, "poser_missing", lambda source: "poses")  # no preview
+    folder = photographs(tmp_path / "shed")
+    (folder / "a.avif").write_bytes(b"")
+    (tmp_path / "walk").mkdir()
+    (tmp_path / "gif").mkdir()
+    for file in ("walk/walk.MTS", "walk/cover.jpg", "walk/._walk.MTS", "gif/a.gif"):
+        (tmp_path / file).write_bytes(b"")
+    app = App(stage=FakeStage())
+    for path, told in (
+        (folder, "1 AVIF picture, a format that is not read"),
+        (tmp_path / "walk", "not cover.jpg beside it."),
+    ):
+        app.drop([path])
+        until(lambda: app.making.plan.survey.finished)
+        assert told in app.making.plan.survey.text
+    app.drop([tmp_path / "gif"])
+    until(lambda: app.making.plan.survey.finished)
+    assert "found 1 GIF picture" in app.making.plan.problem()
+
+
 def test_photographs_of_which_too_few_can_be_used_and_masks_beside_them_are_told(tmp_path):
     pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
     folder = photographs(tmp_path / "shed")

@@ -1,0 +1,179 @@
+"""Colours of films: HLG, PQ and wide gamuts come as sRGB, and films without tags as players show them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from console import UserError
+from tests.training.posing.rooms import texture
+
+av = pytest.importorskip("av", reason="films need PyAV (the extra video)")
+
+from training.posing.film import take_frames  # noqa: E402
+from training.posing.film_colour import (  # noqa: E402
+    BRIGHTEST_PQ,
+    DIFFUSE_WHITE_HLG,
+    DIFFUSE_WHITE_PQ,
+    HLG,
+    KNEE,
+    PQ,
+    SRGB_T_BT2020,
+    SRGB_T_P3,
+    hlg_to_scene,
+    pq_to_nits,
+    srgb_to_linear,
+    tone_mapped,
+)
+
+BT601, BT709, BT2020 = 6, 1, 9  # matrices, as ITU-T H.273 numbers them
+UNSPECIFIED, LIMITED, FULL = 2, 1, 2
+P3 = 12
+SIZE = (96, 64)
+
+
+def picture() -> np.ndarray:
+    """Coloured mid-tones and a grey ramp up to white: uint8 [H, W, 3]."""
+    values = texture(5)[: SIZE[1], : SIZE[0]] * 0.75 + 20
+    values[:, :, 0] += 20 * np.sin(np.arange(SIZE[0]) / 9)
+    values[:, :, 2] -= 25
+    values[-16:] = np.linspace(0, 255, SIZE[0])[:, None]
+    return np.clip(values, 0, 255).astype(np.uint8)
+
+
+def hlg_oetf(light: np.ndarray) -> np.ndarray:
+    """BT.2100, table 5; light of the scene in [0, 1]."""
+    logarithm = 0.17883277 * np.log(np.maximum(12 * light - 0.28466892, 1e-9)) + 0.55991073
+    return np.where(light <= 1 / 12, np.sqrt(3 * np.maximum(light, 0)), logarithm)
+
+
+def pq_inverse_eotf(nits: np.ndarray) -> np.ndarray:
+    """BT.2100, table 4."""
+    power = np.clip(nits / 10000, 0, 1) ** (2610 / 16384)
+    return ((0.8359375 + 18.8515625 * power) / (1 + 18.6875 * power)) ** 78.84375
+
+
+def write_film(
+    file: Path, signal: np.ndarray, codec: str, pix_fmt: str, matrix: int, tags: dict[str, int], options: dict[str, str]
+) -> Path:
+    """Three frames of a signal, float [H, W, 3] in [0, 1], coded by a matrix and tagged as `tags` say."""
+    coded = np.rint(np.clip(signal, 0, 1) * 65535).astype(np.uint16)
+    with av.open(str(file), "w", format="matroska" if file.suffix == ".mkv" else "mov") as film:
+        stream = film.add_stream(codec, rate=10, options=options)
+        stream.height, stream.width = coded.shape[:2]
+        stream.pix_fmt = pix_fmt
+        for i in range(3):
+            frame = av.VideoFrame.from_ndarray(coded, format="rgb48le").reformat(
+                format=pix_fmt, dst_colorspace=matrix, dst_color_range=tags["color_range"] or LIMITED
+            )
+            for target in (stream.codec_context, frame):
+                for name, value in tags.items():
+                    setattr(target, name, value)
+            frame.pts = i
+            film.mux(stream.encode(frame))
+        film.mux(stream.encode())
+    return file
+
+
+def tags(matrix: int, color_range: int, transfer: int = UNSPECIFIED, primaries: int = UNSPECIFIED) -> dict[str, int]:
+    return {"colorspace": matrix, "color_range": color_range, "color_trc": transfer, "color_primaries": primaries}
+
+
+def taken(film: Path) -> np.ndarray:
+    """The first frame that is taken, float [H, W, 3] in [0, 255]."""
+    folder = film.parent / "frames"
+    folder.mkdir()
+    frame = take_frames(film, folder, 1, lambda *_: None)[0]
+    return np.asarray(Image.open(folder / frame.name), np.float64)
+
+
+def saturation(values: np.ndarray) -> float:
+    return float((values.max(axis=-1) - values.min(axis=-1)).mean())
+
+
+TEN_BITS: list[tuple[str, str, str, dict[str, Any]]] = [
+    ("film.mkv", "ffv1", "yuv444p10le", {}),
+    ("film.mov", "libx265", "yuv420p10le", {"crf": "4", "x265-params": "log-level=none"}),
+    ("film.mov", "prores_ks", "yuv422p10le", {}),
+]
+
+
+@pytest.mark.parametrize(("name", "codec", "pix_fmt", "options"), TEN_BITS)
+@pytest.mark.parametrize("transfer", [HLG, PQ])
+def test_an_hdr_film_has_the_colours_of_the_picture_that_it_was_made_of(
+    transfer: int, name: str, codec: str, pix_fmt: str, options: dict[str, str], tmp_path: Path
+):
+    shown = picture()
+    light = srgb_to_linear(shown / 255.0) @ np.linalg.inv(SRGB_T_BT2020).T
+    white = float(hlg_to_scene(np.array(DIFFUSE_WHITE_HLG)))
+    signal = hlg_oetf(light * white) if transfer == HLG else pq_inverse_eotf(light * DIFFUSE_WHITE_PQ)
+    film = write_film(tmp_path / name, signal, codec, pix_fmt, BT2020, tags(BT2020, LIMITED, transfer, BT2020), options)
+    found = taken(film)
+    middle = (shown.max(axis=-1) < 255 * 0.9) & (shown.min(axis=-1) > 8)
+    assert middle.mean() > 0.8 and saturation(shown) > 25
+    assert saturation(found) == pytest.approx(saturation(shown), rel=0.1)
+    assert np.abs(found.mean(axis=(0, 1)) - shown.mean(axis=(0, 1))).max() < 3
+    assert np.abs(found - shown)[middle].mean() < 0.02 * 255
+    ramp = found[-8, :, 1]
+    assert 236 < ramp[-2] < 252 and (np.diff(ramp[::8]) > 0).all()  # nothing is clipped
+
+
+@pytest.mark.parametrize(("primaries", "matrix"), [(BT2020, SRGB_T_BT2020), (P3, SRGB_T_P3)])
+def test_wide_gamuts_become_srgb(primaries: int, matrix: np.ndarray, tmp_path: Path):
+    shown = picture()
+    light = srgb_to_linear(shown / 255.0) @ np.linalg.inv(matrix).T
+    signal = np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 0) ** (1 / 2.4) - 0.055)
+    film = write_film(
+        tmp_path / "film.mkv", signal, "ffv1", "yuv444p10le", BT709, tags(BT709, LIMITED, 1, primaries), {}
+    )
+    found = taken(film)
+    assert np.abs(found - shown).mean() < 0.012 * 255 and saturation(found) == pytest.approx(
+        saturation(shown), rel=0.06
+    )
+
+
+@pytest.mark.parametrize("size", [(96, 576), (96, 720), (1280, 48), (720, 480)])
+@pytest.mark.parametrize("color_range", [0, LIMITED, FULL])
+def test_films_without_a_matrix_are_bt_601_in_small_and_bt_709_in_large(
+    size: tuple[int, int], color_range: int, tmp_path: Path
+):
+    width, height = size
+    signal = np.broadcast_to(np.array([0.8, 0.3, 0.2]), (height, width, 3))
+    matrix = BT709 if height > 576 or width >= 1280 else 5
+    film = write_film(tmp_path / "film.mkv", signal, "ffv1", "yuv444p", matrix, tags(UNSPECIFIED, color_range), {})
+    assert np.abs(taken(film)[height // 2, width // 2] - [204, 76.5, 51]).max() < 4
+
+
+@pytest.mark.parametrize("matrix", [BT709, 5, BT2020])
+def test_a_matrix_that_is_said_counts_whatever_the_size(matrix: int, tmp_path: Path):
+    signal = np.broadcast_to(np.array([0.8, 0.3, 0.2]), (64, 96, 3))
+    film = write_film(tmp_path / "film.mkv", signal, "ffv1", "yuv444p", matrix, tags(matrix, LIMITED), {})
+    assert np.abs(taken(film)[30, 40] - [204, 76.5, 51]).max() < 4
+
+
+def test_a_matrix_that_is_not_read_is_refused_by_name(tmp_path: Path):
+    signal = np.full((64, 96, 3), 0.5)
+    film = write_film(tmp_path / "film.mov", signal, "libx264", "yuv420p", BT709, tags(14, LIMITED), {})
+    with pytest.raises(UserError, match=r"film\.mov: the film's colours .*found ICtCp"):
+        taken(film)
+
+
+def test_the_tone_curve_keeps_mid_tones_rises_everywhere_and_ends_at_white():
+    for brightest in (1 / float(hlg_to_scene(np.array(DIFFUSE_WHITE_HLG))), BRIGHTEST_PQ / DIFFUSE_WHITE_PQ):
+        light = np.linspace(0, brightest, 10001)
+        shown = tone_mapped(light, brightest)
+        assert np.array_equal(shown[light <= KNEE], light[light <= KNEE])
+        slopes = np.diff(shown) / np.diff(light)
+        assert (slopes > 0).all() and slopes.max() < 1.001 and shown[-1] == pytest.approx(1)
+        assert 0.85 < np.interp(1, light, shown) < 0.95
+
+
+def test_transfer_functions_are_those_of_the_standards():
+    assert float(hlg_to_scene(np.array(1.0))) == pytest.approx(1, abs=1e-6)
+    assert float(hlg_to_scene(np.array(0.75))) == pytest.approx(0.2650, abs=1e-4)  # BT.2408, table 1
+    assert float(pq_to_nits(np.array(0.5807))) == pytest.approx(203, rel=2e-3)
+    assert float(pq_to_nits(np.array(1.0))) == pytest.approx(10000)

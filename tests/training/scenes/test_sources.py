@@ -1,0 +1,161 @@
+"""What lies at a path without poses: photographs or a film, and in plain words what is neither."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from console import UserError
+from training.scenes.film_containers import CONTAINERS, FILMS, container_of
+from training.scenes.picture_formats import UNREAD_FORMATS
+from training.scenes.sources import FEWEST, Source, find_source, require_source
+
+MANY = [f"p{i}.jpg" for i in range(FEWEST)]
+
+
+def files(folder: Path, *names: str) -> Path:
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(b"")
+    return folder
+
+
+def found(folder: Path, *names: str) -> Source:
+    source = find_source(files(folder, *names))
+    assert source is not None
+    return source
+
+
+def names_of(source: Source) -> list[str]:
+    return [source.name_of(file) for file in source.files]
+
+
+def test_photographs_are_found_in_the_folder_or_just_below_it_in_the_order_of_their_numbers(tmp_path: Path):
+    assert names_of(found(tmp_path / "a", "IMG_10.jpg", "IMG_9.JPG", "notes.txt")) == ["IMG_9.JPG", "IMG_10.jpg"]
+    assert names_of(found(tmp_path / "b", "images/1.heic", "masks/1.png")) == ["images/1.heic"]
+    assert names_of(found(tmp_path / "c", "left/1.png", "right/1.png")) == ["left/1.png", "right/1.png"]
+    assert find_source(files(tmp_path / "d", "notes.txt")) is None and find_source(tmp_path / "none") is None
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    ["._p0.jpg", ".p0.jpg", "@eaDir/p0.jpg", "__MACOSX/p0.jpg", "__MACOSX/._p0.jpg", ".thumbnails/p0.png", "Thumbs.db",
+     "desktop.ini", ".DS_Store", "$RECYCLE.BIN/p0.jpg", "#recycle/p0.jpg", "._walk.mp4", ".walk.mp4"],
+)  # fmt: skip
+def test_hidden_files_of_other_systems_are_neither_photographs_nor_films(hidden: str, tmp_path: Path):
+    assert find_source(files(tmp_path / "alone", hidden)) is None
+    with pytest.raises(UserError, match="the folder is empty"):
+        require_source(tmp_path / "alone")
+    assert names_of(found(tmp_path / "beside", *MANY, hidden)) == MANY
+    assert names_of(found(tmp_path / "below", *(f"left/{name}" for name in MANY), hidden)) == [
+        f"left/{n}" for n in MANY
+    ]
+    assert names_of(found(tmp_path / "film", "walk.mov", hidden)) == ["walk.mov"]
+
+
+def test_a_film_with_its_cover_is_a_film_and_a_film_beside_enough_photographs_is_not(tmp_path: Path):
+    for stills in (["cover.jpg"], MANY[:3], ["images/a.png"], ["cover.gif"], []):
+        source = found(
+            tmp_path / f"{len(stills)}{stills[:1] == ['cover.gif']}{stills}".replace("/", ""), "w.MOV", *stills
+        )
+        assert source.kind == "film" and names_of(source) == ["w.MOV"] and len(source.notes) == bool(stills)
+    assert "w.MOV is used, not cover.jpg beside it" in found(tmp_path / "one", "w.MOV", "cover.jpg").notes[0]
+    assert names_of(found(tmp_path / "photographs", "walk.mp4", *MANY)) == MANY
+    for number, stills in enumerate(([], ["cover.jpg"])):
+        with pytest.raises(
+            UserError, match=r"several films, .*expected one film, found a\.mp4, b\.webm\); name one of them"
+        ):
+            find_source(files(tmp_path / f"several{number}", "a.mp4", "b.webm", *stills))
+
+
+def test_pictures_of_formats_that_are_not_read_are_said_by_name_with_what_to_do(tmp_path: Path):
+    source = found(tmp_path / "beside", *MANY, "q1.avif", "q2.AVIF", "q3.gif", "q4.dng", "p0.dng")
+    assert names_of(source) == MANY and len(source.notes) == 1  # p0 is there as a JPEG, too
+    assert "1 DNG (raw), 1 GIF, 2 JPEG XL pictures, a format that is not read" in source.notes[0]
+    assert "export them as JPEG, PNG or 16 bit TIFF; convert them to JPEG or PNG" in source.notes[0]
+    with pytest.raises(
+        UserError, match=r"expected a folder of photographs \(JPEG, .*found 9 JPEG XL pictures\); convert them"
+    ):
+        find_source(files(tmp_path / "alone", *(f"{i}.jxl" for i in range(9))))
+    with pytest.raises(UserError, match=r"found 1 GIF picture\)"):
+        find_source(files(tmp_path / "images_alone", "images/a.gif"))
+    assert find_source(files(tmp_path / "any", "below/a.gif", "notes.txt")) is None  # a folder to be looked into
+    with pytest.raises(UserError, match=r"found 1 GIF picture\)"):
+        require_source(tmp_path / "any")
+    for suffix, (name, remedy) in UNREAD_FORMATS.items():
+        with pytest.raises(UserError) as error:
+            find_source(files(tmp_path / suffix[1:], f"a{suffix}"))
+        assert f"found 1 {name} picture); {remedy}" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda path: None, "no such file or folder"),
+        (lambda path: path.mkdir(), "the folder is empty"),
+        (
+            lambda path: files(path, "notes.txt", "more/notes.txt"),
+            r"no photographs and no film.*found more, notes\.txt",
+        ),
+        (lambda path: path.write_text("hello"), "not a film that can be read.*found text that begins 'hello'"),
+        (lambda path: path.write_bytes(b""), "not a film that can be read.*found an empty file"),
+        (lambda path: path.write_bytes(b"\xff\xd8\xff\xe0" + bytes(2000)), "not a film that can be read.*found a JPEG"),
+        (
+            lambda path: path.write_bytes(b"\0\0\0\x18ftypavif" + bytes(99)),
+            "not a film that can be read.*found an AVIF",
+        ),
+        (lambda path: path.write_bytes(b"PK\x03\x04"), "not a film that can be read.*found a ZIP archive"),
+        (lambda path: path.symlink_to("nowhere"), "neither a file nor a folder"),
+    ],
+)
+@pytest.mark.parametrize("name", ["thing", "thing.mp4", "transforms.json", "n\udce4"])
+def test_what_is_neither_is_refused_with_what_is_there_and_what_is_read(make, told: str, name: str, tmp_path: Path):
+    make(tmp_path / name)
+    with pytest.raises(UserError, match=told) as error:
+        require_source(tmp_path / name)
+    assert all(word in str(error.value) for word in ("JPEG", "HEIC", "MP4", "AVI", "Matroska"))
+    assert ("name the folder that it is in" in str(error.value)) == (
+        name == "transforms.json" and (tmp_path / name).is_file()
+    )
+
+
+def test_a_film_is_told_by_its_first_bytes_whatever_it_is_called(tmp_path: Path):
+    heads = {
+        "mp4": [b"\0\0\0\x18ftypisom", b"\0\0\0\x18ftyp3gp4", b"\0\0\0\x08wide"], "matroska": [b"\x1a\x45\xdf\xa3"],
+        "avi": [b"RIFF\0\0\0\0AVI LIST"], "flv": [b"FLV\1\5"], "ogg": [b"OggS"], "mpeg": [b"\0\0\1\xba"],
+        "asf": [b"\x30\x26\xb2\x75\x8e\x66\xcf\x11"],
+        "mpegts": [b"\x47".ljust(188, b"\1") * 5, (bytes(4) + b"\x47").ljust(192, b"\1") * 5],
+    }  # fmt: skip
+    assert set(heads) == {container.demuxer for container in CONTAINERS}
+    for demuxer, examples in heads.items():
+        for number, head in enumerate(examples):
+            film = tmp_path / f"{demuxer}{number}"
+            film.write_bytes(head + bytes(64))
+            container = container_of(film)
+            assert container is not None and container.demuxer == demuxer
+            assert require_source(film).kind == "film"
+    for head in (
+        b"RIFF\0\0\0\0WEBPVP8 ",
+        b"\0\0\0\x18ftypheic",
+        b"\0\0\0\x18ftypmif1",
+        b"#EXTM3U\n",
+        b"G" * 99,
+        b"GIF89a",
+    ):
+        (tmp_path / "other").write_bytes(head + bytes(2000))
+        assert container_of(tmp_path / "other") is None
+    assert len(set(FILMS)) == len(FILMS) and all(suffix == suffix.lower() for suffix in FILMS)
+
+
+def test_names_that_are_not_utf_8_are_told_in_letters_and_differ(tmp_path: Path):
+    names = ["a\udce4.jpg", "a\udcf6.jpg", *MANY]
+    try:
+        source = found(tmp_path, *names)
+    except (OSError, UnicodeError):
+        pytest.skip("this file system has no such names")
+    assert names_of(source)[:2] == ["a\\xe4.jpg", "a\\xf6.jpg"] and os.path.isfile(source.files[0])
+    files(tmp_path / "masks", "a\udce4.png")
+    assert source.mask_of(source.files[0]) == tmp_path / "masks" / "a\udce4.png"
