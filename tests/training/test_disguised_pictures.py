@@ -82,4 +82,4 @@ def test_what_is_no_picture_is_told_for_what_it_is(tmp_path: Path, data: bytes, 
     with pytest.raises(UserError) as raised:
         read_picture(tmp_path / "003.png")
     line = str(raised.value)
-    assert "003.png" in line and "expected PNG, JPEG, WebP, TIFF or BMP" in line and found in line
+    assert "003.png" in line and "expected PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC or OpenEXR" in line and found in line

@@ -10,7 +10,8 @@ import pytest
 from PIL import Image
 
 from console import UserError
-from training.scenes.pictures import SCAN, PictureLoader, read_picture
+from training.scenes.picture_headers import SCAN
+from training.scenes.pictures import PictureLoader, read_picture
 
 SIZE = (64, 48)
 

@@ -21,8 +21,8 @@ from training.posing.camera_files import Look, look_at, put
 from training.posing.child import ask
 from training.posing.choice import blurred, repeated, sharpness, thumbnail
 from training.posing.masks import MASKS, put_mask
-from training.scenes.pixels import notice_masks
 from training.scenes.files import is_hidden
+from training.scenes.pixels import notice_masks
 from training.scenes.sources import Source
 
 IMAGES, RECORD, LOG = "images", "pictures.json", "log.txt"

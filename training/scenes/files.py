@@ -44,9 +44,7 @@ def is_hidden(path: Path) -> bool:
 
 def visible_files(folder: Path, suffixes: Sequence[str] = PICTURE_SUFFIXES) -> list[Path]:
     """The files directly in a folder with one of the suffixes, sorted by name; without those that systems hide."""
-    return sorted(
-        p for p in folder.iterdir() if p.suffix.lower() in suffixes and not is_hidden(p) and p.is_file()
-    )
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in suffixes and not is_hidden(p) and p.is_file())
 
 
 class FileFinder:

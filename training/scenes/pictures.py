@@ -8,123 +8,22 @@ was turned as its EXIF says; it is upright unless `as_stored` is asked for. Size
 
 from __future__ import annotations
 
-import io
 import math
-import os
-import struct
-import warnings
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError, features
-from PIL.JpegImagePlugin import JpegImageFile
+from PIL import Image
 
 from console import UserError
-from console.contents import HEAD_BYTES, told
-from training.scenes.deep_pictures import (
-    ExrHeader,
-    TiffTags,
-    decoded_exr,
-    decoded_png,
-    decoded_tiff,
-    exr_header,
-    tiff_tags,
-)
+from training.scenes.deep_pictures import ExrHeader, decoded_exr, decoded_png, decoded_tiff
 from training.scenes.mask_values import mask_values
-from training.scenes.picture_formats import PICTURE_SUFFIXES as PICTURE_SUFFIXES
-from training.scenes.picture_formats import READ, UNREAD_FORMATS
+from training.scenes.picture_headers import LOSSY, SIDEWAYS, UNREADABLE, decodable, read_header, short_reason, times
 
-warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
-Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
-# Pillow goes by a file's content, and knows formats that start other programs (Ghostscript for PostScript).
-FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
-LOSSY = ("JPEG", "MPO", "WEBP", "HEIF", "AVIF")
-# Of a mask that is all white, as DEFLATE stores it; photographs have a few. Pictures up to the latter size need not tell.
-MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
-# A JPEG goes over all its pixels once for each scan, which may have 30 bytes: cameras write 1, other programs 10 to 64.
-MOST_SCANS, SCAN = 100, b"\xff\xda"
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
-ORIENTATION = 0x0112  # in EXIF
-SIDEWAYS = (5, 6, 7, 8)  # its values that swap width and height
 MASK_SHAPE = 0.02  # how much a mask's width over its height may differ from its photograph's
-# What Pillow, imagecodecs and OpenEXR raise for damaged files; they were not written with one error in mind.
-UNREADABLE = (
-    OSError, SyntaxError, ValueError, AssertionError, LookupError, TypeError, ArithmeticError, AttributeError, EOFError,
-    RuntimeError, struct.error, zlib.error,
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Header:
-    """What a picture's file says before its pixels are decoded.
-
-    format: Pillow's name, or "EXR". stored: the size as stored. orientation: EXIF's, 1 to 8. transparent: whether it has alpha at
-    all. mode: Pillow's. deep: what decodes it in place of Pillow, which would cut it down to 8 bits or not read it.
-    """
-
-    format: str
-    stored: tuple[int, int]
-    orientation: int
-    transparent: bool
-    mode: str
-    exif: Image.Exif
-    deep: TiffTags | ExrHeader | bool = False
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Upright."""
-        width, height = self.stored
-        return (height, width) if self.orientation in SIDEWAYS else (width, height)
-
-
-def read_header(path: Path) -> Header:
-    """UserError where it is missing, or no picture that is read."""
-    if not os.path.isfile(path):  # also where the system would not even look for such a name
-        raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
-    if (unread := UNREAD_FORMATS.get(path.suffix.lower())) is not None:
-        raise UserError(f"{unread.name} pictures are not read", where=path, expected=READ, remedy=unread.remedy)
-    try:
-        with _Bounded(io.FileIO(path)) as file:
-            kind = told(file.read(HEAD_BYTES))
-            file.seek(0)
-            tags = tiff_tags(path, file) if kind == "a TIFF" else None
-        if kind == "an OpenEXR":
-            exr = exr_header(path)
-            weigh(path, exr.data_size, exr.channels)
-            weigh(path, exr.size)
-            return Header("EXR", exr.size, 1, exr.has_alpha, "F", Image.Exif(), exr)
-        if tags is not None:
-            weigh(path, tags.size, tags.samples * tags.bits / 32)
-            weigh(path, tags.tile, tags.samples * tags.bits / 32)
-        try:
-            return _pillow_header(path, tags)
-        except UnidentifiedImageError:
-            if tags is None or not tags.deep:
-                raise
-            return Header("TIFF", tags.size, tags.orientation, tags.has_alpha, "F", Image.Exif(), tags)
-    except UnidentifiedImageError as error:
-        raise UserError("not a readable picture", where=path, expected=READ, found=kind) from error
-    except UNREADABLE as error:
-        raise UserError("not a readable picture", where=path, expected=READ, found=_short(error)) from error
-
-
-def _pillow_header(path: Path, tags: TiffTags | None) -> Header:
-    with opened(path) as image:
-        exif = Image.Image.getexif(image)  # a PNG's own would decode all pixels, to look what stands behind them
-        orientation = exif.get(ORIENTATION, 1)
-        deep: TiffTags | bool = image.format == "PNG" and _head(path)[24] == 16 and "transparency" not in image.info
-        transparent = image.has_transparency_data
-        if tags is not None and tags.deep:
-            deep, transparent = tags, tags.has_alpha
-        return Header(
-            format=image.format or "", stored=image.size if tags is None else tags.size,
-            orientation=orientation if orientation in range(1, 9) else 1, transparent=transparent, mode=image.mode,
-            exif=exif, deep=deep,
-        )  # fmt: skip
 
 
 def picture_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
@@ -187,7 +86,7 @@ def _one_line(path: Path) -> Iterator[None]:
         raise UserError(
             "the picture cannot be decoded",
             where=path,
-            found=_short(error),
+            found=short_reason(error),
             remedy="it may be truncated: copy it again",
         ) from error
 
@@ -207,73 +106,6 @@ def with_alpha(picture: np.ndarray) -> np.ndarray:
 def as_bytes(picture: np.ndarray) -> np.ndarray:
     """float32 in [0, 1] as uint8, rounded; what is uint8 stays."""
     return picture if picture.dtype == np.uint8 else np.rint(picture * 255.0).astype(np.uint8)
-
-
-@contextmanager
-def opened(path: Path) -> Iterator[Image.Image]:
-    """The picture, its pixels not decoded yet. OSError where its header claims more of them than its bytes can hold."""
-    with _Bounded(io.FileIO(path)) as file, Image.open(file, formats=formats_of(path)) as image:
-        weigh(path, image.size, 1 / 8 if image.mode == "1" else 1)
-        yield image
-
-
-def weigh(path: Path, size: tuple[int, int], words: float = 1) -> None:
-    """OSError where a file is too small for so many pixels, each of so many four bytes."""
-    width, height = size
-    if width < 1 or height < 1 or width * height * words > max(
-        MOST_PIXELS_PER_BYTE * os.path.getsize(path), UNDOUBTED_PIXELS
-    ):  # fmt: skip
-        raise OSError(f"its header claims {times(size)} pixels, more than {os.path.getsize(path)} bytes can hold")
-
-
-def formats_of(path: Path) -> tuple[str, ...]:
-    """Which of Pillow's formats may be in a file, by its first bytes. UserError where what reads them is not installed."""
-    kind = told(_head(path))
-    if kind == "an AVIF":
-        if not features.check("avif"):
-            raise UserError("this Pillow reads no AVIF", where=path, remedy="pip install --upgrade pillow")
-        return ("AVIF",)
-    if kind != "a HEIC":
-        return FORMATS
-    try:
-        from pillow_heif import register_heif_opener  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise UserError("HEIC pictures need pillow-heif, which is not installed", where=path,
-                        remedy="pip install pillow-heif, or export the pictures as JPEG") from error  # fmt: skip
-    register_heif_opener()
-    return ("HEIF",)
-
-
-@contextmanager
-def decodable(path: Path) -> Iterator[Image.Image]:
-    """The same, whose pixels take no longer than its size explains: so it may be decoded here, without a process and a clock."""
-    with opened(path) as image:
-        if isinstance(image, JpegImageFile) and (scans := _scans(path)) > MOST_SCANS:
-            raise OSError(f"it has {scans} scans; at most {MOST_SCANS} are read")
-        yield image
-
-
-def _scans(path: Path) -> int:
-    """How many scans a JPEG has. Its marker stands nowhere else in compressed data; a copy for the camera's screen has some."""
-    count, last = 0, b""
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            count += (last + block).count(SCAN)
-            last = block[-1:]
-    return count
-
-
-class _Bounded(io.BufferedReader):
-    """A file that is never asked for more than it has: room for all that is asked for would be made at once."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        left = max(os.fstat(self.fileno()).st_size - self.tell(), 0)
-        return super().read(left if size is None or size < 0 else min(size, left))
-
-
-def _head(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(HEAD_BYTES)
 
 
 def shrunk_size(width: int, height: int, downscale: int) -> tuple[int, int]:
@@ -430,13 +262,3 @@ def over_background(picture: np.ndarray, background: Sequence[float]) -> np.ndar
         return picture.astype(np.float32)
     alpha = picture[..., 3:]
     return (picture[..., :3] * alpha + np.asarray(background, np.float32) * (1 - alpha)).astype(np.float32)
-
-
-def times(size: Sequence[int]) -> str:
-    """A size for messages."""
-    return f"{size[0]}x{size[1]}"
-
-
-def _short(error: Exception) -> str:
-    """The first sentence of a decoder's complaint, without the path that we print already."""
-    return str(error).split("\n")[0][:120] or type(error).__name__

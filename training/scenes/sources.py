@@ -12,9 +12,10 @@ from typing import Literal
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.scenes.files import find_masks, few, is_hidden
+from training.scenes.files import few, find_masks, is_hidden
 from training.scenes.film_containers import FILM_NAMES, FILMS, container_of
-from training.scenes.picture_formats import PICTURE_SUFFIXES, READ as READ_PICTURES, UNREAD_FORMATS
+from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
+from training.scenes.picture_formats import READ as READ_PICTURES
 
 FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can come
 READ = f"a folder of photographs ({READ_PICTURES}), at least {FEWEST} or with camera poses, or a film ({FILM_NAMES})"
@@ -168,4 +169,6 @@ def _formats(files: Sequence[Path]) -> str:
 
 
 def _remedies(files: Sequence[Path]) -> str:
-    return "; ".join(dict.fromkeys(remedy for _, remedy in sorted(UNREAD_FORMATS[file.suffix.lower()] for file in files)))
+    return "; ".join(
+        dict.fromkeys(remedy for _, remedy in sorted(UNREAD_FORMATS[file.suffix.lower()] for file in files))
+    )

@@ -81,9 +81,9 @@ def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
     write_turntable(tmp_path / "photographs", lambda name: f"{name}.png")
     source = find_source(tmp_path / "photographs")
     assert source is not None and len(source.files) == COUNT  # the masks are none
-    Image.new("L", (64, 48)).save(tmp_path / "photographs" / "masks" / "t3.png.png")
+    Image.new("L", (64, 64)).save(tmp_path / "photographs" / "masks" / "t3.png.png")
     told = refusal(tmp_path / "photographs", tmp_path / "out")
-    assert "t3.png.png: the mask is of another size than its photograph (expected 320x240, found 64x48)" in told
+    assert "t3.png.png: the mask is of another size than its photograph (expected 320x240, found 64x64)" in told
     (tmp_path / "photographs" / "masks" / "t3.png.png").unlink()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

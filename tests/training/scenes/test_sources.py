@@ -72,7 +72,7 @@ def test_a_film_with_its_cover_is_a_film_and_a_film_beside_enough_photographs_is
 
 
 def test_pictures_of_formats_that_are_not_read_are_said_by_name_with_what_to_do(tmp_path: Path):
-    source = found(tmp_path / "beside", *MANY, "q1.avif", "q2.AVIF", "q3.gif", "q4.dng", "p0.dng")
+    source = found(tmp_path / "beside", *MANY, "q1.jxl", "q2.JXL", "q3.gif", "q4.dng", "p0.dng")
     assert names_of(source) == MANY and len(source.notes) == 1  # p0 is there as a JPEG, too
     assert "1 DNG (raw), 1 GIF, 2 JPEG XL pictures, a format that is not read" in source.notes[0]
     assert "export them as JPEG, PNG or 16 bit TIFF; convert them to JPEG or PNG" in source.notes[0]

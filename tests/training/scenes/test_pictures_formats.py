@@ -1,0 +1,269 @@
+"""Photographs of every format become the same pictures: also of 16 bits, of floats, turned by EXIF; or are refused by name."""
+
+from __future__ import annotations
+
+import struct
+import sys
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+import pytest
+from PIL import Image, ImageOps, features
+
+from console import UserError
+from training.posing.camera_files import look_at, put
+from training.scenes import pictures
+from training.scenes.deep_pictures import linear_to_srgb
+from training.scenes.pictures import (
+    PICTURE_SUFFIXES,
+    UNREAD_FORMATS,
+    UNREAD_SUFFIXES,
+    PictureLoader,
+    decoded,
+    is_turned,
+    picture_size,
+    read_picture,
+    small_picture,
+)
+
+RNG = np.random.default_rng(0)
+COLOURS = RNG.random((20, 30, 4)).astype(np.float32)
+RGBA8 = np.rint(COLOURS * 255).astype(np.uint8)
+
+
+def write_tiff(path: Path, values: np.ndarray, *, photometric: int = 2, extra: int | None = None, **tags: int) -> Path:
+    """A little-endian TIFF of one uncompressed strip, written by hand: encoders write few kinds. tags: more, as t254=1."""
+    height, width, samples = values.shape
+    kind = {"u": 1, "i": 2, "f": 3}[values.dtype.kind]
+    entries = {
+        256: (4, [width]), 257: (4, [height]), 258: (3, [8 * values.itemsize] * samples), 259: (3, [1]),
+        262: (3, [photometric]), 273: (4, [0]), 277: (3, [samples]), 278: (4, [height]), 279: (4, [values.nbytes]),
+        339: (3, [kind] * samples), **({} if extra is None else {338: (3, [extra])}),
+        **{int(tag[1:]): (3, [value]) for tag, value in tags.items()},
+    }  # fmt: skip
+    beyond, at = b"", 8 + 2 + 12 * len(entries) + 4
+    entries[273] = (4, [at + sum(2 * len(v) for t, v in entries.values() if t == 3 and len(v) > 2)])
+    directory = struct.pack("<H", len(entries))
+    for tag, (kind, items) in sorted(entries.items()):
+        data = struct.pack(f"<{len(items)}{'H' if kind == 3 else 'I'}", *items)
+        if len(data) > 4:
+            data, beyond = struct.pack("<I", at + len(beyond)), beyond + data
+        directory += struct.pack("<HHI", tag, kind, len(items)) + data.ljust(4, b"\0")
+    path.write_bytes(b"II*\0" + struct.pack("<I", 8) + directory + bytes(4) + beyond + values.tobytes())
+    return path
+
+
+def write_png(path: Path, values: np.ndarray) -> Path:
+    path.write_bytes(imagecodecs.png_encode(values))
+    return path
+
+
+def write_exr(path: Path, channels: dict[str, np.ndarray], **header: object) -> Path:
+    exr = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed: pip install 'snerg[export]'")
+    with exr.File({"type": exr.scanlineimage, "compression": exr.ZIP_COMPRESSION, **header}, channels) as file:
+        file.write(str(path))
+    return path
+
+
+def premultiplied_light(dtype: type) -> dict[str, np.ndarray]:
+    light = np.where(COLOURS <= 0.04045, COLOURS / 12.92, ((COLOURS + 0.055) / 1.055) ** 2.4)
+    each = {c: (light[..., i] * COLOURS[..., 3]).astype(dtype) for i, c in enumerate("RGB")}
+    return {**each, "A": COLOURS[..., 3].astype(dtype)}
+
+
+def straight(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values[..., :3] * values[..., 3:], values[..., 3:]], axis=-1)
+
+
+DEEP = {
+    "float": lambda p: write_tiff(p / "a.tif", COLOURS, extra=2),
+    "double": lambda p: write_tiff(p / "a.tif", COLOURS.astype(np.float64), extra=2),
+    "half": lambda p: write_tiff(p / "a.tif", COLOURS.astype(np.float16), extra=2),
+    "uint16": lambda p: write_tiff(p / "a.tiff", np.rint(COLOURS * 65535).astype(np.uint16), extra=2),
+    "uint32": lambda p: write_tiff(p / "a.tif", np.rint(COLOURS * (2.0**32 - 1)).astype(np.uint32), extra=2),
+    "premultiplied": lambda p: write_tiff(p / "a.tif", straight(COLOURS), extra=1),
+    "png": lambda p: write_png(p / "a.png", np.rint(COLOURS * 65535).astype(np.uint16)),
+    "exr float": lambda p: write_exr(p / "a.exr", premultiplied_light(np.float32)),
+    "exr half": lambda p: write_exr(p / "a.exr", premultiplied_light(np.float16)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", DEEP)
+def test_pictures_of_more_than_8_bits_keep_their_values_posed_and_bare(tmp_path: Path, kind: str) -> None:
+    path = DEEP[kind](tmp_path)
+    tolerance = 2e-3 if "half" in kind else 2e-5
+    assert picture_size(path) == (30, 20) and pictures.may_be_transparent(path)
+    found = read_picture(path)
+    np.testing.assert_allclose(straight(found), straight(COLOURS), atol=tolerance)
+    loaded = PictureLoader(path, (30, 20), (30, 20)).pixels()
+    assert np.abs(loaded.astype(int) - RGBA8)[COLOURS[..., 3] > 0.05].max() <= (
+        1 if "half" in kind or "exr" in kind else 0
+    )
+    look = look_at(path)
+    (tmp_path / "out").mkdir()
+    bare = np.asarray(Image.open(tmp_path / "out" / put(path, look, tmp_path / "out", "b")))
+    assert not look.as_it_is and np.array_equal(bare, loaded)
+    assert small_picture(path, 15, "RGB").size == (15, 10)
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32, np.uint8])
+@pytest.mark.parametrize("photometric", [0, 1])
+def test_grey_tiffs_are_read_whichever_end_is_white(tmp_path: Path, kind: type, photometric: int) -> None:
+    grey = COLOURS[..., :1]
+    most = 1 if kind is np.float32 else np.iinfo(kind).max
+    path = write_tiff(
+        tmp_path / "a.tif", ((grey if photometric else 1 - grey) * most).astype(kind), photometric=photometric
+    )
+    np.testing.assert_allclose(read_picture(path)[..., :3], np.repeat(grey, 3, axis=-1), atol=1 / 200)
+    assert not pictures.may_be_transparent(path)
+
+
+def test_floats_are_display_referred_or_refused(tmp_path: Path) -> None:
+    over = COLOURS[..., :3].copy()
+    over[0, 0], over[0, 1] = 1.05, np.nan
+    found = read_picture(write_tiff(tmp_path / "a.tif", over))
+    assert (found[0, 0] == 1).all() and (found[0, 1, :3] == 0).all()
+    for values in (255 * over, 3 * over):
+        with pytest.raises(UserError, match=r"no display-referred colours \(expected 0 to 1, found up to .* OpenEXR"):
+            read_picture(write_tiff(tmp_path / "a.tif", values))
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        lambda p: write_tiff(p, COLOURS, photometric=5),  # CMYK
+        lambda p: write_tiff(p, (COLOURS[..., :3] * 100).astype(np.int16)),
+        lambda p: write_tiff(p, np.zeros((4, 6, 5), np.float32)),
+    ],
+)
+def test_tiffs_of_other_colours_and_numbers_are_refused(tmp_path: Path, path) -> None:
+    with pytest.raises(UserError, match=r"a TIFF of other .*convert it to PNG"):
+        read_picture(path(tmp_path / "a.tif"))
+
+
+def test_an_openexr_of_several_layers_gives_its_picture(tmp_path: Path) -> None:
+    light = premultiplied_light(np.float32)
+    layers = {f"ViewLayer.Combined.{c}": v for c, v in light.items()} | {
+        f"ViewLayer.Glossy.{c}": light["A"] for c in "RGB"
+    }
+    np.testing.assert_allclose(
+        straight(read_picture(write_exr(tmp_path / "a.exr", layers))), straight(COLOURS), atol=1e-5
+    )
+    grey = read_picture(write_exr(tmp_path / "b.exr", {"Y": light["A"]}))
+    np.testing.assert_allclose(grey[..., 0], linear_to_srgb(light["A"]), atol=1e-6)
+    for channels in ({"Z": light["A"]}, {f"{layer}.{c}": light["A"] for c in "RGB" for layer in ("left", "right")}):
+        with pytest.raises(UserError, match="an OpenEXR without a picture"):
+            picture_size(write_exr(tmp_path / "c.exr", channels))
+
+
+def test_a_cropped_openexr_is_as_large_as_its_display_window(tmp_path: Path) -> None:
+    windows = {"dataWindow": ((5, 3), (34, 22)), "displayWindow": ((0, 0), (31, 29))}
+    path = write_exr(tmp_path / "a.exr", {c: np.ones((20, 30), np.float32) for c in "RGB"}, **{
+        name: tuple(np.array(corner, np.int32) for corner in window) for name, window in windows.items()
+    })  # fmt: skip
+    picture = read_picture(path)
+    assert picture.shape == (30, 32, 4) and pictures.may_be_transparent(path)
+    shown = np.zeros((30, 32))
+    shown[3:23, 5:] = 1
+    np.testing.assert_allclose(picture, np.dstack([shown] * 4), atol=1e-6)
+
+
+def test_openexr_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.exr").write_bytes(b"\x76\x2f\x31\x01" + bytes(64))
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    with pytest.raises(UserError, match=r"pip install 'snerg\[export\]'"):
+        picture_size(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg", "webp", "tif", "avif"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_pictures_are_upright_as_exif_says_or_as_stored(tmp_path: Path, suffix: str, orientation: int) -> None:
+    if suffix == "avif" and not features.check("avif"):
+        pytest.skip("this Pillow has no AVIF")
+    blocks = Image.fromarray(np.kron(RGBA8[:3, :5, :3], np.ones((16, 16, 1), np.uint8)))
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    path = tmp_path / f"a.{suffix}"
+    blocks.save(path, exif=exif, **({"quality": 98} if suffix in ("jpg", "avif") else {}))
+    with Image.open(path) as image:
+        upright = np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
+    assert np.array_equal(decoded(path), upright)
+    assert picture_size(path) == upright.shape[1::-1] and picture_size(path, as_stored=True) == (80, 48)
+    assert is_turned(path) == (orientation != 1)
+    stored = PictureLoader(path, (80, 48), (80, 48), as_stored=True)()
+    assert (
+        np.abs(stored[8::16, 8::16, :3] - RGBA8[:3, :5, :3] / 255).max()
+        < (0 if suffix in ("png", "tif") else 0.15) + 1e-6
+    )
+    for as_stored, whole in ((False, upright), (True, decoded(path, as_stored=True))):
+        small = np.asarray(small_picture(path, 80, "RGB", as_stored=as_stored))
+        assert small.shape == whole.shape and np.abs(small.astype(int) - whole).max() <= 2
+
+
+def test_floats_are_turned_too(tmp_path: Path) -> None:
+    path = write_tiff(tmp_path / "a.tif", COLOURS[..., :3], t274=6)
+    assert picture_size(path) == (20, 30) and is_turned(path)
+    np.testing.assert_array_equal(decoded(path), np.rot90(COLOURS[..., :3], -1))
+    np.testing.assert_array_equal(decoded(path, as_stored=True), COLOURS[..., :3])
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("a.dng", r"DNG \(raw\) pictures are not read .*export them as JPEG"),
+        ("a.NEF", r"Nikon NEF \(raw\) pictures are not read"),
+        ("a.gif", "GIF pictures are not read .*convert them to JPEG or PNG"),
+        ("a.jxl", "JPEG XL pictures are not read"),
+        ("a.hdr", "Radiance HDR pictures are not read .*convert them to OpenEXR"),
+    ],
+)
+def test_formats_that_are_not_read_are_refused_by_name(tmp_path: Path, name: str, said: str) -> None:
+    write_tiff(
+        tmp_path / name, RGBA8[..., :3], t254=1
+    )  # what many of them are: a TIFF, whose first picture is a preview
+    with pytest.raises(UserError, match=said):
+        picture_size(tmp_path / name)
+    assert not {suffix.lower() for suffix in UNREAD_SUFFIXES} & set(PICTURE_SUFFIXES)
+    assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in (*UNREAD_SUFFIXES, *PICTURE_SUFFIXES))
+    assert UNREAD_FORMATS[Path(name).suffix.lower()].name in said.replace("\\", "")
+
+
+@pytest.mark.parametrize(
+    ("head", "found"),
+    [
+        (b"\xff\x0a" + bytes(30), "a JPEG XL"),
+        (b"8BPS\0\1" + bytes(30), "a Photoshop file"),
+        (b"\0\0\0\x18ftypcrx " + bytes(30), "a Canon raw photograph"),
+        (b"#?RADIANCE\n" + bytes(30), "a Radiance HDR"),
+    ],
+)
+def test_they_are_told_under_other_names_too(tmp_path: Path, head: bytes, found: str) -> None:
+    (tmp_path / "a.jpg").write_bytes(head)
+    with pytest.raises(UserError, match=f"not a readable picture .*found {found}"):
+        picture_size(tmp_path / "a.jpg")
+
+
+def test_a_raw_photograph_named_tiff_does_not_give_its_preview(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"raw photographs are not read .*preview"):
+        read_picture(write_tiff(tmp_path / "a.tif", RGBA8[..., :3], t254=1))
+
+
+@pytest.mark.parametrize("kind", ["tif", "exr"])
+def test_a_header_that_claims_more_than_its_bytes_hold_is_refused_at_once(tmp_path: Path, kind: str) -> None:
+    if kind == "tif":
+        path = write_tiff(tmp_path / "a.tif", COLOURS)
+        data = bytearray(path.read_bytes())
+        data[18:22] = data[30:34] = struct.pack("<I", 1 << 19)  # its width and height
+    else:
+        path = write_exr(tmp_path / "a.exr", premultiplied_light(np.float32))
+        data = bytearray(path.read_bytes())
+        for window in (b"dataWindow\0box2i\0", b"displayWindow\0box2i\0"):
+            at = data.index(window) + len(window) + 4 + 8
+            data[at : at + 8] = struct.pack("<ii", (1 << 19) - 1, (1 << 19) - 1)
+    path.write_bytes(data)
+    with pytest.raises(UserError, match="its header claims 524288x524288 pixels"):
+        read_picture(path)
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(UserError, match=r"a\.(tif|exr): "):
+        read_picture(path)
