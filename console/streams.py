@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 LONGEST_LINE = 2000  # characters; names and values in it may come from anybody
-_GONE = {errno.EPIPE, errno.EIO, errno.ENXIO}  # `| head` has read enough; the terminal was closed
+_GONE = {errno.EPIPE, errno.EIO, errno.ENXIO, errno.EBADF}  # `| head` has read enough; the terminal was closed
 
 
 def one_line(text: str, longest: int = LONGEST_LINE) -> str:
@@ -24,17 +24,33 @@ def one_line(text: str, longest: int = LONGEST_LINE) -> str:
     return line if len(line) <= longest else f"{line[: longest // 2]} … {line[-longest // 2 :]}"
 
 
+def open_closed_streams() -> None:
+    """Leads stdin, stdout and stderr nowhere where they were closed before the start (`>&-`). Call before files are opened.
+
+    Otherwise the first files that are opened get their numbers, and what libraries print goes into these files.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "r" if number == 0 else "w", encoding="utf-8", closefd=False))  # noqa: SIM115
+
+
 @contextmanager
 def lasting_output() -> Iterator[None]:
     """stdout and stderr that the work outlives: what is printed after their reader went away is dropped.
 
     On a terminal or pipe that is not UTF-8, what it cannot show becomes "?" instead of an exception.
     """
+    open_closed_streams()
     before = sys.stdout, sys.stderr
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
     if encoding != "utf8" and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
-    sys.stdout, sys.stderr = (stream and _Lasting(stream) for stream in before)
+    sys.stdout, sys.stderr = (_Lasting(stream) for stream in before)
     try:
         yield
     finally:
