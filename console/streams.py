@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,6 +13,12 @@ from typing import Any
 
 LONGEST_LINE = 2000  # characters; names and values in it may come from anybody
 _GONE = {errno.EPIPE, errno.EIO, errno.ENXIO, errno.EBADF}  # `| head` has read enough; the terminal was closed
+_SURROGATES = re.compile("[\ud800-\udfff]")  # what Python makes of names of files that are not UTF-8
+
+
+def printable(text: str) -> str:
+    """`text` as it can be written as UTF-8 and drawn: bytes of names that are not UTF-8 become U+FFFD."""
+    return _SURROGATES.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def one_line(text: str, longest: int = LONGEST_LINE) -> str:
@@ -68,7 +75,7 @@ class _Lasting:
 
     def write(self, text: str) -> int:
         try:
-            return self._stream.write(text)
+            return self._stream.write(printable(text))
         except OSError as error:
             self._drop(error)
             return len(text)

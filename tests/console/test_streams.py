@@ -68,3 +68,10 @@ def test_a_reader_that_goes_away_is_no_failure(tmp_path: Path) -> None:
     done = subprocess.run(["bash", "-c", line, sys.executable, "-c", script, str(tmp_path / "out")],
                           cwd=ROOT, capture_output=True, text=True, timeout=60)  # fmt: skip
     assert done.stdout.split()[-1] == "0" and "Traceback" not in done.stderr
+
+
+def test_names_that_are_not_utf8_are_printed(tmp_path: Path) -> None:
+    script = COMMAND.replace('print("done")', 'print("a\\udcffb", "\\ud800")')
+    script = script.replace('os.write(1, b"noise")', "None")
+    done = ran(["-c", script, str(tmp_path / "out")], "")
+    assert (done.returncode, done.stdout) == (0, "a\N{REPLACEMENT CHARACTER}b \N{REPLACEMENT CHARACTER}\n"), done.stderr
