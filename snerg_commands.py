@@ -24,6 +24,7 @@ MODULES = {
 def run(command: str) -> int:
     """Runs one of MODULES; returns its exit status."""
     try:
+        import_module("console.streams").open_closed_streams()  # before any file gets the number of one of them
         main = import_module(MODULES[command]).main
     except KeyboardInterrupt:
         print(f"{command}: interrupted", file=sys.stderr)

@@ -26,6 +26,8 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
+from console.streams import printable
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -40,11 +42,12 @@ _LOOK_S = 0.2  # far longer than any process holds a lock only to see whether it
 
 
 def write_file(path: Path, data: bytes | str | Iterable[Any]) -> None:
-    """Puts `data` (text as UTF-8; or parts, one after the other) at `path`, whose folder exists, in one step. Raises OSError.
+    """Puts `data` (printable text as UTF-8; or parts, one after the other) at `path`, whose folder exists, in one step.
+    Raises OSError.
 
     A device or a pipe (/dev/stdout, >(wc)) is written as it is: nothing takes its place.
     """
-    parts = [data.encode()] if isinstance(data, str) else [data] if isinstance(data, bytes) else data
+    parts = [printable(data).encode()] if isinstance(data, str) else [data] if isinstance(data, bytes) else data
     with nullcontext(path) if is_stream(path) else replacing(path) as new, new.open("wb") as file:
         for part in parts:
             file.write(part)

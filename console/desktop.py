@@ -43,7 +43,7 @@ BOXES: dict[str, Command] = {
 
 def nobody_reads_stderr() -> bool:
     """Whether what is printed reaches nobody: no terminal, and no program at the other end of a pipe."""
-    if sys.stderr is None:  # pythonw
+    if sys.stderr is None or sys.__stderr__ is None:  # pythonw, whatever stands in for it
         return True
     try:
         number = sys.stderr.fileno()

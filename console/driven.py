@@ -3,7 +3,8 @@
 Two variables of the environment, for every command:
   SNERG_PROGRESS=FILE        the work of the moment is kept there as one JSON object, written aside and renamed:
                              {"title": "training", "done": 1200, "total": 6000, "note": "PSNR 27.10 dB", "seconds": 81.3,
-                             "begun": 0, "stage": "training", "metrics": {"psnr": 27.1}, "error": "", "bug": false}
+                             "begun": 0, "seconds_left": 325.2, "stage": "training", "metrics": {"psnr": 27.1}, "error": "",
+                             "bug": false}
                              A command that fails leaves its one line there as "error"; "bug" says that the fault is ours.
   SNERG_ENDS_WITH_STDIN=1    the end of standard input is Ctrl-C: whoever holds the other end of the pipe stops the
                              command by closing it, and so does that program's own end, however it comes about
@@ -37,7 +38,7 @@ class Report:
 
     title, note: for people ("supersampling", "PSNR 27.10 dB"). stage, metrics: the same for programs: what the work is part
     of ("training", "baking", or the title), and figures by name, of which METRICS are some. error: why the command failed,
-    "" where it has not; bug: and the fault is ours.
+    "" where it has not; bug: and the fault is ours. seconds_left: an estimate, None while too little is known for one.
     """
 
     title: str
@@ -50,22 +51,12 @@ class Report:
     error: str = ""
     bug: bool = False
     begun: float = 0.0
+    seconds_left: float | None = None
 
     @property
     def share(self) -> float:
         """0 … 1 of it is done."""
         return min(max(self.done / self.total, 0.0), 1.0) if self.total > 0 else 1.0
-
-    @property
-    def seconds_left(self) -> float | None:
-        """An estimate; None while it is too early for one."""
-        left = seconds_left(self.done, self.total, self.begun, self.seconds)
-        return left if self.seconds > 1.0 else None
-
-
-def seconds_left(done: float, total: float, begun: float, seconds: float) -> float | None:
-    """An estimate for the work from `done` to `total`, if that from `begun` to `done` took `seconds`; None for no work."""
-    return seconds * max(total - done, 0.0) / (done - begun) if done > begun else None
 
 
 METRICS: Mapping[str, Callable[[float], str]] = {
@@ -85,12 +76,14 @@ def read_report(file: Path) -> Report | None:
         values = read_json_file(file)
         title, note = str(values["title"]), str(values["note"])
         done, total, seconds, begun = (float(values[name]) for name in ("done", "total", "seconds", "begun"))
-        if not all(map(math.isfinite, (done, total, seconds, begun))):
+        left = values["seconds_left"]
+        left = None if left is None else float(left)
+        if not all(map(math.isfinite, (done, total, seconds, begun, left or 0.0))):
             return None
         return Report(
             title, done, total, note, seconds,
             stage=str(values["stage"]), metrics={str(k): float(v) for k, v in values["metrics"].items()},
-            error=str(values["error"]), bug=bool(values["bug"]), begun=begun,
+            error=str(values["error"]), bug=bool(values["bug"]), begun=begun, seconds_left=left,
         )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

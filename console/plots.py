@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 
 from console.atomic import replacing
 from console.errors import UserError
+from console.streams import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -108,12 +109,17 @@ def _draw(axes: Axes, plot: Plot) -> None:
         axes.spines[side].set_visible(False)
     axes.spines["bottom"].set_color(_rgb(FAINT))
     rows, columns = _legend_shape(plot.lines)
-    axes.set_title(plot.title, loc="left", color=_rgb(INK), fontsize=11, pad=8 + (2 + 14 * rows if rows else 0))
+    title = printable(plot.title)
+    axes.set_title(
+        title, loc="left", parse_math=False, color=_rgb(INK), fontsize=11, pad=8 + (2 + 14 * rows if rows else 0)
+    )
     if rows:
-        axes.legend(
+        legend = axes.legend(
             loc="lower left", bbox_to_anchor=(0, 1), ncols=columns, borderaxespad=0.6, borderpad=0, handlelength=1.4,
             columnspacing=1.4, frameon=False, fontsize=8.5, labelcolor=_rgb(INK),
         )  # fmt: skip
+        for text in legend.get_texts():
+            text.set_parse_math(False)  # a dollar in a name is a dollar
 
 
 def _legend_shape(lines: Sequence[Line]) -> tuple[int, int]:
@@ -126,7 +132,7 @@ def _legend_shape(lines: Sequence[Line]) -> tuple[int, int]:
 
 
 def _label(line: Line) -> str:
-    return line.label + "".join(f", {text}" for text, _ in line.levels)
+    return printable(line.label + "".join(f", {text}" for text, _ in line.levels))
 
 
 def _draw_line(axes: Axes, line: Line, colour: str) -> None:

@@ -1,20 +1,25 @@
-"""Progress of long work: a live bar on a terminal, plain lines elsewhere, both with the time left."""
+"""Progress of long work: a live bar on a terminal, plain lines elsewhere, both with the time left once it can be told."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
+from rich.text import Text
 
-from console.driven import Report, Reporter, in_words, seconds_left
+from console.driven import Report, Reporter, in_words
+from console.estimate import Estimate
 
 PLAIN_LINE_EVERY_S = 10.0
 PLAIN_QUIET_S = 2.0  # work done sooner needs no line
+BEAT_S = 1.0  # from one look at the clock to the next, while the work says nothing
+_running: list[Progress] = []  # what is shown, each within the one before it
 
 
 class Progress:
@@ -29,25 +34,48 @@ class Progress:
         self.metrics: Mapping[str, float] = {}
         self.begun = begun
         self.started = time.monotonic()
+        self._estimate = Estimate(total)
+        self._lock = threading.RLock()  # updates come from one thread, and as time passes from another
         self._reporter: Reporter | None = None
         self._stage = title
+
+    @property
+    def seconds_left(self) -> float | None:
+        """An estimate; None while too little is known for one."""
+        return self._estimate.left(time.monotonic()) if self.done < self.total else None
 
     def update(self, done: float, note: str = "", metrics: Mapping[str, float] | None = None) -> None:
         """`done` units of `total` are finished. metrics: figures by name (console.driven.METRICS), shown beside where there
         is no `note`, a short text of its own.
         """
-        self.done, self.metrics = done, metrics or {}
-        self.note = note or in_words(self.metrics)
-        self.report(at_once=done >= self.total)
-        self._show()
+        with self._lock:
+            self.done, self.metrics = done, metrics or {}
+            self.note = note or in_words(self.metrics)
+            if done > self.begun:
+                self._estimate.update(time.monotonic(), done)
+            self.report(at_once=done >= self.total)
+            self._show()
 
     def resume_at(self, begun: float) -> None:
         """It turns out that so many units were done before."""
-        self.begun = begun
+        self.begun, self._estimate = begun, Estimate(self.total)
         self.update(begun, self.note, self.metrics)
+
+    def pause(self, seconds: float) -> None:
+        """Other work, with progress of its own, took so long."""
+        self._estimate.pause(seconds)
+
+    def beat(self) -> None:
+        """Time passes, whether or not anything is finished."""
+        with self._lock:
+            self.report()
+            self._show_time()
 
     def _show(self) -> None:
         """For those that show it."""
+
+    def _show_time(self) -> None:
+        """For those that show how time passes."""
 
     def report_to(self, reporter: Reporter, stage: str) -> None:
         """Tells `reporter` of every update from now on."""
@@ -57,10 +85,10 @@ class Progress:
     def report(self, *, at_once: bool = False) -> None:
         """Tells where the work is."""
         if self._reporter is not None:
-            passed = time.monotonic() - self.started
+            passed, left = time.monotonic() - self.started, self.seconds_left
             report = Report(
                 self.title, float(self.done), float(self.total), self.note, round(passed, 2), self._stage, self.metrics,
-                begun=float(self.begun),
+                begun=float(self.begun), seconds_left=None if left is None else round(left, 2),
             )  # fmt: skip
             self._reporter.tell(report, at_once=at_once)
 
@@ -72,14 +100,22 @@ class Progress:
 class _Live(Progress):
     def __init__(self, title: str, total: float, begun: float, bars: RichProgress) -> None:
         super().__init__(title, total, begun)
-        self._bars, self._task = bars, bars.add_task(title, total=total, completed=int(begun), note="")
+        self.bars, self._task = bars, bars.add_task(title, total=total, completed=int(begun), note="", work=self)
 
     def resume_at(self, begun: float) -> None:
-        self._bars.reset(self._task, completed=int(begun))  # what was done before tells nothing of the speed
+        self.bars.reset(self._task, completed=int(begun))  # what was done before tells nothing of the speed
         super().resume_at(begun)
 
     def _show(self) -> None:
-        self._bars.update(self._task, completed=self.done, note=self.note)
+        self.bars.update(self._task, completed=self.done, note=self.note)
+
+
+class _TimeLeft(ProgressColumn):
+    """Of each bar, where it can be told."""
+
+    def render(self, task: Task) -> Text:
+        left = task.fields["work"].seconds_left
+        return Text("" if left is None else f"{duration(left)} left")
 
 
 class _Plain(Progress):
@@ -89,21 +125,25 @@ class _Plain(Progress):
         self._finished = False
 
     def _show(self) -> None:
-        now, done = time.monotonic(), self.done
-        finished = done >= self.total
+        now, finished = time.monotonic(), self.done >= self.total
         if self._printed is None:
             early = now - self.started < PLAIN_QUIET_S
         else:
             early = now - self._printed < PLAIN_LINE_EVERY_S and not finished
-        if self._finished or early:
-            return
+        if not (self._finished or early):
+            self._print(now, finished)
+
+    def _show_time(self) -> None:
+        now = time.monotonic()
+        since = self.started if self._printed is None else self._printed
+        if not self._finished and now - since >= PLAIN_LINE_EVERY_S:
+            self._print(now, self.done >= self.total)
+
+    def _print(self, now: float, finished: bool) -> None:
         self._printed, self._finished = now, finished
-        elapsed = now - self.started
-        share = 100.0 if finished else 100 * done / self.total
-        times = duration(elapsed)
-        if not finished:
-            remaining = seconds_left(done, self.total, self.begun, elapsed)
-            times += ", time left unknown" if remaining is None else f", {duration(remaining)} left"
+        share = 100.0 if finished else 100 * self.done / self.total
+        left, times = self.seconds_left, duration(now - self.started)
+        times += "" if left is None else f", {duration(left)} left"
         print(f"{self.title}: {share:.0f} %  {times}  {self.note}".rstrip(), file=sys.stderr, flush=True)
 
 
@@ -125,30 +165,56 @@ def progress(
     """Shows `title` with a bar (terminal) or a line every ten seconds (no terminal), on stderr; nothing where quiet.
 
     begun: how much of `total` was done before; see Progress. A program that started us can read it from a file as well;
-    see console.driven. stage: what the work is part of, for such a program; the title where nothing is said.
+    see console.driven. stage: what the work is part of, for such a program; the title where nothing is said. Work may be part
+    of other work: as long as it runs, it is what is shown.
     """
-    with _shown(title, total, begun, quiet) as work:
-        if not quiet:
-            work.report_to(Reporter(), stage or title)
+    if quiet:
+        yield Progress(title, total, begun)
+        return
+    with _shown(title, total, begun) as work, _in_time(work):
+        work.report_to(Reporter(), stage or title)
         yield work
         work.report(at_once=True)
 
 
 @contextmanager
-def _shown(title: str, total: float, begun: float, quiet: bool) -> Iterator[Progress]:
-    if quiet:
-        yield Progress(title, total, begun)
-        return
+def _in_time(work: Progress) -> Iterator[None]:
+    """Another thread tells `work` that time passes, unless other work runs within it."""
+    over = threading.Event()
+
+    def beat() -> None:
+        while not over.wait(BEAT_S):
+            if _running and _running[-1] is work:
+                work.beat()
+
+    _running.append(work)
+    clock = threading.Thread(target=beat, name="snerg-progress", daemon=True)
+    clock.start()
+    try:
+        yield
+    finally:
+        over.set()
+        clock.join()
+        _running.remove(work)
+        for outer in _running:
+            outer.pause(time.monotonic() - work.started)
+
+
+@contextmanager
+def _shown(title: str, total: float, begun: float) -> Iterator[Progress]:
     if not sys.stderr.isatty():
         yield _Plain(title, total, begun)
+        return
+    outer = _running[-1] if _running else None
+    if isinstance(outer, _Live):
+        yield _Live(title, total, begun, outer.bars)
         return
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+        _TimeLeft(),
         TextColumn("{task.fields[note]}", markup=False),
     )
     with RichProgress(*columns, console=Console(stderr=True)) as bars:

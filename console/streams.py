@@ -5,13 +5,20 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
 LONGEST_LINE = 2000  # characters; names and values in it may come from anybody
-_GONE = {errno.EPIPE, errno.EIO, errno.ENXIO}  # `| head` has read enough; the terminal was closed
+_GONE = {errno.EPIPE, errno.EIO, errno.ENXIO, errno.EBADF}  # `| head` has read enough; the terminal was closed
+_SURROGATES = re.compile("[\ud800-\udfff]")  # what Python makes of names of files that are not UTF-8
+
+
+def printable(text: str) -> str:
+    """`text` as it can be written as UTF-8 and drawn: bytes of names that are not UTF-8 become U+FFFD."""
+    return _SURROGATES.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def one_line(text: str, longest: int = LONGEST_LINE) -> str:
@@ -24,6 +31,21 @@ def one_line(text: str, longest: int = LONGEST_LINE) -> str:
     return line if len(line) <= longest else f"{line[: longest // 2]} … {line[-longest // 2 :]}"
 
 
+def open_closed_streams() -> None:
+    """Leads stdin, stdout and stderr nowhere where they were closed before the start (`>&-`). Call before files are opened.
+
+    Otherwise the first files that are opened get their numbers, and what libraries print goes into these files.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "r" if number == 0 else "w", encoding="utf-8", closefd=False))  # noqa: SIM115
+
+
 @contextmanager
 def lasting_output() -> Iterator[None]:
     """stdout and stderr that the work outlives: what is printed after their reader went away is dropped.
@@ -31,11 +53,12 @@ def lasting_output() -> Iterator[None]:
     On a terminal or pipe that is not UTF-8, what it cannot show becomes "?" instead of an exception. On others, names of files
     that are not UTF-8 keep their bytes.
     """
+    open_closed_streams()
     before = sys.stdout, sys.stderr
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="surrogateescape" if encoding == "utf8" else "replace")
-    sys.stdout, sys.stderr = (stream and _Lasting(stream) for stream in before)
+    sys.stdout, sys.stderr = (_Lasting(stream) for stream in before)
     try:
         yield
     finally:
@@ -53,7 +76,7 @@ class _Lasting:
 
     def write(self, text: str) -> int:
         try:
-            return self._stream.write(text)
+            return self._stream.write(printable(text))
         except OSError as error:
             self._drop(error)
             return len(text)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Protocol
 
 from console import UserError
+from scenepack.other_formats import refuse_other_file, refuse_other_names
 
 PARAMS_NAME = "scene_params.json"
 INDICES_NAME = "atlas_indices.png"
@@ -50,6 +51,7 @@ def open_files(path: Path) -> PackFiles:
         if path.is_dir():
             files: PackFiles = FolderFiles(path)
         elif path.is_file():
+            refuse_other_file(path)
             files = ZipFiles(path)
         else:
             what = "is neither a folder nor a file" if path.exists() else "does not exist"
@@ -58,6 +60,7 @@ def open_files(path: Path) -> PackFiles:
         raise UserError(f"cannot be read: {error.strerror or error}", where=path) from error
     if PARAMS_NAME not in files.sizes:
         files.close()
+        refuse_other_names(path, files.sizes)
         raise _not_a_pack(path, list(files.sizes))
     return files
 

@@ -16,6 +16,7 @@ import numpy as np
 from console import UserError
 from console.json_text import parse_json
 from scenepack.constants import PLANES_PER_IMAGE, PUBLISHED_NDC_CAMERA, VIEW_MLP_WIDTHS
+from scenepack.other_formats import refuse_other_params
 from scenepack.pack import Pack, ViewMlp
 
 MAX_GRID_SIDE = 32768  # voxels
@@ -59,6 +60,7 @@ def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> Params
         raise UserError("is not JSON", where=where, found=error, remedy="copy the pack again") from error
     if not isinstance(raw, dict):
         raise UserError("is not a JSON object", where=where, expected="{…}", found=_short(raw))
+    refuse_other_params(raw, where)
     return _Checker(raw, where, note).params()
 
 

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from console import Notice, UserError, check_results, progress, run_command, write_json, write_text
+from training.libraries import begin_libraries
 from training.profile_report import JAX_PARTS, Profile, Stopwatch, fused_profile, jax_profile
 
 if TYPE_CHECKING:
@@ -164,6 +165,7 @@ def profile_step(
         if value < 1:
             raise UserError("must be at least 1", where=option, found=value)
     check_results(json, markdown)
+    begin_libraries()
     from training.run import is_run
 
     method, state, step, name = _of_run(subject) if is_run(subject) else _trained(subject, preset, downscale, steps)

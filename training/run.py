@@ -19,7 +19,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from console import UserError
+from console import UserError, progress
 from console.atomic import is_leftover, write_file
 from console.json_text import read_json_file
 from training.checkpoints import cannot_write, list_checkpoints, read_newest_checkpoint
@@ -145,13 +145,15 @@ def _assemble(
 ) -> Run:  # fmt: skip
     """Photographs -> Scene -> RayDataset -> Method -> state: that of a checkpoint, or the one before step 0."""
     config = description.config
-    with together():
-        scene = load_scene(scene_path, description.options)
-        if checkpoint is None:
-            require_rays(scene)
-    dataset = make_dataset(scene, folder=path)
-    with together():
-        method = make_method(config, dataset)
+    with progress("reading photographs", 1.0, quiet=not is_writer()) as bar:
+        with together():
+            scene = load_scene(scene_path, description.options)
+            if checkpoint is None:
+                require_rays(scene)
+        dataset = make_dataset(scene, folder=path)
+        with together():
+            method = make_method(config, dataset)
+        bar.update(1.0)
     if checkpoint is None:
         state, step = method.start(jax.random.PRNGKey(config.seed)), 0
     else:

@@ -75,15 +75,17 @@ def bake(
     if last:
         run.state = None
     pack = assembled(run, grid, atlas, head)
-    with stages("padding"):
+    with stages("padding"), progress("filling the borders of macroblocks", len(atlas) - 1, stage=STAGE) as bar:
         for part in atlas[1:]:
             restore_padding(part, atlas[0], BLOCK_SIZE)
+            bar.advance()
     del atlas, part  # what pruning leaves takes their place
     counts, removed = culling.counts(), None
     by_opacity = config.aabb is not None  # photographs also show what lies outside of the box that is baked
     if config.tau_weight > 0:
         with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
             pack, removed = pruned(pack, photographs, config, by_opacity, bar)
+            bar.update(1.0)
     tuned: dict[str, Any] = {}
     if config.fine_tune != "none":
         with stages("view MLP"), progress("fine-tuning the view MLP", 1.0, stage=STAGE) as bar:
@@ -108,6 +110,7 @@ def bake(
         with stages("thinning"), progress("thinning", 1.0, stage=STAGE) as bar:
             compact = tuned.get("of") == "compact"
             pack, thin = thinned(pack, photographs, config, by_opacity, compact, bar)
+            bar.update(1.0)
         if thin:
             removed = removed.then(thin) if removed else thin
     if removed:
@@ -190,8 +193,9 @@ def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stage
             raise _nothing_there(run)
         return {"low": found[0], "high": found[1]}
 
-    with stages("box"), progress("looking for content", 1.0, stage=STAGE):
+    with stages("box"), progress("looking for content", 1.0, stage=STAGE) as bar:
         box = once(work, "box", find_box)
+        bar.update(1.0)
     grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame)
     while True:
         with progress("culling", 1.0, stage=STAGE) as bar:

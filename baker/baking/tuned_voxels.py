@@ -71,9 +71,13 @@ def with_tuned_voxels(
                 pack, removed = thinned(pack, dataset, config, by_opacity, False, bar, MOST_LOST_AGAIN + config.thin)
             else:
                 pack, removed = pruned(pack, dataset, config, by_opacity, bar, again=True)
+            bar.update(1.0)
     coarse = config.fine_tune == "compact"
     if config.fine_tune == "auto":
-        figures["lost_to_steps"] = round(lost_to_steps(pack, dataset, COMPACT, config.seed, by_opacity=by_opacity), 3)
+        with stages(name), progress("trying coarser steps", 1.0, stage=STAGE) as bar:
+            lost = lost_to_steps(pack, dataset, COMPACT, config.seed, by_opacity=by_opacity)
+            bar.update(1.0)
+        figures["lost_to_steps"] = round(lost, 3)
         coarse = figures["lost_to_steps"] <= MOST_LOST_ROUNDED
     figures["of"] = "compact" if coarse else "all"
     second = JointConfig(
@@ -87,10 +91,11 @@ def with_tuned_voxels(
     }  # fmt: skip
     if coarse:
         with stages("hidden voxels"), progress("smoothing hidden voxels", 1.0, stage=STAGE) as bar:
-            light = light_of(pack, with_views_between(dataset), config.seed, bar.update)
+            light = light_of(pack, with_views_between(dataset), config.seed, _light(bar))
             if light is not None:
                 smoothed = smooth_hidden(pack, light, COMPACT, _score(dataset, config, by_opacity), MOST_LOST_HIDDEN)
                 pack, figures["hidden_below"] = smoothed
+            bar.update(1.0)
     return pack, figures, removed
 
 
@@ -110,7 +115,7 @@ def pruned(
         tau_weight, closing, most_lost = TUNED_TAU * config.tau_weight, FIRM, MOST_LOST_AGAIN
 
     views, score = with_views_between(dataset), _score(dataset, config, by_opacity)
-    return prune(pack, views, tau_weight, config.seed, bar.update, closing, score, most_lost)
+    return prune(pack, views, tau_weight, config.seed, _light(bar), closing, score, most_lost)
 
 
 def thinned(
@@ -120,12 +125,17 @@ def thinned(
     """The pack as thin as it may be where training rays lose most_lost dB, by default config.thin. compact: it is stored in
     COMPACT steps.
     """
-    light = light_of(pack, with_views_between(dataset), config.seed, bar.update)
+    light = light_of(pack, with_views_between(dataset), config.seed, _light(bar))
     if light is None:
         return pack, None
     tau_weight, steps = config.tau_weight or TAU_WEIGHT, COMPACT if compact else EXACT
     most_lost = config.thin if most_lost is None else most_lost
     return thin(pack, light, tau_weight, steps, _score(dataset, config, by_opacity), most_lost)
+
+
+def _light(bar: Progress) -> Callable[[float], None]:
+    """For light_of, whose half of the work is followed by trials of what it allows."""
+    return lambda share: bar.update(0.5 * share, "light" if share < 1 else "trials")
 
 
 def _score(dataset: RayDataset, config: BakeConfig, by_opacity: bool) -> Callable[[Pack], float]:

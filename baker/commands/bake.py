@@ -15,6 +15,7 @@ from baker.tuning.choice import FineTune
 from console import UserError, run_command
 from console.arguments import join_negative_values
 from scenepack.constants import CodecName
+from training.libraries import begin_libraries
 
 DESCRIPTION = "Bakes a trained run into a pack: a sparse voxel grid that the viewer renders in real time."
 
@@ -76,7 +77,8 @@ def snerg_bake(
         pictures: Put copies of the photographs into the pack, at most this many pixels a side, for viewers on other
             computers. 0 puts in none.
     """
-    from baker.baking.config import BakeConfig  # JAX starts here, not for --help
+    begin_libraries()  # JAX starts here, not for --help
+    from baker.baking.config import BakeConfig
     from baker.baking.presets import SYNTHETIC_RESOLUTION, paper_resolution
     from baker.baking.to_pack import bake_to, help_with, share_of
     from scenepack import check_target

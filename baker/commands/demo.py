@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from console import run_command
+from training.libraries import begin_libraries
 
 SIZE, VIEWS, STEPS, RESOLUTION = 400, 96, 6000, 400
 COPIES = 200  # pixels a side of the photographs' copies in the pack
@@ -29,6 +30,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
         steps: Number of training steps.
         resolution: Voxels along the longest side of the content.
     """
+    begin_libraries()  # JAX starts here, not for --help
     from baker.baking.bake import bake
     from baker.baking.config import BakeConfig
     from baker.baking.pictures import with_pictures

@@ -9,6 +9,7 @@ from typing import Any
 
 from console import UserError, check_results, run_command, write_json
 from console.streams import one_line
+from training.libraries import begin_libraries
 
 DESCRIPTION = "Compares a run, or a pack rendered with OpenGL, with the photographs of a scene."
 
@@ -44,6 +45,7 @@ def snerg_eval(
         json: Also write the scores to this file; "-" prints them instead of the text.
         images: Folder for pictures: the rendering, the photograph, and five times their difference.
     """
+    begin_libraries()  # JAX starts here, not for --help
     from baker.reports.evaluation import evaluate, reading_of
     from training.scenes import load_scene
     from viewer.rendering.gpu_memory import OR_HALF, NoRoomError

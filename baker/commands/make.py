@@ -17,7 +17,9 @@ import tyro
 from baker.tuning.choice import FineTune
 from console import Notice, UserError, run_command
 from console.arguments import join_negative_values
+from console.python_command import module_command
 from scenepack.constants import CodecName
+from training.libraries import begin_libraries
 from training.posing.find import FRAMES, SCENE, posed_scene
 from training.scenes.presets import PRESETS, BakeablePreset, names_with_about
 from training.scenes.sources import FEWEST
@@ -81,6 +83,7 @@ def snerg_make(
             It is removed once DIR/pack is there.
         no_view: Do not open the viewer at the end.
     """
+    begin_libraries()
     from baker.baking.config import BakeConfig
     from baker.baking.preview import NAME, Previews
     from baker.baking.to_pack import bake_to
@@ -145,7 +148,7 @@ def snerg_make(
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("darwin", "win32")
     ):
         # A process of its own: JAX holds most of a GPU's memory until this one ends.
-        subprocess.Popen([sys.executable, "-m", "viewer.commands.view", str(pack_path)])
+        subprocess.Popen(module_command("viewer.commands.view", str(pack_path)))
 
 
 def minutes(seconds: float) -> str:

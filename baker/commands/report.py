@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 from baker.tuning.choice import FineTune
 from console import UserError, check_results, run_command, write_json, write_text
 from console.arguments import parse_size
+from training.libraries import begin_libraries
 from viewer.benchmark.protocols import given_distance
 
 DESCRIPTION = "Measures the SNeRG paper's tables on a trained run, or puts the reports of several scenes side by side."
@@ -85,7 +86,8 @@ def snerg_report(
     if len(subjects) > 1 or (run / "report.json").is_file():
         _side_by_side(subjects, out)
         return
-    from baker.reports.performance import Drawing  # JAX starts here, not for --help
+    begin_libraries()  # JAX starts here, not for --help
+    from baker.reports.performance import Drawing
     from baker.reports.report import Sources, Wanted, open_study, write_tables
 
     overrides = {"fine_tune_epochs": fine_tune_epochs, "most_macroblocks": most_macroblocks}

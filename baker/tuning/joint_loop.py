@@ -74,6 +74,8 @@ def joint_tune(
     by_opacity: errors are weighted by the pack's own opacity (see baker.tuning.tuner.Look). A pack that no ray to train on meets
     comes back as it is, without figures.
     """
+    if on_share:
+        on_share(0.0, "choosing rays")
     every = np.arange(dataset.count, dtype=np.int32)
     hits = every[make_marcher(pack, dataset).meets(every)]
     trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
@@ -88,6 +90,8 @@ def joint_tune(
         tuner.fill(trained_on, max(int(config.samples * steps / LEAST_STEPS), FEWEST_SAMPLES), config.seed)
         steps = config.passes * len(trained_on) / tuner.rays
     steps = min(max(int(steps), 1), config.most_steps)
+    if on_share:
+        on_share(0.0, "compiling")
     before = best = now = tuner.score(held_out)
     first, done = tuner.snapshot(), 0
     kept = first

@@ -122,3 +122,8 @@ def test_where_there_are_no_locks_another_hosts_writer_is_left_alone(
     os.utime(theirs, (0, 0))
     atomic.write_file(tmp_path / "piece.npz", b"whole")
     assert not theirs.exists()
+
+
+def test_text_with_names_that_are_not_utf8_is_written_as_utf8(tmp_path: Path) -> None:
+    atomic.write_file(tmp_path / "a.txt", "n\udcffme ü")
+    assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "n\N{REPLACEMENT CHARACTER}me ü"

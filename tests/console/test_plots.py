@@ -57,6 +57,12 @@ def test_many_lines_get_more_rows_of_names_than_few() -> None:
     assert rows * columns >= 6 and rows > 1
 
 
+@pytest.mark.parametrize("name", ["not UTF-8 \udcff", "an odd $ sign", "$a_$ and $b^^$", "\\frac", "\N{PILE OF POO}\n"])
+def test_any_name_of_a_file_may_be_a_title_and_a_label(tmp_path: Path, name: str) -> None:
+    lines = [Line(name, [0, 1], [2, 3], levels=[(name, 2.5)]), RISING]
+    drawn(tmp_path / "a.png", Plot(lines, name, "x", "y"))
+
+
 def test_without_matplotlib_the_remedy_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plots.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UserError, match=r"pip install matplotlib, or 'snerg\[train\]'"):

@@ -1,9 +1,11 @@
-"""Progress without a terminal: plain lines, rarely, with the time left."""
+"""Progress without a terminal: plain lines, rarely, with the time left once it can be told."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,7 +16,8 @@ from console.progress import duration
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
     now = [100.0]
-    monkeypatch.setattr(sys.modules["console.progress"].time, "monotonic", lambda: now[0])
+    stopped = SimpleNamespace(monotonic=lambda: now[0])
+    monkeypatch.setattr(sys.modules["console.progress"], "time", stopped)
     return lambda seconds: now.__setitem__(0, 100.0 + seconds)
 
 
@@ -27,7 +30,7 @@ def test_plain_lines_come_every_ten_seconds_and_at_the_end(
             bar.update(step, f"PSNR {step}")
         bar.update(100)
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "training: 4 %  2 s, 48 s left  PSNR 4"
+    assert lines[:2] == ["training: 4 %  2 s  PSNR 4", "training: 24 %  12 s, 38 s left  PSNR 24"]
     assert lines[-1] == "training: 100 %  50 s  PSNR 100"
     assert len(lines) == 6
 
@@ -47,7 +50,7 @@ def test_no_estimate_is_made_from_nothing(clock: Callable[[float], None], capsys
     with progress("[b]baking", 10) as bar:
         clock(3)
         bar.update(0)
-    assert capsys.readouterr().err == "[b]baking: 0 %  3 s, time left unknown\n"
+    assert capsys.readouterr().err == "[b]baking: 0 %  3 s\n"
 
 
 def test_a_terminal_gets_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,14 +74,54 @@ def test_work_taken_up_again_counts_from_its_place_in_the_whole_and_its_time_fro
 ) -> None:
     with progress("training", 1000, begun=600) as bar:
         assert bar.done == 600
-        clock(10)
-        bar.update(700, "PSNR 30")
+        for second in (1, 5, 10):
+            clock(second)
+            bar.update(600 + 10 * second)
+        assert bar.seconds_left == pytest.approx(30)
     with progress("supersampling", 1000) as bar:
         bar.resume_at(600)
-        clock(20)
-        bar.update(700)
-    lines = capsys.readouterr().err.splitlines()
-    assert lines == ["training: 70 %  10 s, 30 s left  PSNR 30", "supersampling: 70 %  10 s, 30 s left"]
+        for second in (11, 15, 20):
+            clock(second)
+            bar.update(500 + 10 * second)
+        assert bar.seconds_left == pytest.approx(30)
+
+
+def test_work_that_says_nothing_still_shows_that_time_passes(
+    clock: Callable[[float], None], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.modules["console.progress"], "BEAT_S", 0.01)
+
+    def printed() -> str:
+        for _ in range(500):
+            time.sleep(0.01)
+            if text := capsys.readouterr().err:
+                return text
+        return ""
+
+    with progress("training", 100) as bar:
+        clock(10)
+        assert printed() == "training: 0 %  10 s\n"
+        bar.update(5)
+        with progress("closing holes", 4):
+            clock(22)
+            assert printed() == "closing holes: 0 %  12 s\n"
+        clock(24)
+        assert printed() == "training: 5 %  24 s\n"
+
+
+def test_the_time_of_work_within_other_work_is_no_time_of_the_other(clock: Callable[[float], None]) -> None:
+    with progress("training", 100) as bar:
+        for second in range(1, 11):
+            clock(second)
+            bar.update(second)
+        assert bar.seconds_left == pytest.approx(90)
+        with progress("closing holes", 4):
+            clock(500)
+        assert bar.seconds_left == pytest.approx(90)
+        for second in range(501, 520):
+            clock(second)
+            bar.advance()
+        assert bar.seconds_left == pytest.approx(71)
 
 
 def test_a_bar_of_work_taken_up_again_begins_at_its_place(

@@ -16,6 +16,7 @@ import tyro
 from console import UserError, run_command
 from console.arguments import join_negative_values
 from training.config import PRESETS, TrainConfig
+from training.libraries import find_devices, import_libraries
 from training.plausible import require_plausible
 from training.scenes import SceneOptions
 from training.scenes.box import OPTION, parse_box
@@ -93,10 +94,12 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
             processes: Number of processes that train together.
             process_id: Number of this process, from 0.
         """
-        from training.devices import join_processes  # JAX starts here, not for --help
+        import_libraries()  # JAX starts here, not for --help
+        from training.devices import join_processes
 
         require_plausible(config)
         join_processes(coordinator, processes, process_id)
+        find_devices()
         from training.devices import is_writer
         from training.loop import train
 

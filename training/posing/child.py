@@ -30,7 +30,7 @@ def ask(service: str, request: Mapping[str, Any], log: Path, tell: Callable[[str
     with log.open("ab") as printed:
         process = subprocess.Popen(
             # The same modules from the same places, whatever lies in the current folder.
-            [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}; {PROGRAM}"],
+            [sys.executable, "-P", "-c", f"import sys; sys.path[:] = {sys.path!r}; {PROGRAM}"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=printed,

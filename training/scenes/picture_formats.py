@@ -32,7 +32,8 @@ RAW = {
 UNREAD_FORMATS: Mapping[str, UnreadFormat] = {
     **_unread({suffix: f"{name} (raw)" for suffix, name in RAW.items()}, "export them as JPEG, PNG or 16 bit TIFF"),
     **_unread({
-        "gif": "GIF", "jxl": "JPEG XL", "jp2": "JPEG 2000", "j2k": "JPEG 2000", "jpx": "JPEG 2000", "jpf": "JPEG 2000", "jxr": "JPEG XR",
+        "gif": "GIF", "jxl": "JPEG XL", "jp2": "JPEG 2000", "j2k": "JPEG 2000", "jpx": "JPEG 2000", "jpf": "JPEG 2000",
+        "jxr": "JPEG XR",
         "psd": "Photoshop", "psb": "Photoshop", "xcf": "GIMP", "svg": "SVG", "ico": "ICO", "tga": "Targa", "dds": "DDS",
         "ppm": "Netpbm", "pgm": "Netpbm", "pnm": "Netpbm", "pbm": "Netpbm", "pfm": "PFM", "qoi": "QOI", "ktx2": "KTX",
         "insp": "Insta360 panorama",

@@ -25,8 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import ndimage
 
+from console import Progress, progress
 from training.dataset import RayDataset
-from training.devices import agree
+from training.devices import agree, is_writer
 from training.marching.rays import GridRays, to_grid
 from training.method import Rays
 from training.views_between import with_views_between
@@ -70,7 +71,9 @@ def close_holes(engine: Engine, state: Any, geometry: RayDataset, plan: Plan, se
     walls = np.zeros(0, bool)
     if loops is not None:
         side = -(-max(occupancy.present.shape) // CELLS)
-        walls = _walls(engine, state, geometry, occupancy, side, loops)
+        views = with_views_between(geometry, NEIGHBOURS)
+        with progress("closing holes", views.views, quiet=not is_writer()) as bar:
+            walls = _walls(engine, state, views, geometry.views, occupancy, side, loops, bar)
         walls = walls & _covered(geometry, occupancy, walls.shape, side, plan.least_views)
     plain = engine.end(state)
     if walls.any():
@@ -92,15 +95,16 @@ def _loops() -> ModuleType | None:
 
 
 def _walls(
-    engine: Engine, state: Any, geometry: RayDataset, occupancy: Occupancy, side: int, loops: ModuleType
-) -> np.ndarray:
-    """bool cells that are to be walled up."""
+    engine: Engine, state: Any, views: RayDataset, photographs: int, occupancy: Occupancy, side: int, loops: ModuleType,
+    bar: Progress,
+) -> np.ndarray:  # fmt: skip
+    """bool cells that are to be walled up. views: the photographs, and those between them."""
     shape, wide = tuple(-(-n // side) for n in occupancy.present.shape), np.float32(side)
-    views, photographs = with_views_between(geometry, NEIGHBOURS), geometry.views
     seen = np.zeros(shape, bool)
     for lines in _looks(engine, state, views, occupancy, range(photographs)):
         before = np.where(lines.meets, lines.stop - np.float32(MARGIN), lines.end)
         loops.carve(seen, wide, lines.origins, lines.directions, lines.start, before)
+        bar.advance()
     walls = np.zeros(shape, bool)
     for lines in _looks(engine, state, views, occupancy, range(photographs, views.views)):
         enters = np.zeros(len(lines.meets), bool)
@@ -108,6 +112,7 @@ def _walls(
         hole = holes_of(lines.meets.reshape(lines.rows, -1), enters.reshape(lines.rows, -1)).ravel()
         some = (np.ascontiguousarray(a[hole]) for a in lines[:3])
         loops.block(seen, wide, *some, lines.stop[hole], walls, DEEP)
+        bar.advance()
     for _ in range(WIDER):
         walls = dilate(walls) & ~seen
     return agree(walls)  # processes that differ in the last bit would close other holes

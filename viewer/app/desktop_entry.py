@@ -14,6 +14,7 @@ from pathlib import Path
 
 from console import UserError, not_written
 from console.atomic import write_file
+from console.python_command import module_command
 from training.scenes.film_containers import CONTAINERS
 
 NAME = "snerg"  # also the window's class, by which a desktop knows whose window it is
@@ -109,7 +110,7 @@ def own_command() -> list[str]:
     script = Path(sys.executable).with_name("snerg-view")
     if script.is_file():
         return [str(script)]
-    return [sys.executable, "-m", "viewer.commands.view"]
+    return module_command("viewer.commands.view")
 
 
 def _check_system(option: str) -> None:

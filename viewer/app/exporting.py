@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 import time
 from dataclasses import dataclass, field, replace
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 from console import UserError
 from console.driven import Report
+from console.python_command import module_command
 from viewer.app.child import Child
 from viewer.app.export_preview import ExportPreview
 from viewer.app.files import FileRequest, kind_of
@@ -146,7 +146,7 @@ class Exporting:
         words = self.plan.arguments(host.scene.path.resolve(), file.absolute(), host.settings.crop)
         folder = Path(tempfile.mkdtemp(prefix="snerg-export-"))
         try:
-            child = Child([sys.executable, "-m", "baker.commands.pack", *words], folder / "log.txt")
+            child = Child(module_command("baker.commands.pack", *words), folder / "log.txt")
         except UserError:
             shutil.rmtree(folder, ignore_errors=True)
             raise

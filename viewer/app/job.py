@@ -41,7 +41,7 @@ class Job:
         """0 nothing heard yet, else which of the plan's stages it is, from 1."""
         if self.report is None:
             return 0
-        name = {"poses": "Poses", "training": "Training"}.get(self.report.stage, "Baking")
+        name = {"poses": "Poses", "baking": "Baking"}.get(self.report.stage, "Training")
         return self.plan.stages.index(name) + 1 if name in self.plan.stages else 1
 
     def look(self) -> bool:
@@ -49,8 +49,8 @@ class Job:
         report = self.child.report()
         changed = report is not None and report != self.report
         if changed and report is not None:
-            self.report = report
-            if "psnr" in report.metrics:
+            later, self.report = self.report is None or report.done != self.report.done, report
+            if later and "psnr" in report.metrics:
                 self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
         return self._look_at_picture() or changed
 

@@ -10,7 +10,6 @@ import contextlib
 import importlib.util
 import math
 import shlex
-import sys
 import threading
 import warnings
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from typing import Literal
 
 from console import Notice, UserError
 from console.json_text import read_json_file
+from console.python_command import module_command
 from training.scenes import Scene, load_scene
 from training.scenes.downscale import suggested_downscale
 from training.scenes.pictures import picture_size
@@ -350,7 +350,7 @@ class Plan:
     def command(self) -> list[str]:
         """Program and arguments that make it; `typed` is the same for a person."""
         room = "baker.commands.make" if self.subject == "scene" else "baker.commands.bake"
-        return [sys.executable, "-m", room, *self._arguments()]
+        return module_command(room, *self._arguments())
 
     def typed(self) -> str:
         """The command line, to be typed on another machine, say."""

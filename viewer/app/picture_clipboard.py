@@ -18,6 +18,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
+from console.python_command import module_command
 from viewer.app import x11_clipboard
 
 REMEDY = "save it with Ctrl+S instead"
@@ -93,4 +94,4 @@ def _holder_command() -> list[str]:
     if not os.environ.get("DISPLAY"):
         remedy = "install wl-clipboard (Debian, Ubuntu: apt-get install wl-clipboard)" if wayland else REMEDY
         raise UserError("there is no clipboard for pictures", remedy=remedy)
-    return [sys.executable, "-m", "viewer.app.x11_clipboard"]
+    return module_command("viewer.app.x11_clipboard")

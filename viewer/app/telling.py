@@ -15,11 +15,12 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from console.python_command import module_command
 from viewer.app.child import POLITENESS
 
 
 class Telling:
-    """`python -m module words`, from the moment this is made, and `hear` with each object that it prints, in a thread.
+    """`python -P -m module words`, from the moment this is made, and `hear` with each object that it prints, in a thread.
 
     before: called in that thread first; the process is begun when it returns. behind: called when all is over.
     """
@@ -28,7 +29,7 @@ class Telling:
         self, module: str, words: Sequence[str], hear: Callable[[Mapping[str, Any]], None], *,
         before: Callable[[], object] = lambda: None, behind: Callable[[], object] = lambda: None,
     ) -> None:  # fmt: skip
-        self._command, self._heard = [sys.executable, "-m", module, *words], hear
+        self._command, self._heard = module_command(module, *words), hear
         self._before, self._behind = before, behind
         self._process: subprocess.Popen[bytes] | None = None
         self._closed = False

@@ -16,7 +16,17 @@ from console import UserError
 
 NEEDED = "OpenGL 3.3 or later"
 GL_RENDERER, GL_VERSION = 0x1F01, 0x1F02
-OVERRIDE = "MESA_GL_VERSION_OVERRIDE"
+# Variables of the environment that decide which driver draws, or what it admits to.
+OVERRIDES = (
+    "MESA_GL_VERSION_OVERRIDE",
+    "LIBGL_ALWAYS_INDIRECT",
+    "LIBGL_DRIVERS_PATH",
+    "GALLIUM_DRIVER",
+    "MESA_LOADER_DRIVER_OVERRIDE",
+    "EGL_PLATFORM",
+    "__EGL_VENDOR_LIBRARY_FILENAMES",
+    "__GLX_VENDOR_LIBRARY_NAME",
+)
 SOFTWARE = ("llvmpipe", "softpipe", "swrast")
 PACKAGES = "apt-get install libgl1 libegl1 libgl1-mesa-dri, or dnf install mesa-libGL mesa-libEGL mesa-dri-drivers"
 
@@ -55,8 +65,8 @@ def _is_old(version: str) -> bool:
 
 def _remedy(version: str, complaint: str, environment: Mapping[str, str], platform: str) -> str:
     """What to install, or to try."""
-    if override := environment.get(OVERRIDE):
-        return f"{OVERRIDE}={override} is set, which hides what the driver can do: unset it and start again"
+    if overrides := [f"{name}={environment[name]}" for name in OVERRIDES if environment.get(name)]:
+        return f"{', '.join(overrides)} is set, which hides what the driver can do: unset it and start again"
     if platform == "win32":
         return (
             "install the driver of the graphics card's maker (what comes with Windows has OpenGL 1.1 alone); over Remote "

@@ -55,12 +55,12 @@ def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monk
 
     made = Plan("scene", scene, tmp_path, "fast", downscale=2, spherify=True, masks=True, steps=5, resolution=96)
     for plan, module, name in ((made, make, "snerg_make"), (Plan("run", scene, tmp_path / "p"), bake, "snerg_bake")):
-        assert plan.command()[:3] == [sys.executable, "-m", module.__name__]
+        assert plan.command()[:4] == [sys.executable, "-P", "-m", module.__name__]
         called = {}
         real = getattr(module, name)
         stand_in = functools.wraps(real)(lambda *words, **options: called.update(options))  # noqa: B023
         monkeypatch.setattr(module, name, stand_in)
-        assert module.main(plan.command()[3:]) == 0
+        assert module.main(plan.command()[4:]) == 0
         assert called["out"] == plan.out
         if plan.subject == "scene":
             assert called["no_view"] and called["masks"] and called["spherify"] and called["preset"] == "fast"
@@ -175,7 +175,7 @@ def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     plan = app.making.plan
     until(lambda: plan.survey.finished)
     assert plan.survey.text.startswith("A film of 3 MB")
-    assert plan.out == tmp_path / "walk-snerg" and plan.command()[3] == str(film)
+    assert plan.out == tmp_path / "walk-snerg" and plan.command()[4] == str(film)
     if plan.survey.preview is not None:
         until(lambda: not plan.survey.busy)
         assert "not a film that can be read" in plan.problem()

@@ -253,7 +253,7 @@ def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(u
 def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
     child = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
     job = app.making.job = Job(plan_of(photographs), child)
-    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training")
+    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
     job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
     with Image.open(photographs / "test" / "r_0.png") as opened:
         shown = np.asarray(opened.convert("RGB").resize((256, 256)))

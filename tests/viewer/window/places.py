@@ -40,7 +40,7 @@ class Scenes:
 
 def child() -> SimpleNamespace:
     """A process that works on and on."""
-    report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training")
+    report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
     child = SimpleNamespace(stopping=False, killed=False, poll=lambda: None, report=lambda: report)
     child.stop = lambda: setattr(child, "stopping", True)
     child.kill = lambda: setattr(child, "killed", True)

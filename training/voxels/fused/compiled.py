@@ -6,9 +6,12 @@ import contextlib
 import hashlib
 import shutil
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 from numba import config
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
 
 KEPT = 8  # folders of compiled code that are kept
 
@@ -19,6 +22,7 @@ def keep_compiled_code(*folders: Path) -> None:
     Numba by itself looks at each function's own file only, and would go on with code that was inlined from an older one. A
     package of loops calls this as it is imported, after the packages whose loops its own inline, and names their folders, too.
     """
+    Dispatcher.enable_caching = _enable_caching  # type: ignore[method-assign]
     sources = b"".join(path.read_bytes() for folder in folders for path in sorted(folder.glob("*.py")))
     root = platformdirs.user_cache_path("snerg", appauthor=False) / "compiled"
     own = root / hashlib.sha256(sources).hexdigest()[:16]
@@ -27,3 +31,22 @@ def keep_compiled_code(*folders: Path) -> None:
         for old in sorted(root.iterdir(), key=lambda path: path.stat().st_mtime)[:-KEPT]:
             shutil.rmtree(old, ignore_errors=True)
         setattr(config, "CACHE_DIR", str(own))  # noqa: B010  (Numba makes its settings at import)
+
+
+class _Cache(FunctionCache):
+    """Numba's cache; where a file of it cannot be read or written, a loop is compiled anew."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        with contextlib.suppress(Exception):  # of the disk, or of pickle: a file that a power cut left half written
+            return super().load_overload(sig, target_context)
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with contextlib.suppress(Exception):  # a full disk, or an index as above
+            super().save_overload(sig, data)
+
+
+def _enable_caching(dispatcher: Any) -> None:
+    """In place of Numba's own, which raises where neither the installation nor the user's cache can be written."""
+    with contextlib.suppress(RuntimeError):
+        dispatcher._cache = _Cache(dispatcher.py_func)

@@ -1,0 +1,86 @@
+"""What we start runs our modules and Python's, whatever the user keeps in the current folder."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from console import UserError
+from console.python_command import module_command
+from scenepack.codecs.apart import Decoders
+from scenepack.codecs.base import CodecError
+from training.posing import child
+from viewer.app.telling import Telling
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("console", "scenepack", "training", "baker", "viewer")
+SHADOWS = (*PACKAGES, "shaders", "random", "numpy", "json", "queue", "tempfile", "subprocess", "jax", "PIL")
+STARTED = ("baker.commands.make", "baker.commands.bake", "baker.commands.pack", "viewer.commands.view")
+
+
+@pytest.fixture
+def shadowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, in which each module notes that it was imported, and fails."""
+    folder = tmp_path / "of the user"
+    for name in SHADOWS:
+        place = folder / name / "__init__.py" if name in PACKAGES else folder / f"{name}.py"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(f"open({str(tmp_path / 'imported')!r}, 'a').write(__name__)\nraise ImportError(__name__)\n")
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    return tmp_path / "imported"
+
+
+@pytest.mark.parametrize("module", STARTED)
+def test_commands_that_are_started_do_not_run_modules_of_the_user(shadowed: Path, module: str) -> None:
+    done = subprocess.run(module_command(module, "--help"), capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0 and "--help" in done.stdout, done.stderr
+    assert not shadowed.exists()
+
+
+def test_children_that_tell_what_they_find_do_not_run_modules_of_the_user(shadowed: Path) -> None:
+    heard: list[object] = []
+    telling = Telling("training.speed", [], heard.append)
+    while not heard and telling.coming:
+        pass
+    telling.close()
+    telling.wait()
+    assert heard and not shadowed.exists()
+
+
+def test_decoders_do_not_run_modules_of_the_user(shadowed: Path) -> None:
+    decoders = Decoders()
+    try:
+        with pytest.raises(CodecError) as told:
+            decoders.decode("h264", {"rgba.mp4": b"no film"}, ("rgba.mp4",), (4, 8, 8), False)
+        assert "crashed" not in str(told.value)
+    finally:
+        decoders.stop()
+    assert not shadowed.exists()
+
+
+def test_finding_poses_does_not_run_modules_of_the_user(shadowed: Path, tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    film = tmp_path / "film.mp4"
+    film.write_bytes(np.zeros(100, np.uint8).tobytes())
+    request = {"film": str(film), "images": str(tmp_path), "most": 2}
+    with pytest.raises(UserError):
+        child.ask("take_frames", request, tmp_path / "log.txt", lambda *told: None)
+    assert not shadowed.exists()
+
+
+def test_every_start_of_python_leaves_out_the_current_folder() -> None:
+    started = re.compile(r"\[\s*sys\.executable,\s*([^\s,\]]+)")
+    seen = 0
+    for package in PACKAGES:
+        for file in (ROOT / package).rglob("*.py"):
+            for word in started.findall(file.read_text(encoding="utf-8")):
+                seen += 1
+                in_checkout = file.name == "children.py" and "cwd=ROOT" in file.read_text(encoding="utf-8")
+                assert word == '"-P"' or in_checkout, file
+    assert seen >= 4 and sys.version_info >= (3, 11)

@@ -1,0 +1,99 @@
+"""Variables of the environment that keep JAX or Numba from starting, and places where no compiled code can be kept."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.compiling import flags_of_users
+
+ROOT = Path(__file__).parents[2]
+BEGIN = """
+import sys
+from console import run_command
+from training.libraries import begin_libraries
+
+def begin() -> None:
+    begin_libraries()
+    print("begun")
+
+sys.exit(run_command(begin, prog="begin", args=[]))
+"""
+LOOPS = """
+from numba import njit
+
+@njit(cache=True)
+def doubled(x):
+    return 2 * x
+"""
+COMPILE = """
+import sys
+import training.voxels.fused
+sys.path.insert(0, sys.argv[1])
+from loops import doubled
+print(doubled(21), len(doubled.stats.cache_hits))
+"""
+
+
+def python(code: str, *words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("JAX_", "NUMBA_"))}
+    environment = kept | {"XLA_FLAGS": flags_of_users()} | environment
+    command = [sys.executable, "-c", code, *words]
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("JAX_PLATFORMS", "rocm"),
+        ("JAX_PLATFORMS", "foo"),
+        ("JAX_PLATFORM_NAME", "foo"),
+        ("JAX_ENABLE_X64", "perhaps"),
+        ("JAX_DEFAULT_MATMUL_PRECISION", "foo"),
+        ("XLA_FLAGS", "--xla_no_such_flag=1"),
+        ("XLA_FLAGS", "--xla_force_host_platform_device_count=many"),
+        ("XLA_FLAGS", "/no/such/file"),
+        ("NUMBA_DISABLE_JIT", "1"),
+        ("NUMBA_NUM_THREADS", "0"),
+        ("NUMBA_NUM_THREADS", "many"),
+        ("NUMBA_OPT", "much"),
+    ],
+)
+def test_a_variable_that_does_not_fit_is_named_with_its_value_in_one_line(name: str, value: str) -> None:
+    done = python(BEGIN, **{name: value})
+    assert done.returncode == 2 and done.stdout == "", done.stderr
+    assert done.stderr.startswith(f"begin: {name}={value}: ") and done.stderr.count("\n") == 1
+    assert f"env -u {name}" in done.stderr
+
+
+def test_variables_that_fit_are_no_obstacle() -> None:
+    flags = f"{flags_of_users()} --xla_force_host_platform_device_count=2".strip()
+    done = python(BEGIN, JAX_PLATFORMS="cpu", JAX_ENABLE_X64="1", NUMBA_NUM_THREADS="1", NUMBA_DISABLE_JIT="0",
+                  OMP_NUM_THREADS="many", XLA_FLAGS=flags)  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "begun\n", "")
+
+
+def test_loops_are_compiled_anew_where_nothing_can_be_kept(tmp_path: Path) -> None:
+    (tmp_path / "loops.py").write_text(LOOPS)
+    (tmp_path / "__pycache__").write_text("no folder can be made here, nor in /proc")
+    for _ in range(2):
+        done = python(
+            COMPILE, str(tmp_path), HOME="/proc/none", XDG_CACHE_HOME="/proc/none", PYTHONDONTWRITEBYTECODE="1"
+        )
+        assert (done.stdout, done.stderr) == ("42 0\n", "")
+
+
+def test_spoilt_files_of_kept_loops_are_made_again(tmp_path: Path) -> None:
+    (tmp_path / "loops.py").write_text(LOOPS)
+    cache = tmp_path / "cache"
+    assert [python(COMPILE, str(tmp_path), XDG_CACHE_HOME=str(cache)).stdout for _ in range(2)] == ["42 0\n", "42 1\n"]
+    files = [*cache.rglob("*.nbi"), *cache.rglob("*.nbc")]
+    assert len(files) == 2
+    for file in files:
+        file.write_bytes(file.read_bytes()[:10])
+    done = python(COMPILE, str(tmp_path), XDG_CACHE_HOME=str(cache))
+    assert (done.stdout, done.stderr) == ("42 0\n", "")

@@ -1,0 +1,106 @@
+"""JAX and Numba, begun; or the variable of the environment that keeps them from it, in one line.
+
+Both read dozens of variables, and answer a value that they do not know with an exception from deep within, or end the process.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from console import UserError
+from console.streams import one_line
+
+XLA_FLAGS = "XLA_FLAGS"
+# What reads the flags as every program of JAX's does. JAX itself takes longer, and might take memory of a graphics card.
+READS_FLAGS = "from jaxlib import xla_client; xla_client.make_cpu_client()"
+FATAL = re.compile(r"[EF]\d{4} .*?\] ")  # of XLA's log: an error, or the end
+PATIENCE_S = 60.0
+JAX, NUMBA = ("JAX_", "XLA_"), ("NUMBA_",)  # how the variables of each begin
+PLATFORMS = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
+OFF = ("", "0")
+LONGEST_REASON = 200  # characters
+
+
+def begin_libraries() -> None:
+    """Imports JAX and Numba and finds JAX's devices. Call before work begins. UserError where a variable keeps one from it."""
+    import_libraries()
+    find_devices()
+
+
+def import_libraries() -> None:
+    """The first half of begin_libraries, for processes that join others before JAX looks for devices."""
+    _check_flags()
+    with _told_by_variable("JAX", JAX):
+        importlib.import_module("jax")
+    if importlib.util.find_spec("numba") is None:
+        return
+    if (value := os.environ.get("NUMBA_DISABLE_JIT", "")) not in OFF:
+        raise _problem("NUMBA_DISABLE_JIT", value, "training and baking need Numba's compiler")
+    with _told_by_variable("Numba", NUMBA), warnings.catch_warnings():
+        warnings.filterwarnings("error", "Environment variable", RuntimeWarning)  # a value that Numba cannot parse
+        importlib.import_module("numba")
+    importlib.import_module("training.voxels.fused")  # says where compiled loops are kept
+
+
+def find_devices() -> None:
+    """The second half. UserError where JAX_PLATFORMS asks for devices that are not there."""
+    import jax
+
+    with _told_by_variable("JAX", JAX):
+        jax.devices()
+
+
+def _check_flags() -> None:
+    """XLA ends the process that names a flag it does not know: another process tries."""
+    value = os.environ.get(XLA_FLAGS, "")
+    if not value.strip() or importlib.util.find_spec("jaxlib") is None:
+        return
+    command = [sys.executable, "-P", "-c", f"import sys; sys.path[:] = {sys.path!r}; {READS_FLAGS}"]
+    try:
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE_S, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return  # another problem, which is met again
+    lines = done.stderr.decode(errors="replace").splitlines()
+    if done.returncode == 0 or not any(FATAL.match(line) for line in lines):
+        return
+    raise _problem(XLA_FLAGS, value, next(line for line in lines if FATAL.match(line)).partition("] ")[2])
+
+
+@contextmanager
+def _told_by_variable(library: str, prefixes: Sequence[str]) -> Iterator[None]:
+    """What a library raises as it begins is the fault of the variable that its words name, or of the only one that is set."""
+    try:
+        yield
+    except ImportError:
+        raise  # it is not installed
+    except Exception as error:
+        told = str(error) or type(error).__name__
+        name = _variable_of(told, [name for name in sorted(os.environ) if name.startswith(tuple(prefixes))])
+        if name is None:
+            raise
+        reason = told.partition(" The parse failed")[0].partition("\n")[0]
+        if isinstance(error, AssertionError):
+            reason = f"{library} finds no such devices"
+        raise _problem(name, os.environ[name], reason) from error
+
+
+def _variable_of(told: str, names: Sequence[str]) -> str | None:
+    named = [name for name in names if name.lower() in told.lower()]
+    valued = [name for name in names if os.environ[name] and repr(os.environ[name]).strip("'") in told]
+    platforms = [name for name in PLATFORMS if name in names]
+    return next(iter([*sorted(named, key=len, reverse=True), *valued, *platforms, *names]), None)
+
+
+def _problem(name: str, value: str, reason: str) -> UserError:
+    return UserError(
+        f"{one_line(reason, LONGEST_REASON).rstrip('.')}", where=f"{name}={value}",
+        remedy=f"unset this variable of the environment, or give it another value: env -u {name} COMMAND",
+    )  # fmt: skip
