@@ -15,10 +15,8 @@ from console import UserError
 from training.posing.camera_files import look_at, put
 from training.scenes import pictures
 from training.scenes.deep_pictures import linear_to_srgb
+from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
 from training.scenes.pictures import (
-    PICTURE_SUFFIXES,
-    UNREAD_FORMATS,
-    UNREAD_SUFFIXES,
     PictureLoader,
     decoded,
     is_turned,
@@ -224,8 +222,8 @@ def test_formats_that_are_not_read_are_refused_by_name(tmp_path: Path, name: str
     )  # what many of them are: a TIFF, whose first picture is a preview
     with pytest.raises(UserError, match=said):
         picture_size(tmp_path / name)
-    assert not {suffix.lower() for suffix in UNREAD_SUFFIXES} & set(PICTURE_SUFFIXES)
-    assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in (*UNREAD_SUFFIXES, *PICTURE_SUFFIXES))
+    assert not UNREAD_FORMATS.keys() & set(PICTURE_SUFFIXES)
+    assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in (*UNREAD_FORMATS, *PICTURE_SUFFIXES))
     assert UNREAD_FORMATS[Path(name).suffix.lower()].name in said.replace("\\", "")
 
 

@@ -77,7 +77,7 @@ def test_pictures_of_formats_that_are_not_read_are_said_by_name_with_what_to_do(
     assert "1 DNG (raw), 1 GIF, 2 JPEG XL pictures, a format that is not read" in source.notes[0]
     assert "export them as JPEG, PNG or 16 bit TIFF; convert them to JPEG or PNG" in source.notes[0]
     with pytest.raises(
-        UserError, match=r"expected a folder of photographs \(JPEG, .*found 9 JPEG XL pictures\); convert them"
+        UserError, match=r"expected a folder of photographs \(PNG, .*found 9 JPEG XL pictures\); convert them"
     ):
         find_source(files(tmp_path / "alone", *(f"{i}.jxl" for i in range(9))))
     with pytest.raises(UserError, match=r"found 1 GIF picture\)"):

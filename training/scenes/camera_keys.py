@@ -1,0 +1,86 @@
+"""Cameras from the keys of transforms.json: focal lengths, principal point, size, distortion and lens model.
+
+docs/scenes.md has the table of keys. What is understood is read; any other lens is refused by name.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from console import UserError
+from training.scenes.scene import Camera
+
+LEAST_ANGLE = 1e-6  # radians
+# Distortion as OpenCV has it; models that say no more than k1, k2, p1, p2.
+LENSES = ("OPENCV", "PERSPECTIVE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+FURTHER_COEFFICIENTS = ("k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "sx1", "sy1", "omega", "xi", "alpha")
+OTHER_LENSES = ("is_fisheye", "fisheye", "equirectangular", "latlong", "orthographic", "ftheta_p0", "ftheta_p1")
+FOCAL_KEYS = ("fl_x", "fl_y", "x_fov", "y_fov", "camera_angle_x", "camera_angle_y")
+
+
+def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], size: tuple[int, int], where: str) -> Camera:
+    """The camera of a frame, for pictures of the w x h that is named, else of `size`. UserError for lenses we cannot read."""
+    model = values.get("camera_model") or LENSES[0]
+    others = [key for key in OTHER_LENSES if values.get(key)]
+    further = [key for key in FURTHER_COEFFICIENTS if values.get(key)]
+    known = LENSES if further else (*LENSES, "FULL_OPENCV")
+    if others or further or not isinstance(model, str) or model.upper() not in known:
+        raise UserError("this lens model is not supported", where=where, expected=f"{', '.join(LENSES)}: k1, k2, p1, p2",
+                        found=", ".join([str(model)[:40], *others, *further]), remedy="undistort the pictures first")  # fmt: skip
+    width, height = (number(values, key, where, float(side)) for key, side in zip("wh", size, strict=True))
+    if min(width, height) < 1:
+        raise UserError("w and h must be pixels, at least 1", where=where, found=f"{width:g}x{height:g}")
+    fx, fy = _focal_lengths(values, width, height, where)
+    return Camera(
+        world_T_camera,
+        round(width),
+        round(height),
+        fx,
+        fy,
+        number(values, "cx", where, width / 2),
+        number(values, "cy", where, height / 2),
+        tuple(number(values, key, where, 0.0) for key in ("k1", "k2", "p1", "p2")),  # type: ignore[arg-type]
+    )
+
+
+def _focal_lengths(values: dict[str, Any], width: float, height: float, where: str) -> tuple[float, float]:
+    """fx and fy in pixels; one that is not named is as the other. Lengths win over angles."""
+    sides = {"x": width, "y": height}
+    found = [number(values, f"fl_{axis}", where) if f"fl_{axis}" in values else None for axis in sides]
+    if found == [None, None]:
+        found = [_focal_of_angle(values, axis, side, where) for axis, side in sides.items()]
+    fx, fy = found
+    if fx is None and fy is None:
+        raise UserError("no focal length", where=where, expected="fl_x or camera_angle_x", found="neither")
+    fx, fy = float(fy if fx is None else fx), float(fx if fy is None else fy)  # type: ignore[arg-type]
+    if fx <= 0 or fy <= 0:
+        raise UserError("the focal length must be positive", where=where, found=f"{fx:g}, {fy:g}")
+    return fx, fy
+
+
+def _focal_of_angle(values: dict[str, Any], axis: str, side: float, where: str) -> float | None:
+    """A focal length in pixels from an angle of view across `side` pixels; None where none is named."""
+    if f"{axis}_fov" in values:
+        return 0.5 * side / float(np.tan(0.5 * np.radians(_angle(values, f"{axis}_fov", where, 180.0))))
+    if f"camera_angle_{axis}" in values:
+        return 0.5 * side / float(np.tan(0.5 * _angle(values, f"camera_angle_{axis}", where, np.pi)))
+    return None
+
+
+def _angle(values: dict[str, Any], key: str, where: str, most: float) -> float:
+    """An angle of view under a key, more than 0 and less than `most`. UserError for anything else."""
+    angle = number(values, key, where)
+    if not LEAST_ANGLE < angle < most - LEAST_ANGLE:
+        raise UserError(f"{key} is not a field of view", where=where, expected=f"0 to {most:.4g}", found=angle)
+    return angle
+
+
+def number(values: dict[str, Any], key: str, where: str | Path, default: float | None = None) -> float:
+    """A finite number under a key. UserError where it is missing (without default) or no number."""
+    value = values.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+        raise UserError(f'"{key}" is not a number', where=where, found="nothing" if value is None else repr(value)[:60])
+    return float(value)
