@@ -115,7 +115,7 @@ def test_what_lies_beside_photographs_or_a_film_and_is_not_used_is_told(tmp_path
         (tmp_path / file).write_bytes(b"")
     app = App(stage=FakeStage())
     for path, told in (
-        (folder, "1 AVIF picture, a format that is not read"),
+        (folder, "1 GIF picture, a format that is not read"),
         (tmp_path / "walk", "not cover.jpg beside it."),
     ):
         app.drop([path])

@@ -228,7 +228,7 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
 
     begin(100_000)
     try:
-        live(app, lambda: app.making.job is None or app.making.job.stage == 1, 300)
+        live(app, lambda: (job := app.making.job) is None or (job.report and job.report.title == "training"), 300)
         app.making.stop(app)  # while its first step is being compiled
         live(app, lambda: app.making.job is None, 300)
         assert not app.messages.dialogs and "was stopped" in app.messages.toast
