@@ -16,9 +16,9 @@ from console import UserError
 
 NEEDED = "OpenGL 3.3 or later"
 GL_RENDERER, GL_VERSION = 0x1F01, 0x1F02
-# Variables of the environment that decide which driver draws, or what it admits to.
-OVERRIDES = (
-    "MESA_GL_VERSION_OVERRIDE",
+OVERRIDE = "MESA_GL_VERSION_OVERRIDE"
+# Other variables of the environment that decide which driver draws.
+DRIVER_CHOICES = (
     "LIBGL_ALWAYS_INDIRECT",
     "LIBGL_DRIVERS_PATH",
     "GALLIUM_DRIVER",
@@ -65,8 +65,12 @@ def _is_old(version: str) -> bool:
 
 def _remedy(version: str, complaint: str, environment: Mapping[str, str], platform: str) -> str:
     """What to install, or to try."""
-    if overrides := [f"{name}={environment[name]}" for name in OVERRIDES if environment.get(name)]:
-        return f"{', '.join(overrides)} is set, which hides what the driver can do: unset it and start again"
+    if override := environment.get(OVERRIDE):
+        return f"{OVERRIDE}={override} is set, which hides what the driver can do: unset it and start again"
+    if choices := [f"{name}={environment[name]}" for name in DRIVER_CHOICES if environment.get(name)]:
+        others = {name: value for name, value in environment.items() if name not in DRIVER_CHOICES}
+        chosen = f"{', '.join(choices)} is set, which decides what draws: unset it and start again"
+        return f"{chosen}; or else {_remedy(version, complaint, others, platform)}"
     if platform == "win32":
         return (
             "install the driver of the graphics card's maker (what comes with Windows has OpenGL 1.1 alone); over Remote "
