@@ -54,8 +54,14 @@ def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -
     remedy = _remedy(version, complaint, os.environ, sys.platform)
     if window and not version:
         remedy += "; snerg-render may draw without a window"
-    what = "this computer's OpenGL is too old" if version else "no OpenGL to draw with"
-    return UserError(what, expected=NEEDED, found=version or complaint.strip() or "none", remedy=remedy)
+    what, found = (
+        ("this computer's OpenGL is too old", version) if version else ("no OpenGL to draw with", complaint.strip())
+    )
+    choices = [f"{name}={os.environ[name]}" for name in DRIVER_CHOICES if os.environ.get(name)]
+    if choices:
+        found = f"{found or 'none'}, while {', '.join(choices)} is set"
+        remedy = f"unset {choices[0].partition('=')[0]} and start again; or {remedy}"
+    return UserError(what, expected=NEEDED, found=found or "none", remedy=remedy)
 
 
 def _is_old(version: str) -> bool:
@@ -67,10 +73,6 @@ def _remedy(version: str, complaint: str, environment: Mapping[str, str], platfo
     """What to install, or to try."""
     if override := environment.get(OVERRIDE):
         return f"{OVERRIDE}={override} is set, which hides what the driver can do: unset it and start again"
-    if choices := [f"{name}={environment[name]}" for name in DRIVER_CHOICES if environment.get(name)]:
-        others = {name: value for name, value in environment.items() if name not in DRIVER_CHOICES}
-        chosen = f"{', '.join(choices)} is set, which decides what draws: unset it and start again"
-        return f"{chosen}; or else {_remedy(version, complaint, others, platform)}"
     if platform == "win32":
         return (
             "install the driver of the graphics card's maker (what comes with Windows has OpenGL 1.1 alone); over Remote "
