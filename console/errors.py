@@ -91,6 +91,8 @@ def refusal(error: BaseException) -> str | None:
     if isinstance(error, OSError) and error.errno in _REFUSED:
         words = "the disk is full" if error.errno == errno.ENOSPC else str(error.strerror)
         return f"{error.filename}: {words}" if error.filename else words
+    if isinstance(error, FileNotFoundError) and "temporary directory" in str(error):  # in the words of tempfile
+        return "no temporary folder can be written; make room in /tmp, or name another folder: TMPDIR=FOLDER"
     if isinstance(error, MemoryError):
         return f"this machine has not enough free memory for it ({error or 'allocation failed'})"
     return None

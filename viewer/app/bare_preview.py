@@ -5,7 +5,6 @@ poses takes here. A child process looks at them (training.posing.preview), since
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from PIL import Image
 
 from training.scenes.pictures import UNREADABLE
 from training.scenes.sources import Source
+from viewer.app.child import temporary_folder
 from viewer.app.telling import Telling
 
 CELL = 160  # pixels a side: no small picture is larger
@@ -42,7 +42,7 @@ class BarePreview(Telling):
         self.seconds: Mapping[str, float] | None = None
         self.error = ""
         self._told: object = None
-        self._folder = Path(tempfile.mkdtemp(prefix="snerg-preview-"))
+        self._folder = temporary_folder("snerg-preview-")
         words = [str(source.path.resolve()), str(self._folder)]
         super().__init__(MODULE, words, self._take, behind=lambda: shutil.rmtree(self._folder, ignore_errors=True))
 

@@ -16,11 +16,21 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from console import UserError
+from console import UserError, not_written, refusal
 from console.driven import ENDS_WITH_STDIN, PROGRESS, Report, read_report
 
 POLITENESS = 10  # the child's priority: the window comes first
 TAIL_BYTES = 64 << 10
+
+
+def temporary_folder(prefix: str) -> Path:
+    """A new folder of ours. UserError where there can be none."""
+    try:
+        return Path(tempfile.mkdtemp(prefix=prefix))
+    except OSError as error:
+        words, remedy = not_written(error)
+        told = isinstance(error, FileNotFoundError) and refusal(error)
+        raise UserError(told or f"no temporary folder can be made: {words}", remedy=None if told else remedy) from error
 
 
 class Child:
@@ -34,7 +44,7 @@ class Child:
         self.stopping = False
         self.killed = False
         self._last: Report | None = None
-        self._scratch = Path(tempfile.mkdtemp(prefix="snerg-child-"))
+        self._scratch = temporary_folder("snerg-child-")
         environment = {**os.environ, PROGRESS: str(self._scratch / "progress.json"), ENDS_WITH_STDIN: "1"}
         try:
             log.parent.mkdir(parents=True, exist_ok=True)

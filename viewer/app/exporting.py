@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 from console import UserError
 from console.driven import Report
 from console.python_command import module_command
-from viewer.app.child import Child
+from viewer.app.child import Child, temporary_folder
 from viewer.app.export_preview import ExportPreview
 from viewer.app.files import FileRequest, kind_of
 from viewer.app.host import Host
@@ -144,7 +143,7 @@ class Exporting:
         if host.scene is None:
             return
         words = self.plan.arguments(host.scene.path.resolve(), file.absolute(), host.settings.crop)
-        folder = Path(tempfile.mkdtemp(prefix="snerg-export-"))
+        folder = temporary_folder("snerg-export-")
         try:
             child = Child(module_command("baker.commands.pack", *words), folder / "log.txt")
         except UserError:

@@ -191,8 +191,9 @@ class Survey:
 
     def _begin_preview(self, source: Source) -> None:
         if poser_missing(source) is None and not self._closed:
-            self.preview = BarePreview(source)
-            if self._closed:  # in the meantime
+            with contextlib.suppress(UserError):  # no temporary folder: there is no preview then
+                self.preview = BarePreview(source)
+            if self._closed and self.preview is not None:  # in the meantime
                 self.preview.close()
 
 

@@ -2,3 +2,7 @@
 
 Panels draw the state of viewer.app and call its commands; they hold none of their own. `ui.Ui` draws them all.
 """
+
+from viewer.panels.any_text import take_any_text
+
+take_any_text()

@@ -16,9 +16,9 @@ from console import UserError
 
 NEEDED = "OpenGL 3.3 or later"
 GL_RENDERER, GL_VERSION = 0x1F01, 0x1F02
-# Variables of the environment that decide which driver draws, or what it admits to.
-OVERRIDES = (
-    "MESA_GL_VERSION_OVERRIDE",
+OVERRIDE = "MESA_GL_VERSION_OVERRIDE"
+# Other variables of the environment that decide which driver draws.
+DRIVER_CHOICES = (
     "LIBGL_ALWAYS_INDIRECT",
     "LIBGL_DRIVERS_PATH",
     "GALLIUM_DRIVER",
@@ -54,8 +54,14 @@ def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -
     remedy = _remedy(version, complaint, os.environ, sys.platform)
     if window and not version:
         remedy += "; snerg-render may draw without a window"
-    what = "this computer's OpenGL is too old" if version else "no OpenGL to draw with"
-    return UserError(what, expected=NEEDED, found=version or complaint.strip() or "none", remedy=remedy)
+    what, found = (
+        ("this computer's OpenGL is too old", version) if version else ("no OpenGL to draw with", complaint.strip())
+    )
+    choices = [f"{name}={os.environ[name]}" for name in DRIVER_CHOICES if os.environ.get(name)]
+    if choices:
+        found = f"{found or 'none'}, while {', '.join(choices)} is set"
+        remedy = f"unset {choices[0].partition('=')[0]} and start again; or {remedy}"
+    return UserError(what, expected=NEEDED, found=found or "none", remedy=remedy)
 
 
 def _is_old(version: str) -> bool:
@@ -65,8 +71,8 @@ def _is_old(version: str) -> bool:
 
 def _remedy(version: str, complaint: str, environment: Mapping[str, str], platform: str) -> str:
     """What to install, or to try."""
-    if overrides := [f"{name}={environment[name]}" for name in OVERRIDES if environment.get(name)]:
-        return f"{', '.join(overrides)} is set, which hides what the driver can do: unset it and start again"
+    if override := environment.get(OVERRIDE):
+        return f"{OVERRIDE}={override} is set, which hides what the driver can do: unset it and start again"
     if platform == "win32":
         return (
             "install the driver of the graphics card's maker (what comes with Windows has OpenGL 1.1 alone); over Remote "

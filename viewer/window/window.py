@@ -20,6 +20,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
+from console.streams import printable
 from viewer.app.application import App
 from viewer.app.children import end_processes
 from viewer.app.commands import run
@@ -255,7 +256,7 @@ class Window:
         title = PROGRAM if scene is None else f"{scene.name} – {PROGRAM}"
         if title != self._title:
             self._title = title
-            glfw.set_window_title(self.handle, title)
+            glfw.set_window_title(self.handle, printable(title))
 
     # Pictures of the window
 

@@ -108,7 +108,7 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
 def test_what_lies_beside_photographs_or_a_film_and_is_not_used_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(make_plan, "poser_missing", lambda source: "poses")  # no preview
     folder = photographs(tmp_path / "shed")
-    (folder / "a.avif").write_bytes(b"")
+    (folder / "a.gif").write_bytes(b"")
     (tmp_path / "walk").mkdir()
     (tmp_path / "gif").mkdir()
     for file in ("walk/walk.MTS", "walk/cover.jpg", "walk/._walk.MTS", "gif/a.gif"):

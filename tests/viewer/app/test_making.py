@@ -212,6 +212,10 @@ def test_nothing_is_looked_at_while_nothing_is_made():
 
 
 @pytest.mark.slow
+def told_stage(job) -> str:
+    return job.report.stage if job.report else ""
+
+
 def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_between(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setattr(child_module, "POLITENESS", 0)  # other tests would go first
@@ -228,7 +232,7 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
 
     begin(100_000)
     try:
-        live(app, lambda: (job := app.making.job) is None or (job.report and job.report.title == "training"), 300)
+        live(app, lambda: app.making.job is None or told_stage(app.making.job) == "training", 300)
         app.making.stop(app)  # while its first step is being compiled
         live(app, lambda: app.making.job is None, 300)
         assert not app.messages.dialogs and "was stopped" in app.messages.toast

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from viewer.rendering.opengl_version import OVERRIDE, opengl_refusal
+from viewer.rendering.opengl_version import DRIVER_CHOICES, OVERRIDE, opengl_refusal
 
 ROOT = Path(__file__).parents[3]
 OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"
@@ -17,7 +17,8 @@ OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"
 
 def told(version: str, complaint: str = "", platform: str = "linux", monkeypatch=None, **options) -> str:
     monkeypatch.setattr(sys, "platform", platform)
-    monkeypatch.delenv(OVERRIDE, raising=False)
+    for name in (OVERRIDE, *DRIVER_CHOICES):
+        monkeypatch.delenv(name, raising=False)
     return str(opengl_refusal(version, complaint, **options))
 
 
@@ -37,6 +38,21 @@ def test_what_is_there_what_is_needed_and_what_to_do(version, complaint, platfor
     line = told(version, complaint, platform, monkeypatch)
     assert all(word in line for word in [*words, "OpenGL 3.3 or later"]), line
     assert "\n" not in line
+
+
+@pytest.mark.parametrize("name", DRIVER_CHOICES)
+def test_a_variable_that_chooses_the_driver_is_named_with_its_value(name, monkeypatch) -> None:
+    told("", "", "linux", monkeypatch)
+    monkeypatch.setenv(name, "1")
+    line = str(opengl_refusal("", "GLX: Failed to create context", window=True))
+    assert f"{name}=1 is set" in line and f"unset {name}" in line and "install a graphics driver" in line
+
+
+def test_indirect_rendering_is_named(display, pack_folder) -> None:
+    done = call("viewer.commands.view", str(pack_folder), "--frames", "1", LIBGL_ALWAYS_INDIRECT="1", DISPLAY=display)
+    if done.returncode == 0:
+        pytest.skip("this X server draws indirectly")
+    assert done.returncode == 2 and "LIBGL_ALWAYS_INDIRECT=1 is set" in done.stderr.splitlines()[-1]
 
 
 def call(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
