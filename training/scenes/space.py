@@ -286,9 +286,10 @@ def poses_of(cameras: Sequence[Camera]) -> np.ndarray:
 
 
 def framed_half_side(cameras: Sequence[Camera], centre: np.ndarray) -> float:
-    """Half the longer side of what the widest camera frames at its distance from `centre` [3]."""
-    distances = (float(np.linalg.norm(camera.world_T_camera[:3, 3] - centre)) for camera in cameras)
-    return max(d * max(c.width / c.fx, c.height / c.fy) / 2 for c, d in zip(cameras, distances, strict=True))
+    """How far aside, at most, a camera frames at its distance from `centre` [3]."""
+    distances = np.linalg.norm(poses_of(cameras)[:, :3, 3] - centre, axis=-1)
+    aside = [max(max(c.cx, c.width - c.cx) / c.fx, max(c.cy, c.height - c.cy) / c.fy) for c in cameras]
+    return float((distances * aside).max())
 
 
 def looks_inwards(P: np.ndarray) -> bool:
