@@ -374,3 +374,50 @@ def test_rays_go_where_the_file_says_in_either_layout(tmp_path: Path):
     np.testing.assert_allclose(ours[:, :3, 3], scale * theirs[:, :3, 3] @ turn.T, atol=1e-5)
     for one, other in pairs:
         np.testing.assert_allclose(camera_rays(one)[1], camera_rays(other)[1] @ turn.T, atol=1e-6)
+
+
+# --- pictures ---------------------------------------------------------------------------------------------------------
+
+
+def turn_by_exif(picture: Path, orientation: int = 6) -> np.ndarray:
+    """Stores a picture of a corner sideways, with EXIF's word for it; the picture as it should be seen."""
+    upright = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    upright[:10, :14] = (250, 40, 10)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(np.rot90(upright)).save(picture, exif=exif)
+    return upright / 255
+
+
+@pytest.mark.parametrize("write", [write_blender, write_capture])
+def test_pictures_that_exif_turns_are_turned_with_a_word(tmp_path: Path, write):
+    path = write(tmp_path, w=40, h=30, fl_x=FOCAL)
+    for picture in path.rglob("*.png"):
+        upright = turn_by_exif(picture)
+    with pytest.warns(Notice, match="turned as EXIF says"):
+        photograph = load_scene(path).splits["train"][0]
+    np.testing.assert_allclose(photograph.load()[..., :3], upright, atol=0.01)
+
+
+def test_a_camera_that_fits_a_picture_only_as_it_is_stored_gets_it_as_it_is_stored(tmp_path: Path):
+    path = write_capture(tmp_path, w=30, h=40, fl_x=FOCAL)
+    for picture in path.rglob("*.png"):
+        upright = turn_by_exif(picture)
+    with pytest.warns(Notice, match="9 of 9 pictures are not turned"):
+        photograph = load_scene(path).splits["train"][0]
+    assert (photograph.camera.width, photograph.camera.height) == (30, 40)
+    np.testing.assert_allclose(photograph.load()[..., :3], np.rot90(upright), atol=0.01)
+
+
+def test_masks_of_frames_are_found_by_their_path_or_beside_the_pictures(tmp_path: Path):
+    path = write_capture(tmp_path)
+    assert "a frame without a mask" in complaint(path, masks=True)
+    mask = Image.new("L", (SIZE[0] // 2, SIZE[1] // 2))  # of half the size
+    mask.paste(1, (0, 0, 10, 15))  # and 1 for white
+    for index in range(9):
+        (path / "masks").mkdir(exist_ok=True)
+        mask.save(path / f"masks/{index:03d}.png")
+    edit(path / "transforms.json", lambda d: d["frames"][3].update(mask_path="MASKS\\000.PNG"))
+    photographs = load_scene(path, masks=True).splits["train"]
+    for photograph in photographs:
+        assert photograph.load()[..., 3].mean() == pytest.approx(0.5, abs=0.03)
