@@ -50,14 +50,13 @@ def open_closed_streams() -> None:
 def lasting_output() -> Iterator[None]:
     """stdout and stderr that the work outlives: what is printed after their reader went away is dropped.
 
-    On a terminal or pipe that is not UTF-8, what it cannot show becomes "?" instead of an exception. On others, names of files
-    that are not UTF-8 keep their bytes.
+    On a terminal or pipe that is not UTF-8, what it cannot show becomes "?" instead of an exception.
     """
     open_closed_streams()
     before = sys.stdout, sys.stderr
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="surrogateescape" if encoding == "utf8" else "replace")
+    if encoding != "utf8" and isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
     sys.stdout, sys.stderr = (_Lasting(stream) for stream in before)
     try:
         yield
