@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from console import UserError
 from training.exposure import Choice as Exposure
+from training.multires.config import MultiresConfig
 from training.plausible import require_plausible
 from training.scenes.presets import PresetName
 from training.voxels.config import VoxelConfig
@@ -68,7 +69,7 @@ EngineName = Literal["auto", "jax", "fused"]
 class TrainConfig:
     """A training run."""
 
-    method: Literal["nerf", "voxels"] = "nerf"
+    method: Literal["nerf", "voxels", "multires"] = "nerf"
     """The model: the paper's MLP (nerf), or a sparse voxel grid (voxels)."""
     engine: EngineName = "auto"
     """What computes the steps of method voxels: JAX, or the fused loops for processors (Numba). auto: fused where JAX has no
@@ -102,6 +103,8 @@ class TrainConfig:
     """Settings of method nerf."""
     voxels: VoxelConfig = field(default_factory=VoxelConfig)
     """Settings of method voxels."""
+    multires: MultiresConfig = field(default_factory=MultiresConfig)
+    """Settings of method multires."""
 
 
 PAPER = TrainConfig(nerf=NerfConfig(gradient_rays=1024))
@@ -199,7 +202,7 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
             where=where,
             remedy="the run was made by another version of snerg",
         )
-    nested = {"nerf": NerfConfig, "voxels": VoxelConfig}
+    nested = {"nerf": NerfConfig, "voxels": VoxelConfig, "multires": MultiresConfig}
     made = {}
     for name, value in values.items():
         if cls is TrainConfig and name in nested:

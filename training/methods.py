@@ -24,12 +24,16 @@ def make_method(config: TrainConfig, dataset: RayDataset) -> Method:
         from training.voxels.method import VoxelMethod  # the fast field
 
         return VoxelMethod(config, dataset)
+    if config.method == "multires":
+        from training.multires.method import MultiresMethod
+
+        return MultiresMethod(config, dataset)
     raise UserError("no such method", where="method", expected="nerf or voxels", found=config.method)
 
 
 def settled(config: TrainConfig) -> TrainConfig:
     """The config of a run that begins here, with what this machine decides: a run keeps its engine wherever it goes on."""
-    if config.method != "voxels":
+    if config.method == "nerf":
         return replace(config, engine="jax")
     from training.voxels.engines import chosen_engine
 
