@@ -136,7 +136,7 @@ def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_ha
     for found, wanted in zip((*rays, colours), (*expected, truth), strict=True):
         np.testing.assert_array_equal(np.asarray(found), np.asarray(wanted))
 
-    fused = pytest.importorskip("training.voxels.fused.rays", reason="pip install 'snerg[train]'")
+    fused = pytest.importorskip("training.multires.fused.rays", reason="pip install 'snerg[train]'")
     low, high = procedural_scene.aabb
     layout = build_layout(np.ones((8, 8, 8), bool), low, (high - low) / 8)
     batch = fused.empty_batch(len(ids))

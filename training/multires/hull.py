@@ -15,8 +15,8 @@ from scenepack.constants import NDC_NEAR
 from training.dataset import RayDataset
 from training.multires.occupancy import INITIAL, NEVER
 from training.multires.state import Box
-from training.voxels.fused.rays import Photographs, photographs_of
-from training.voxels.fused.workers import Workers
+from training.multires.fused.rays import Photographs, photographs_of
+from training.multires.fused.workers import Workers
 
 COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, along each axis
 TIGHT = 64  # cells along the box, of which those that hold something decide where the cube is

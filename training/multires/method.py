@@ -30,7 +30,7 @@ from training.multires.saving import restored, saved
 from training.multires.settings import plan_of, settings_of
 from training.multires.state import State, Trainable
 from training.view_mlp import init_view_mlp
-from training.voxels.fused.workers import Workers
+from training.multires.fused.workers import Workers
 
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
 WHOLE_EVERY, FADED_WHOLE = 100, 3  # steps, before it settles, between visits to every cell; what codes lose then

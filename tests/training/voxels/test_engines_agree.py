@@ -21,7 +21,7 @@ from training.scenes import load_pixels, load_scene
 from training.scenes.pictures import over_background
 from training.scenes.scene import Scene
 from training.voxels.fused import engine as fused_engine
-from training.voxels.fused.rays import Batch
+from training.multires.fused.rays import Batch
 from training.voxels.lists import rays_with_content
 from training.voxels.method import VoxelMethod
 from training.voxels.step import draw

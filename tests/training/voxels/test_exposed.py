@@ -31,7 +31,7 @@ from training.voxels.settings import plan_of
 
 pytest.importorskip("numba", reason="the fused engine needs Numba: pip install 'snerg[train]'")
 
-from training.voxels.fused.rays import empty_batch, fill_batch, photographs_of
+from training.multires.fused.rays import empty_batch, fill_batch, photographs_of
 
 ENGINES = ("fused", "jax")
 VOXELS = VoxelConfig(resolutions=(20, 40), stage_starts=(0.0, 0.3), prunings=(0.1, 0.5), samples_per_step=6144)

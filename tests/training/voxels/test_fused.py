@@ -38,7 +38,7 @@ from training.voxels.fused import step as fused_step
 from training.voxels.fused.bricks import build_bricks, support_of
 from training.voxels.fused.engine import FusedEngine, FusedState
 from training.voxels.fused.grid import grid_of
-from training.voxels.fused.rays import Batch, empty_batch, photographs_of
+from training.multires.fused.rays import Batch, empty_batch, photographs_of
 
 pytestmark = pytest.mark.slow
 

@@ -28,8 +28,9 @@ FIRST_WAVE, LATER_WAVES, LONGEST_WAVE = 4, 3, 8  # samples of each ray: more whe
 
 
 class Numbers(NamedTuple):
-    """step: distance between samples, in cells. reference: cells' world units per side of the cube, float32: a world length over
-    it is in sides. distortion: weight by distances in cells. shaded_below: T at which the view MLP counts. octaves: that it sees.
+    """step: distance between samples, in cells. reference: world units of a side of the cube. distortion: weight by distances in
+    cells. shaded_below: T at which the view MLP, if has_view_mlp, counts. octaves: of the direction that it sees. first_view: where
+    its parameters begin; first_turned: in what the gradients' products read.
     """
 
     step: float
@@ -39,12 +40,16 @@ class Numbers(NamedTuple):
     least_light: float
     shaded_below: float
     octaves: int
+    has_view_mlp: bool
+    first_view: int
+    first_turned: int
 
 
 class Scratch(NamedTuple):
     """Memory of one worker for `room` samples: of each, its ray int32 (-1: padding), place x, y, z in the unit cube, t, density,
     weight, light T behind it (0: it does not count), and pull, dL/dweight of the distortion loss. x [., I], hidden [., 64],
-    raw [., 8], slopes [., 8] and what encoding and decoding need. Of each ray: behind, k of its next sample, alive, depth.
+    raw [., 8], slopes [., 8] and what encoding and decoding need. Of each ray: behind, k of its next sample, alive, depth, sums [., 8] (unused, colours, features)
+    and their slopes.
     """
 
     ray: np.ndarray
@@ -69,6 +74,8 @@ class Scratch(NamedTuple):
     next_k: np.ndarray
     alive: np.ndarray
     depth: np.ndarray
+    sums: np.ndarray
+    ray_slopes: np.ndarray
 
 
 def make_scratch(room: int, levels: int, inputs: int) -> Scratch:
@@ -82,7 +89,7 @@ def make_scratch(room: int, levels: int, inputs: int) -> Scratch:
         np.zeros(room, np.int32), *(floats(room) for _ in range(8)), floats(room, inputs), floats(room, HIDDEN),
         floats(room, OUTPUTS), floats(room, OUTPUTS), np.zeros(corner, np.int32), floats(corner), np.zeros(3 * BLOCK, np.int32),
         floats(TOGETHER, HIDDEN), floats(TOGETHER, inputs), floats(CHUNK), np.zeros(CHUNK, np.int64),
-        np.zeros(CHUNK, np.bool_), floats(CHUNK),
+        np.zeros(CHUNK, np.bool_), floats(CHUNK), floats(CHUNK, 8), floats(CHUNK, 8),
     )  # fmt: skip
 
 
@@ -133,12 +140,13 @@ def evaluate(levels, table, parameters, inputs, largest_raw, scratch, begin, end
 
 
 @njit(nogil=True, cache=True)
-def forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch, sums):
-    """Samples of rays low … high - 1 and what the rays gather: sums [7, CHUNK], behind, depth. The number of samples, with
+def forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch):
+    """Samples of rays low … high - 1 and what the rays gather: sums, behind, depth. The number of samples, with
     padding; -1 where the room does not suffice."""
     for r in range(high - low):
         scratch.behind[r], scratch.next_k[r], scratch.depth[r] = np.float32(1.0), 0, np.float32(0.0)
         scratch.alive[r] = batch.start[low + r] < batch.end[low + r]
+    sums = scratch.sums
     sums[:] = np.float32(0.0)
     begin, wave = 0, FIRST_WAVE
     while True:
@@ -159,8 +167,8 @@ def forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, 
             scratch.weight[n], scratch.light[n], scratch.behind[r] = weight, max(after, np.float32(1e-30)), after
             scratch.alive[r] = scratch.alive[r] and after >= numbers.least_light
             scratch.depth[r] += weight * scratch.t[n]
-            for c in range(7):
-                sums[c, r] += weight * scratch.raw[n * OUTPUTS + c + 1]
+            for c in range(OUTPUTS):
+                sums[r * OUTPUTS + c] += weight * scratch.raw[n * OUTPUTS + c]
         begin, wave = end, LATER_WAVES
         alive = 0
         for r in range(high - low):
@@ -195,12 +203,12 @@ def _pull_together(low, count, batch, numbers, scratch, metrics):
 
 
 @njit(nogil=True, cache=True)
-def _slopes_of_raw(low, high, count, batch, numbers, scratch, ray_slopes):
-    """scratch.slopes [., 8] = dL/draw from dL/d what each ray gathered, [8, CHUNK]: 7 sums, then T behind it."""
-    behind = np.empty(CHUNK, np.float32)
+def _slopes_of_raw(low, high, count, batch, numbers, scratch):
+    """scratch.slopes [., 8] = dL/draw from dL/d what each ray gathered, ray_slopes [CHUNK, 8]: T behind it, then 7 sums."""
+    behind, ray_slopes = np.empty(CHUNK, np.float32), scratch.ray_slopes
     one, largest = np.float32(1.0), np.exp(numbers.largest_raw) * np.float32(0.9999)
     for r in range(high - low):
-        behind[r] = scratch.behind[r] * ray_slopes[7, r]
+        behind[r] = scratch.behind[r] * ray_slopes[r * OUTPUTS]
     for n in range(count - 1, -1, -1):
         r, at = scratch.ray[n], n * OUTPUTS
         if r < 0 or scratch.light[n] == 0:
@@ -208,10 +216,10 @@ def _slopes_of_raw(low, high, count, batch, numbers, scratch, ray_slopes):
                 scratch.slopes[at + c] = np.float32(0.0)
             continue
         weight, of_weight = scratch.weight[n], scratch.pull[n]
-        for c in range(7):
-            value, slope = scratch.raw[at + c + 1], ray_slopes[c, r]
+        for c in range(1, OUTPUTS):
+            value, slope = scratch.raw[at + c], ray_slopes[r * OUTPUTS + c]
             of_weight += slope * value
-            scratch.slopes[at + c + 1] = slope * weight * value * (one - value)
+            scratch.slopes[at + c] = slope * weight * value * (one - value)
         length = numbers.step * batch.length[low + r] / numbers.reference
         of_density = (scratch.light[n] * of_weight - behind[r]) * length
         behind[r] += weight * of_weight
@@ -237,30 +245,35 @@ class Output(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
+def _list_rays(count, scratch, shading):
+    """Sets shading.ray to the rays that have samples; how many these are."""
+    seen, listed = np.zeros(CHUNK, np.bool_), 0
+    for n in range(count):
+        r = scratch.ray[n]
+        if r >= 0 and not seen[r]:
+            seen[r], shading.ray[listed] = True, r
+            listed += 1
+    return listed
+
+
+@njit(nogil=True, cache=True)
 def train_chunk(
-    chunk, part, grid, levels, table, parameters, turned, inputs, head, batch, numbers, scratch, shading, output
+    chunk, part, grid, levels, table, parameters, turned, inputs, batch, numbers, scratch, shading, output
 ):  # fmt: skip
     """Samples, loss and gradients of one chunk into `output`."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
     metrics, gradient = output.metrics[chunk], output.gradient[part]
     metrics[:] = 0.0
-    count = forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch, shading.sums)
+    count = forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch)
     output.counts[chunk] = count
     if count <= 0:
         return
-    has_samples = np.zeros(CHUNK, np.bool_)
-    for n in range(count):
-        if scratch.ray[n] >= 0:
-            has_samples[scratch.ray[n]] = True
     shade_chunk(
-        low, high, batch, head, has_samples, scratch.behind, numbers.octaves, numbers.shaded_below, shading, metrics
+        low, _list_rays(count, scratch, shading), batch, parameters, numbers.first_view, turned, numbers.first_turned, numbers,
+        scratch.behind, scratch.sums, shading, scratch.ray_slopes, metrics, gradient,
     )  # fmt: skip
-    if head.used:
-        start = gradient.size - shading.gradient.size
-        for i in range(shading.gradient.size):
-            gradient[start + i] += shading.gradient[i]
     _pull_together(low, count, batch, numbers, scratch, metrics)
-    _slopes_of_raw(low, high, count, batch, numbers, scratch, shading.slopes)
+    _slopes_of_raw(low, high, count, batch, numbers, scratch)
     base, place, table_room = chunk * (scratch.ray.size - BLOCK), 0, output.xs.size
     for first in range(0, count, TOGETHER):
         some = min(TOGETHER, count - first)
@@ -282,14 +295,14 @@ def train_chunk(
 
 
 @njit(nogil=True, cache=True)
-def gather_chunk(chunk, grid, levels, table, parameters, inputs, batch, numbers, scratch, sums, gathered):
+def gather_chunk(chunk, grid, levels, table, parameters, inputs, batch, numbers, scratch, gathered):
     """gathered [N, 9] of a chunk's rays: see training.multires.field.composite. Whether the room sufficed."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
-    if forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch, sums) < 0:
+    if forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch) < 0:
         return False
     for r in range(high - low):
         for c in range(7):
-            gathered[low + r, c] = sums[c, r]
+            gathered[low + r, c] = scratch.sums[r * OUTPUTS + c + 1]
         gathered[low + r, 7], gathered[low + r, 8] = scratch.behind[r], scratch.depth[r]
     return True
 

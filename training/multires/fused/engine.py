@@ -16,7 +16,7 @@ from scenepack.constants import TRANSMITTANCE_SHADED
 from training.dataset import RayDataset
 from training.method import Rays, RenderOutput
 from training.multires.field import (
-    VIEW_PARAMETERS,
+    HIDDEN,
     decoder_size,
     finished,
     inputs_of,
@@ -36,13 +36,15 @@ from training.multires.fused.chunk import (
 )
 from training.multires.fused.corners import BLOCK, scatter
 from training.multires.fused.march import Grid, grid_of
-from training.multires.fused.view_mlp import COLOUR, DISTORTION, METRICS, RAYS, SAMPLES, SQUARED, Head, make_head_work
+from training.multires.fused.view_mlp import COLOUR, DISTORTION, METRICS, PLACES, RAYS, SAMPLES, SIZE, SQUARED, make_shading
+from training.multires.fused.view_mlp import packed as packed_view_mlp
+from training.multires.fused.view_mlp import turned as turned_view_mlp
 from training.multires.levels import ROWS_OF_BRICK, Levels, absent_rows, make_levels
 from training.multires.occupancy import is_on
 from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Plan, Settings
 from training.multires.state import State, Trainable
-from training.voxels.fused.rays import Batch, empty_batch, fill_batch, photographs_of, take_rays
-from training.voxels.fused.workers import Workers
+from training.multires.fused.rays import Batch, empty_batch, fill_batch, photographs_of, take_rays
+from training.multires.fused.workers import Workers
 
 CHUNKS_TOGETHER = 4  # that a worker claims, and that share one sum of parameter gradients
 POINTS_TOGETHER = 4096  # that are queried together
@@ -60,7 +62,7 @@ class FusedEngine:
         self.plan, self.settings, self.seed = plan, settings, seed
         self.workers = Workers(threads)
         self.inputs = inputs_of(len(plan.resolutions))
-        self.shading = [make_head_work(CHUNK) for _ in range(self.workers.count)]
+        self.shading = [make_shading(CHUNK) for _ in range(self.workers.count)]
         self.scratch: list[Scratch] = []
         self._output: Output | None = None
         self._spare = SPARE[0]
@@ -85,7 +87,7 @@ class FusedEngine:
         gradient, marks = self.scatter(state, output)
         yield "scatter", gradient
         metrics = self._metrics(output)
-        self._adam(state, gradient, marks, output.gradient.sum(0), metrics["rays"], progress)
+        self._adam(state, gradient, marks, self.parameter_gradient(output), metrics["rays"], progress)
         state.updates += 1
         mean = max(metrics["samples"] / len(batch.start), 1.0)
         state.samples_per_ray += 0.2 * (mean - state.samples_per_ray)
@@ -114,8 +116,9 @@ class FusedEngine:
         """Samples, losses and gradients by sample of a batch."""
         chunks = -(-len(batch.start) // CHUNK)
         parts = -(-chunks // CHUNKS_TOGETHER)
-        grid, levels, table, parameters = *self._derived(state), *state.values
-        turned, head, numbers = self._turned(parameters), self._head(parameters), self._numbers(state)
+        grid, levels, table = *self._derived(state), state.values.table
+        parameters, numbers = self._packed(state), self._numbers(state)
+        turned = self._turned(parameters)
         while True:
             room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
             output = self._make_room(room, chunks, parts, len(levels.resolution))
@@ -123,7 +126,7 @@ class FusedEngine:
             def work(worker: int, part: int, output: Output = output) -> None:
                 for chunk in range(part * CHUNKS_TOGETHER, min((part + 1) * CHUNKS_TOGETHER, chunks)):
                     train_chunk(
-                        chunk, part, grid, levels, table, parameters, turned, self.inputs, head, batch, numbers,
+                        chunk, part, grid, levels, table, parameters, turned, self.inputs, batch, numbers,
                         self.scratch[worker], self.shading[worker], output,
                     )  # fmt: skip
 
@@ -153,6 +156,11 @@ class FusedEngine:
         for rows in absent_rows(levels):
             gradient[rows] = 0.0
         return gradient, marks
+
+    def parameter_gradient(self, output: Output) -> np.ndarray:
+        """The gradient [P] of the parameters, summed over rays."""
+        total, decoder = output.gradient.sum(0), decoder_size(self.inputs)
+        return np.concatenate([total[:decoder], total[decoder:][PLACES]])
 
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
         values = np.empty((len(points), 8), np.float32)
@@ -200,8 +208,7 @@ class FusedEngine:
             def look(worker: int, chunk: int) -> None:
                 if not suffices[chunk]:
                     suffices[chunk] = gather_chunk(
-                        chunk, grid, levels, *state.values, self.inputs, batch, numbers, self.scratch[worker],
-                        self.shading[worker].sums, gathered,
+                        chunk, grid, levels, *state.values, self.inputs, batch, numbers, self.scratch[worker], gathered
                     )  # fmt: skip
 
             self.workers.share(chunks, look)
@@ -257,18 +264,20 @@ class FusedEngine:
         f, settings = np.float32, self.settings
         return Numbers(
             f(state.step_cells), f(state.box.cell[0] * settings.resolution), f(settings.distortion / settings.resolution),
-            f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED), np.int64(settings.octaves),
+            f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED), np.int64(settings.octaves), settings.has_view_mlp,
+            decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
         )  # fmt: skip
 
-    def _turned(self, parameters: np.ndarray) -> np.ndarray:
-        """w1^T, w0^T and zeros: what the gradients' products read."""
-        w0, b0, w1, *_ = split_parameters(parameters, self.inputs)
-        return np.concatenate([w1.T.ravel(), w0.T.ravel(), np.zeros_like(b0)])
+    def _packed(self, state: State) -> np.ndarray:
+        """Parameters as the loops have them."""
+        flat, decoder = state.values.parameters, decoder_size(self.inputs)
+        return np.concatenate([flat[:decoder], packed_view_mlp(flat[decoder:])])
 
-    def _head(self, parameters: np.ndarray) -> Head:
-        *_, view_mlp = split_parameters(parameters, self.inputs)
-        layers = (part for pair in zip(view_mlp.weights, view_mlp.biases, strict=True) for part in pair)
-        return Head(self.settings.has_view_mlp, *layers)
+    def _turned(self, parameters: np.ndarray) -> np.ndarray:
+        """What the gradients' products read: w1^T, w0^T and zeros of the decoder, then what the view MLP's take."""
+        w0, b0, w1, *_ = split_parameters(parameters, self.inputs)
+        own = turned_view_mlp(parameters[decoder_size(self.inputs) :])
+        return np.concatenate([w1.T.ravel(), w0.T.ravel(), np.zeros_like(b0), own])
 
     def _make_scratch(self, room: int, levels: int) -> None:
         room = -(-room // BLOCK) * BLOCK + BLOCK
@@ -278,7 +287,7 @@ class FusedEngine:
     def _make_room(self, room: int, chunks: int, parts: int, levels: int) -> Output:
         """An output for so many chunks, of at least this room each."""
         self._make_scratch(room, levels)
-        samples, parameters = chunks * (self.scratch[0].ray.size - BLOCK), decoder_size(self.inputs) + VIEW_PARAMETERS
+        samples, parameters = chunks * (self.scratch[0].ray.size - BLOCK), decoder_size(self.inputs) + SIZE
         if self._output is None or len(self._output.xs) < samples or len(self._output.slopes) < levels * samples * 4:
             whole = samples + samples // 4
             places = (np.empty(whole, np.float32) for _ in range(3))

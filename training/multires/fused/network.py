@@ -126,14 +126,14 @@ def add_gradient(x, hidden, slopes, first, samples, inputs, parameters, turned, 
     b1 = w1 + HIDDEN * OUTPUTS
     h, o, zeros, anything = first * HIDDEN, first * OUTPUTS, (OUTPUTS + inputs) * HIDDEN, np.float32(-np.inf)
     add_product(hidden, h, 1, HIDDEN, slopes, o, OUTPUTS, samples, gradient, w1, OUTPUTS, HIDDEN, OUTPUTS)
-    _add_sums(slopes[o : o + samples * OUTPUTS], samples, gradient[b1 : b1 + OUTPUTS])
+    add_sums(slopes[o : o + samples * OUTPUTS], samples, gradient, b1, OUTPUTS)
     set_product(
         slopes, o, OUTPUTS, 1, turned, 0, HIDDEN, OUTPUTS, scratch, 0, HIDDEN, turned, zeros, anything, samples, HIDDEN
     )  # fmt: skip
     on, at_hidden = hidden[h : h + samples * HIDDEN], scratch[: samples * HIDDEN]
     for i in range(on.size):
         at_hidden[i] = at_hidden[i] if on[i] > np.float32(0.0) else np.float32(0.0)
-    _add_sums(at_hidden, samples, gradient[b0 : b0 + HIDDEN])
+    add_sums(scratch, samples, gradient, b0, HIDDEN)
     add_product(x, first * inputs, 1, inputs, scratch, 0, HIDDEN, samples, gradient, 0, HIDDEN, inputs, HIDDEN)
     set_product(
         scratch, 0, HIDDEN, 1, turned, OUTPUTS * HIDDEN, inputs, HIDDEN, x_slopes, 0, inputs, turned, zeros, anything,
@@ -142,9 +142,10 @@ def add_gradient(x, hidden, slopes, first, samples, inputs, parameters, turned, 
 
 
 @njit(nogil=True, cache=True)
-def _add_sums(rows, count, sums):
-    """Adds so many rows of sums.size values to sums."""
+def add_sums(rows, count, sums, first, width):
+    """Adds so many rows of `width` values to sums, from `first`."""
+    into = sums[first : first + width]
     for n in range(count):
-        row = rows[n * sums.size : (n + 1) * sums.size]
-        for c in range(sums.size):
-            sums[c] += row[c]
+        row = rows[n * width : (n + 1) * width]
+        for c in range(width):
+            into[c] += row[c]

@@ -1,8 +1,11 @@
-"""The view MLP over a chunk of rays, forward and backward, rays innermost so that loops become vectors.
+"""The view MLP over a chunk of rays, forward and backward, by the matrix products of training.multires.fused.network.
 
-Notation: R rays; activations are [channels, R], weights input-major [in, out] as everywhere. Sums over rays run in a fixed
-order, so a gradient does not depend on threads.
+Notation: m rays that have samples, padded to whole tiles; inputs [m, INPUTS] are ordered for the products: colour (3), features (4),
+a zero, encoded direction (27), a zero. Parameters are laid out alike, flat: w0 [INPUTS, 16], b0, w1 [16, 16], b1, w2 [16, 8], b2 [8],
+of which the last two have three columns that count. PLACES says where each parameter of training.multires.field is.
 """
+
+# pyright: reportCallIssue=false
 
 from __future__ import annotations
 
@@ -11,31 +14,54 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-INPUTS, HIDDEN, OUTPUTS = 34, 16, 3
-ENCODED = 27
+from training.multires.fused.network import add_product, add_sums, set_product
+
+INPUTS, HIDDEN, OUTPUTS = 36, 16, 8
+DIRECTION = 8  # of the inputs: where the direction begins
+OCTAVES = 4
+B0 = INPUTS * HIDDEN
+W1 = B0 + HIDDEN
+B1 = W1 + HIDDEN * HIDDEN
+W2 = B1 + HIDDEN
+B2 = W2 + HIDDEN * OUTPUTS
+SIZE = B2 + OUTPUTS
+TURNED_W1 = OUTPUTS * HIDDEN
+TURNED_W0 = TURNED_W1 + HIDDEN * HIDDEN
+ZEROS = TURNED_W0 + HIDDEN * OUTPUTS
 METRICS = 5  # sums over rays: squared error, the same of clipped colours, distortion, counts of rays and samples
 COLOUR, SQUARED, DISTORTION, RAYS, SAMPLES = range(METRICS)
-PARAMETERS = INPUTS * HIDDEN + HIDDEN + HIDDEN * HIDDEN + HIDDEN + HIDDEN * OUTPUTS + OUTPUTS
+ANYTHING = np.float32(-np.inf)
 
 
-class Head(NamedTuple):
-    """Weights [34, 16], [16, 16], [16, 3] and biases of the view MLP; `used` is False for a diffuse model."""
-
-    used: bool
-    w0: np.ndarray
-    b0: np.ndarray
-    w1: np.ndarray
-    b1: np.ndarray
-    w2: np.ndarray
-    b2: np.ndarray
+def _places() -> np.ndarray:
+    rows = np.concatenate([DIRECTION + np.arange(27), np.arange(7)])  # the published order: direction, colour, features
+    w0 = (rows[:, None] * HIDDEN + np.arange(HIDDEN)).ravel()
+    w2 = (np.arange(HIDDEN)[:, None] * OUTPUTS + np.arange(3)).ravel()
+    return np.concatenate([w0, np.arange(B0, W2), W2 + w2, B2 + np.arange(3)])
 
 
-class HeadWork(NamedTuple):
-    """Room of one worker for R rays: sums [7, R] accumulated colours and features, slopes [8, R] of the loss with respect
-    to these and to T behind the ray, inputs [34, R], hidden layers and their slopes [16, R], outputs [3, R]."""
+PLACES = _places()
 
-    sums: np.ndarray
-    slopes: np.ndarray
+
+def packed(view_mlp: np.ndarray) -> np.ndarray:
+    """Parameters [SIZE] of the flat ones of training.multires.field."""
+    parameters = np.zeros(SIZE, np.float32)
+    parameters[PLACES] = view_mlp
+    return parameters
+
+
+def turned(parameters: np.ndarray) -> np.ndarray:
+    """w2^T [8, 16], w1^T, the first rows of w0, those of colour and features, as [16, 8], and zeros, for the gradients."""
+    w0, w1, w2 = parameters[: DIRECTION * HIDDEN], parameters[W1:B1], parameters[W2:B2]
+    parts = w2.reshape(HIDDEN, OUTPUTS).T, w1.reshape(HIDDEN, HIDDEN).T, w0.reshape(DIRECTION, HIDDEN).T, np.zeros(HIDDEN)
+    return np.concatenate([part.ravel() for part in parts]).astype(np.float32)
+
+
+class Shading(NamedTuple):
+    """Memory of one worker. Of each of m rays: its number in the chunk, inputs, hidden layers, outputs and their slopes, slopes of
+    the first eight inputs."""
+
+    ray: np.ndarray
     inputs: np.ndarray
     hidden0: np.ndarray
     hidden1: np.ndarray
@@ -44,141 +70,109 @@ class HeadWork(NamedTuple):
     slope1: np.ndarray
     slope2: np.ndarray
     input_slopes: np.ndarray
-    gradient: np.ndarray
 
 
-def make_head_work(rays: int) -> HeadWork:
-    """Memory for one worker; `gradient` [PARAMETERS] is set by it for each chunk."""
-    shapes = (7, 8, INPUTS, HIDDEN, HIDDEN, OUTPUTS, HIDDEN, HIDDEN, OUTPUTS, INPUTS)
-    arrays = [np.zeros((n, rays), np.float32) for n in shapes]
-    return HeadWork._make([*arrays, np.zeros(PARAMETERS, np.float32)])
-
-
-@njit(nogil=True, cache=True)
-def _layer(inputs, weights, biases, outputs, rays, rectified):
-    for j in range(weights.shape[1]):
-        for r in range(rays):
-            outputs[j, r] = biases[j]
-        for i in range(weights.shape[0]):
-            weight = weights[i, j]
-            for r in range(rays):
-                outputs[j, r] += weight * inputs[i, r]
-        if rectified:
-            for r in range(rays):
-                outputs[j, r] = max(outputs[j, r], np.float32(0.0))
-
-
-@njit(nogil=True, cache=True, fastmath={"reassoc", "contract", "nsz"})
-def _weight_slopes(inputs, slopes, rays, gradient, start):
-    """Adds dL/dW [in, out] and dL/db [out] to the flat gradient from `start`; where the next layer's begin."""
-    outputs = slopes.shape[0]
-    for i in range(inputs.shape[0]):
-        for j in range(outputs):
-            total = np.float32(0.0)
-            for r in range(rays):
-                total += inputs[i, r] * slopes[j, r]
-            gradient[start + i * outputs + j] = total
-    start += inputs.shape[0] * outputs
-    for j in range(outputs):
-        total = np.float32(0.0)
-        for r in range(rays):
-            total += slopes[j, r]
-        gradient[start + j] = total
-    return start + outputs
+def make_shading(rays: int) -> Shading:
+    """Memory for chunks of so many rays."""
+    widths = INPUTS, HIDDEN, HIDDEN, OUTPUTS, HIDDEN, HIDDEN, OUTPUTS, OUTPUTS
+    return Shading(np.zeros(rays, np.int64), *(np.zeros(rays * width, np.float32) for width in widths))
 
 
 @njit(nogil=True, cache=True)
-def _input_slopes(slopes, weights, out, rays):
-    """dL/d inputs [in, R] from dL/d outputs [out, R]."""
-    for i in range(weights.shape[0]):
-        for r in range(rays):
-            out[i, r] = 0.0
-        for j in range(weights.shape[1]):
-            weight = weights[i, j]
-            for r in range(rays):
-                out[i, r] += weight * slopes[j, r]
+def _encode(viewdirs, ray, octaves, inputs, at):
+    """v, sin(2^k v), sin(2^k v + pi/2), frequency-major, by doubling the angle; zero from octave k = octaves on."""
+    one, two = np.float32(1.0), np.float32(2.0)
+    for axis in range(3):
+        v = viewdirs[ray, axis]
+        inputs[at + axis] = v
+        sine, cosine = np.sin(v), np.cos(v)
+        for k in range(OCTAVES):
+            inputs[at + 3 + 3 * k + axis] = sine if k < octaves else np.float32(0.0)
+            inputs[at + 15 + 3 * k + axis] = cosine if k < octaves else np.float32(0.0)
+            sine, cosine = two * sine * cosine, one - two * sine * sine
 
 
 @njit(nogil=True, cache=True)
-def _encode(viewdirs, low, rays, octaves, inputs):
-    """Channels 0 … 26: v, sin(2^k v), sin(2^k v + pi/2), frequency-major, by doubling the angle; zero from octave k = octaves on."""
-    two = np.float32(2.0)
-    for r in range(rays):
-        for axis in range(3):
-            v = viewdirs[low + r, axis]
-            inputs[axis, r] = v
-            sine, cosine = np.sin(v), np.cos(v)
-            for k in range(octaves):
-                inputs[3 + 3 * k + axis, r] = sine
-                inputs[15 + 3 * k + axis, r] = cosine
-                sine, cosine = two * sine * cosine, np.float32(1.0) - two * sine * sine
+def _cut(slopes, hidden, count):
+    """Slopes are zero where a rectified layer is."""
+    for i in range(count):
+        slopes[i] = slopes[i] if hidden[i] > np.float32(0.0) else np.float32(0.0)
 
 
 @njit(nogil=True, cache=True)
-def shade_chunk(low, high, batch, head, has_samples, behind, octaves, shaded_below, work, metrics):
-    """Adds colours of rays low … high - 1 against their targets to metrics; sets dL/d sums and the view MLP's gradient.
+def shade_chunk(low, count, batch, parameters, first, turned, first_turned, numbers, behind, sums, work, slopes, metrics, gradient):
+    """Adds errors of `count` rays, work.ray of the chunk from `low`, to metrics, and the view MLP's gradient to `gradient`.
 
-    A ray without samples counts for nothing. behind [R]: T behind each ray.
+    sums [CHUNK, 8] of rays: unused, colour, features; behind: T behind them. slopes [CHUNK, 8] become dL/dbehind, dL/dsums.
+    first: where the view MLP's parameters begin in parameters and gradient; first_turned: in turned.
     """
-    rays = high - low
-    inputs = work.inputs
-    for r in range(rays):
+    rows = (count + 7) // 8 * 8
+    x, zero, one = work.inputs, np.float32(0.0), np.float32(1.0)
+    for i in range(rows):
+        r, at = work.ray[min(i, count - 1)], i * INPUTS
         for c in range(3):
-            inputs[ENCODED + c, r] = work.sums[c, r] + behind[r] * batch.background[low + r, c]
+            x[at + c] = sums[r * 8 + 1 + c] + behind[r] * batch.background[low + r, c]
         for c in range(4):
-            inputs[ENCODED + 3 + c, r] = work.sums[3 + c, r]
-    if head.used:
-        _encode(batch.viewdirs, low, rays, octaves, inputs)
-        _layer(inputs, head.w0, head.b0, work.hidden0, rays, True)
-        _layer(work.hidden0, head.w1, head.b1, work.hidden1, rays, True)
-        _layer(work.hidden1, head.w2, head.b2, work.output, rays, False)
-    for r in range(rays):
-        counts = has_samples[r]
-        shaded = head.used and behind[r] <= shaded_below
-        if counts:
-            metrics[RAYS] += 1.0
+            x[at + 3 + c] = sums[r * 8 + 4 + c]
+        if numbers.has_view_mlp:
+            _encode(batch.viewdirs, low + r, numbers.octaves, x, at + DIRECTION)
+    if numbers.has_view_mlp:
+        w0, h0, h1 = first, work.hidden0, work.hidden1
+        set_product(x, 0, INPUTS, 1, parameters, w0, HIDDEN, INPUTS, h0, 0, HIDDEN, parameters, first + B0, zero, rows, HIDDEN)
+        set_product(h0, 0, HIDDEN, 1, parameters, first + W1, HIDDEN, HIDDEN, h1, 0, HIDDEN, parameters, first + B1, zero, rows, HIDDEN)
+        set_product(
+            h1, 0, HIDDEN, 1, parameters, first + W2, OUTPUTS, HIDDEN, work.output, 0, OUTPUTS, parameters, first + B2, ANYTHING,
+            rows, OUTPUTS,
+        )  # fmt: skip
+    metrics[RAYS] += count
+    work.slope2[: rows * OUTPUTS] = zero
+    for i in range(count):
+        r = work.ray[i]
+        shaded = numbers.has_view_mlp and behind[r] <= numbers.shaded_below
         for c in range(3):
-            colour = inputs[ENCODED + c, r]
-            residual = np.float32(0.0)
+            colour, residual = x[i * INPUTS + c], zero
             if shaded:
-                residual = np.float32(1.0 / (1.0 + np.exp(-work.output[c, r])))
+                residual = np.float32(one / (one + np.exp(-work.output[i * OUTPUTS + c])))
                 colour += residual
-            error = colour - batch.target[low + r, c] if counts else np.float32(0.0)
-            clipped = min(max(colour, np.float32(0.0)), np.float32(1.0)) - batch.target[low + r, c]
-            if counts:
-                metrics[COLOUR] += np.float64(error) * error
-                metrics[SQUARED] += np.float64(clipped) * clipped
+            error = colour - batch.target[low + r, c]
+            clipped = min(max(colour, zero), one) - batch.target[low + r, c]
+            metrics[COLOUR] += np.float64(error) * error
+            metrics[SQUARED] += np.float64(clipped) * clipped
             slope = np.float32(2.0) * error
-            work.slopes[c, r] = slope
-            work.slope2[c, r] = slope * residual * (np.float32(1.0) - residual)
-    if head.used:
-        _backward(head, work, rays)
+            slopes[r * 8 + 1 + c] = slope
+            work.slope2[i * OUTPUTS + c] = slope * residual * (one - residual)
+    if numbers.has_view_mlp:
+        _backward(rows, first, turned, first_turned, work, gradient)
+    else:
+        work.input_slopes[: rows * OUTPUTS] = zero
+    for i in range(count):
+        r, to_background = work.ray[i], zero
         for c in range(3):
-            for r in range(rays):
-                work.slopes[c, r] += work.input_slopes[ENCODED + c, r]
-    for r in range(rays):
-        to_background = np.float32(0.0)
-        for c in range(3):
-            to_background += work.slopes[c, r] * batch.background[low + r, c]
-        work.slopes[7, r] = to_background
+            slopes[r * 8 + 1 + c] += work.input_slopes[i * OUTPUTS + c]
+            to_background += slopes[r * 8 + 1 + c] * batch.background[low + r, c]
         for c in range(4):
-            work.slopes[3 + c, r] = work.input_slopes[ENCODED + 3 + c, r] if head.used else np.float32(0.0)
+            slopes[r * 8 + 4 + c] = work.input_slopes[i * OUTPUTS + 3 + c]
+        slopes[r * 8] = to_background
 
 
 @njit(nogil=True, cache=True)
-def _backward(head, work, rays):
-    """From dL/d output before the sigmoid: the gradient of all weights, and dL/d inputs."""
-    _input_slopes(work.slope2, head.w2, work.slope1, rays)
-    for j in range(HIDDEN):
-        for r in range(rays):
-            if work.hidden1[j, r] <= 0:
-                work.slope1[j, r] = 0.0
-    _input_slopes(work.slope1, head.w1, work.slope0, rays)
-    for j in range(HIDDEN):
-        for r in range(rays):
-            if work.hidden0[j, r] <= 0:
-                work.slope0[j, r] = 0.0
-    _input_slopes(work.slope0, head.w0, work.input_slopes, rays)
-    start = _weight_slopes(work.inputs, work.slope0, rays, work.gradient, 0)
-    start = _weight_slopes(work.hidden0, work.slope1, rays, work.gradient, start)
-    _weight_slopes(work.hidden1, work.slope2, rays, work.gradient, start)
+def _backward(rows, first, turned, first_turned, work, gradient):
+    """From dL/doutput before the sigmoid: adds to the gradient of the parameters, and sets those of the first inputs."""
+    x, h0, h1, zeros = work.inputs, work.hidden0, work.hidden1, first_turned + ZEROS
+    s0, s1, s2 = work.slope0, work.slope1, work.slope2
+    add_product(h1, 0, 1, HIDDEN, s2, 0, OUTPUTS, rows, gradient, first + W2, OUTPUTS, HIDDEN, OUTPUTS)
+    add_sums(s2, rows, gradient, first + B2, OUTPUTS)
+    set_product(s2, 0, OUTPUTS, 1, turned, first_turned, HIDDEN, OUTPUTS, s1, 0, HIDDEN, turned, zeros, ANYTHING, rows, HIDDEN)
+    _cut(s1, h1, rows * HIDDEN)
+    add_product(h0, 0, 1, HIDDEN, s1, 0, HIDDEN, rows, gradient, first + W1, HIDDEN, HIDDEN, HIDDEN)
+    add_sums(s1, rows, gradient, first + B1, HIDDEN)
+    set_product(
+        s1, 0, HIDDEN, 1, turned, first_turned + TURNED_W1, HIDDEN, HIDDEN, s0, 0, HIDDEN, turned, zeros, ANYTHING, rows, HIDDEN
+    )  # fmt: skip
+    _cut(s0, h0, rows * HIDDEN)
+    add_product(x, 0, 1, INPUTS, s0, 0, HIDDEN, rows, gradient, first, HIDDEN, INPUTS, HIDDEN)
+    add_sums(s0, rows, gradient, first + B0, HIDDEN)
+    set_product(
+        s0, 0, HIDDEN, 1, turned, first_turned + TURNED_W0, OUTPUTS, HIDDEN, work.input_slopes, 0, OUTPUTS, turned, zeros, ANYTHING,
+        rows, OUTPUTS,
+    )  # fmt: skip

@@ -15,6 +15,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from training.voxels.fused.compiled import keep_compiled_code
+from training.multires.fused.compiled import keep_compiled_code
 
 keep_compiled_code(Path(__file__).parent)

@@ -19,10 +19,10 @@ from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.voxels.field import finished, shade
 from training.voxels.fused.bricks import present_of
 from training.voxels.fused.grid import Grid, grid_of, grid_over, layout_of
-from training.voxels.fused.rays import Batch, photographs_of
+from training.multires.fused.rays import Batch, photographs_of
 from training.voxels.fused.step import PROBE_RAYS, Stepper, Values
 from training.voxels.fused.survey import WEIGHT_UNITS
-from training.voxels.fused.workers import Workers
+from training.multires.fused.workers import Workers
 from training.voxels.saving import save
 from training.voxels.settings import Plan, Settings
 from training.voxels.smoothness import WINDOW

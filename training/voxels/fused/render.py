@@ -18,7 +18,7 @@ from numba import njit
 
 from training.voxels.fused.bricks import Bricks, row_in, row_of
 from training.voxels.fused.head import METRICS, PARAMETERS, PENALTY, SAMPLES, SCATTER, shade_chunk
-from training.voxels.fused.rays import Batch
+from training.multires.fused.rays import Batch
 from training.voxels.fused.vectors import blend
 
 CHUNK = 64  # rays that are worked on together; results depend on it in the last bits, never on threads

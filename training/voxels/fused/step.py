@@ -25,11 +25,11 @@ from training.voxels.fused.head import (
     make_head_work,
 )
 from training.voxels.fused.passes import UP_TO
-from training.voxels.fused.rays import Batch, Photographs, empty_batch, fill_batch, take_rays
+from training.multires.fused.rays import Batch, Photographs, empty_batch, fill_batch, take_rays
 from training.voxels.fused.render import CHUNK, Numbers, Work, make_scratch, make_work
 from training.voxels.fused.rows import WORD, Variation, adam_rows, gather_slopes, remember, variation
 from training.voxels.fused.survey import activate, gather_rays, interpolate, rays_meet, weigh
-from training.voxels.fused.workers import Workers
+from training.multires.fused.workers import Workers
 from training.voxels.settings import ADAM_BETAS, Settings
 from training.voxels.smoothness import WINDOW
 
