@@ -17,9 +17,9 @@ from console import Notice, UserError
 from training import dataset as datasets
 from training.dataset import MOST_RAYS, make_dataset, row_step_for
 from training.marching.rays import to_grid
+from training.marching.sparse_grid import build_layout
 from training.scenes import Photograph, Scene, load_pixels, pixels
 from training.scenes.pictures import PictureLoader, read_picture, shrink
-from training.voxels.sparse_grid import build_layout
 
 
 @pytest.fixture(scope="module")

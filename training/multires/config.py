@@ -51,6 +51,8 @@ class MultiresConfig:
     """Steps over which learning rates rise from zero."""
     distortion_weight: float | None = None
     """Weight of the distortion loss of mip-NeRF 360, with distances relative to the cube; 0 for none."""
+    sparsity_factor: float | None = None
+    """Factor on the sparsity weight."""
     least_views: int | None = None
     """Where fewer training photographs look, nothing is."""
     ndc_depth: float = 2.0
@@ -66,13 +68,14 @@ class KindSettings:
 
     fine_from: tuple[float, float]
     distortion_weight: float
+    sparsity_factor: float
     least_views: int
 
 
 BY_KIND: Mapping[Kind, KindSettings] = {
-    "object": KindSettings(fine_from=(0.0, 0.08), distortion_weight=0.05, least_views=1),
-    "surroundings": KindSettings(fine_from=(0.05, 0.15), distortion_weight=0.01, least_views=6),
-    "forward": KindSettings(fine_from=(0.05, 0.15), distortion_weight=0.003, least_views=3),
+    "object": KindSettings(fine_from=(0.0, 0.08), distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
+    "surroundings": KindSettings(fine_from=(0.05, 0.15), distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
+    "forward": KindSettings(fine_from=(0.05, 0.15), distortion_weight=0.003, sparsity_factor=0.2, least_views=3),
 }
 
 

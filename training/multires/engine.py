@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, Protocol
 
-import jax
 import numpy as np
 
 from training.method import Rays, RenderOutput
@@ -22,6 +22,10 @@ class Engine(Protocol):
 
     def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
         """One update of the state, in place, and its metrics (see training.method.Method.step)."""
+        ...
+
+    def parts(self, state: State, step: int, progress: float) -> Iterator[tuple[str, Any]]:
+        """`step` part by part: after each, its name and what it leaves. The last is ("adam", metrics)."""
         ...
 
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:

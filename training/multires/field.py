@@ -146,19 +146,20 @@ def activate(raw: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 def composite(
     density: jax.Array, values: jax.Array, samples: Samples, lengths: jax.Array, count: int, per_ray: int
-) -> tuple[jax.Array, jax.Array]:  # fmt: skip
-    """What N rays gather [N, 9] (colours and features, T behind all, weights times t), and the weights [S].
+) -> tuple[jax.Array, jax.Array, jax.Array]:  # fmt: skip
+    """What N rays gather [N, 9] (colours and features, T behind all, weights times t), the weights [S], and which samples count.
 
     lengths [N]: of a step, in sides of the cube. A ray ends behind the sample at which less than LEAST_LIGHT is left.
     """
     tau = density * lengths[samples.ray]
     before, _ = transmittance(samples, tau, count, per_ray)
-    tau = jnp.where(jax.lax.stop_gradient(before) >= LEAST_LIGHT, tau, 0.0)
+    counted = samples.valid & (jax.lax.stop_gradient(before) >= LEAST_LIGHT)
+    tau = jnp.where(counted, tau, 0.0)
     before, behind = transmittance(samples, tau, count, per_ray)
     weights = jnp.where(samples.valid, before * alpha_of(tau, 1.0), 0.0)
     gathered = jnp.concatenate([values, samples.t[:, None]], axis=-1)
     sums = jnp.zeros((count, 8)).at[samples.ray].add(weights[:, None] * gathered)
-    return jnp.concatenate([sums[:, :7], behind[:, None], sums[:, 7:]], axis=-1), weights
+    return jnp.concatenate([sums[:, :7], behind[:, None], sums[:, 7:]], axis=-1), weights, counted
 
 
 def shade(
@@ -199,23 +200,25 @@ def distortion(samples: Samples, weights: jax.Array, step: jax.Array, count: int
 
 class Target(NamedTuple):
     """What N rays should show. viewdirs, colours, background [N, 3]; step_lengths [N]: distance between a ray's samples, in sides
-    of the cube."""
+    of the cube; side []: world units of one."""
 
     viewdirs: jax.Array
     colours: jax.Array
     background: jax.Array
     step_lengths: jax.Array
+    side: jax.Array
 
 
 def loss(
     table: jax.Array, parameters: jax.Array, levels: tuple[Level, ...], maps: jax.Array, samples: Samples, target: Target,
     step_cells: jax.Array, sizes: MarchSizes, settings: Settings,
 ) -> tuple[jax.Array, dict[str, jax.Array]]:  # fmt: skip
-    """The loss of a batch's samples, and its metrics: the mean over rays that have samples of squared error and distortion."""
+    """The loss of a batch's samples, and its metrics: the mean, over rays that have samples, of squared error, distortion
+    and SNeRG's sparsity loss (section 4.3), the last over all that is in the way of a ray."""
     count = target.colours.shape[0]
     x = encode(table, levels, maps, samples.g / settings.resolution)
     density, values = activate(decode(parameters, x))
-    gathered, weights = composite(density, values, samples, target.step_lengths, count, sizes.per_ray)
+    gathered, weights, lit = composite(density, values, samples, target.step_lengths, count, sizes.per_ray)
     view_mlp = split_parameters(parameters, x.shape[1])[-1] if settings.has_view_mlp else None
     rgb = shade(gathered, view_mlp, target.viewdirs, target.background).rgb
     counted = (samples.complete & (samples.counts > 0))[:, None]
@@ -223,6 +226,12 @@ def loss(
     colour = jnp.where(counted, jnp.square(rgb - target.colours), 0.0).sum() / total
     clipped = jnp.square(jnp.clip(rgb, 0, 1) - target.colours)
     spread = distortion(samples, weights, step_cells, count, sizes.per_ray) / settings.resolution / total
-    metrics = {"mse": jnp.where(counted, clipped, 0.0).sum() / (3 * total), "distortion": settings.distortion * spread}
+    penalty = jnp.log1p(jnp.square(density / target.side) / settings.sparsity_scale) * target.step_lengths[samples.ray]
+    sparsity = settings.sparsity * target.side * jnp.where(lit, penalty, 0.0).sum() / total
+    metrics = {
+        "mse": jnp.where(counted, clipped, 0.0).sum() / (3 * total),
+        "distortion": settings.distortion * spread,
+        "sparsity": sparsity,
+    }
     metrics |= {"rays": total, "samples": samples.valid.sum()}
-    return colour + settings.distortion * spread, metrics
+    return colour + settings.distortion * spread + sparsity, metrics

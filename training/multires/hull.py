@@ -1,7 +1,7 @@
 """Where anything can be, by the training photographs: what their alpha leaves over, and what enough of them look at.
 
-Notation: R³ cells of the unit cube, uint8 [z, y, x], 1 where something may be; V views. A cell is taken for the ball around it, of
-which a view's picture shows at most a square.
+Notation: R³ cells of the unit cube, uint8 [z, y, x], 1 where something may be; V views. A cell is taken for the ball around it,
+of which a view's picture shows at most a square.
 """
 
 # pyright: reportCallIssue=false
@@ -13,10 +13,10 @@ from numba import njit
 
 from scenepack.constants import NDC_NEAR
 from training.dataset import RayDataset
-from training.multires.occupancy import INITIAL, NEVER
-from training.multires.state import Box
 from training.multires.fused.rays import Photographs, photographs_of
 from training.multires.fused.workers import Workers
+from training.multires.occupancy import INITIAL, NEVER
+from training.multires.state import Box
 
 COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, along each axis
 TIGHT = 64  # cells along the box, of which those that hold something decide where the cube is

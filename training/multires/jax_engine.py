@@ -6,7 +6,7 @@ size: sizes are rounded up, and looked at again where the occupancy grid changes
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from training.marching.batches import until_complete
 from training.marching.layout import COARSE, coarse_cell, flat_index, segments_across
 from training.marching.march import MarchSizes, Samples, march, occupied_segments
 from training.marching.rays import to_grid
+from training.marching.sparse_grid import coarse_occupancy
 from training.method import Rays, RenderOutput
 from training.multires.field import (
     Level,
@@ -43,7 +44,6 @@ from training.multires.levels import absent_rows, make_levels
 from training.multires.occupancy import is_on
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Plan, Settings
 from training.multires.state import State, Trainable
-from training.voxels.sparse_grid import coarse_occupancy
 
 LISTED = 2  # times the samples of a step have room: what lies behind a surface is listed, too
 PROBE_RAYS = 4096  # whose sample counts set the sizes of lists
@@ -132,7 +132,7 @@ def sampled(
     in_grid = to_grid(cells, rays)
     samples = march(cells, in_grid, phase, constants.lists.sizes, constants.step_cells)  # type: ignore[arg-type]
     side = cells.voxel[0] * constants.settings.resolution
-    return samples, Target(rays.viewdirs, colours, background, constants.step_cells * in_grid.length / side)
+    return samples, Target(rays.viewdirs, colours, background, constants.step_cells * in_grid.length / side, side)
 
 
 def loss_and_gradient(
@@ -191,22 +191,41 @@ class JaxEngine:
 
     def adopt(self, state: State) -> State:
         for name in ("values", "first", "second"):
-            setattr(state, name, put_whole(Trainable(*(jnp.asarray(a) for a in getattr(state, name))), self.dataset.mesh))
+            setattr(
+                state, name, put_whole(Trainable(*(jnp.asarray(a) for a in getattr(state, name))), self.dataset.mesh)
+            )
         state.kept = {}
         return state
 
     def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
-        mesh, (cells, maps, absent, levels) = self.dataset.mesh, self._derived(state)
+        mesh, (cells, maps, absent, _) = self.dataset.mesh, self._derived(state)
         dataset = self.dataset.in_average_look(state.gains)
-        constants = Constants(levels, self._lists(state), state.step_cells, self.settings)
         rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
         *parts, metrics = compiled_update(mesh)(
             state.values, state.first, state.second, *put_whole((cells, maps, absent), mesh), dataset, self.key,
-            np.int32(step), rates, constants=constants,
+            np.int32(step), rates, constants=self._constants(state),
         )  # fmt: skip
         state.values, state.first, state.second = parts
         state.updates += 1
         return metrics
+
+    def parts(self, state: State, step: int, progress: float) -> Iterator[tuple[str, Any]]:
+        (cells, maps, absent, _), constants = self._derived(state), self._constants(state)
+        dataset, compiled = self.dataset.in_average_look(state.gains), partial(jax.jit, static_argnames="constants")
+        samples, target = compiled(draw)(cells, dataset, self.key, np.int32(step), constants=constants)
+        yield "draw", samples
+        gradient, metrics = compiled(loss_and_gradient)(state.values, maps, samples, target, constants=constants)
+        yield "gradient", gradient
+        rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
+        state.values, state.first, state.second = compiled(adam)(
+            state.values, state.first, state.second, gradient, absent, rates, constants=constants
+        )
+        state.updates += 1
+        jax.block_until_ready(state.values)
+        yield "adam", metrics
+
+    def _constants(self, state: State) -> Constants:
+        return Constants(self._derived(state)[-1], self._lists(state), state.step_cells, self.settings)
 
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
         _, maps, _, levels = self._derived(state)
@@ -283,7 +302,7 @@ def _render_chunk(
     samples, target = sampled(cells, rays, blank, blank, jnp.full(count, 0.5), constants)
     x = encode(trained.table, constants.levels, maps, samples.g / settings.resolution)
     density, values = activate(decode(trained.parameters, x))
-    gathered, _ = composite(density, values, samples, target.step_lengths, count, constants.lists.sizes.per_ray)
+    gathered, *_ = composite(density, values, samples, target.step_lengths, count, constants.lists.sizes.per_ray)
     view_mlp = split_parameters(trained.parameters, x.shape[1])[-1] if settings.has_view_mlp else None
     output = shade(gathered, view_mlp, rays.viewdirs, background)
     return finished(output, to_grid(cells, rays).scale), samples.complete

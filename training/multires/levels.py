@@ -93,7 +93,7 @@ def moved_rows(old: Levels, new: Levels, old_bricks: tuple, new_bricks: tuple) -
         if old.place[level] < 0:
             source[target : target + new.rows[level]] = first + np.arange(new.rows[level])
             continue
-        kept, in_old, in_new = np.intersect1d(before, now, assume_unique=True, return_indices=True)
+        _, in_old, in_new = np.intersect1d(before, now, assume_unique=True, return_indices=True)
         rows = np.arange(ROWS_OF_BRICK)
         to = (target + (in_new + 1)[:, None] * ROWS_OF_BRICK + rows).ravel()
         source[to] = (first + (in_old + 1)[:, None] * ROWS_OF_BRICK + rows).ravel()

@@ -1,10 +1,10 @@
 """The multi-resolution field as a training.method.Method.
 
-    field      the definition, in JAX              levels     rows of the feature table
-    state      what is trained, in plain arrays    occupancy  where samples are taken
-    settings   what a config means for a dataset   hull       where anything can be, by the photographs
-    engine     the interface of an engine; jax_engine, fused: the two that there are
-    saving     checkpoints
+field      the definition, in JAX              levels     rows of the feature table
+state      what is trained, in plain arrays    occupancy  where samples are taken
+settings   what a config means for a dataset   hull       where anything can be, by the photographs
+engine     the interface of an engine; jax_engine, fused: the two that there are
+saving     checkpoints
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from training.devices import agree, here
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.multires.engines import make_engine
 from training.multires.field import initial_parameters, inputs_of, split_parameters
+from training.multires.fused.workers import Workers
 from training.multires.hull import box_around, hull_codes
 from training.multires.levels import INITIAL, absent_rows, bricks_near, is_dense, make_levels, moved_rows
 from training.multires.occupancy import boxes_meeting, is_on, visited
@@ -30,7 +31,6 @@ from training.multires.saving import restored, saved
 from training.multires.settings import plan_of, settings_of
 from training.multires.state import State, Trainable
 from training.view_mlp import init_view_mlp
-from training.multires.fused.workers import Workers
 
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
 WHOLE_EVERY, FADED_WHOLE = 100, 3  # steps, before it settles, between visits to every cell; what codes lose then
@@ -125,9 +125,7 @@ class MultiresMethod:
         def density_at(points: np.ndarray) -> np.ndarray:
             return self.engine.values_at(state, points)[:, 0]
 
-        state.codes = agree(
-            visited(state.codes, density_at, random, whole=whole, faded=FADED_WHOLE if whole else 1)
-        )
+        state.codes = agree(visited(state.codes, density_at, random, whole=whole, faded=FADED_WHOLE if whole else 1))
 
     def _with_levels(self, state: State, step: int, progress: float) -> State:
         """The state with rows for the levels that have joined by then. Whenever one joins, sparse levels keep the bricks that

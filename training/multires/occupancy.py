@@ -48,7 +48,9 @@ def visited(
     for cells in _picked(flat, random, whole):
         z, rest = np.divmod(cells, side * side)
         y, x = np.divmod(rest, side)
-        points = (np.stack([x, y, z], -1).astype(np.float32) + random.random((len(cells), 3), np.float32)) / np.float32(side)
+        points = (np.stack([x, y, z], -1).astype(np.float32) + random.random((len(cells), 3), np.float32)) / np.float32(
+            side
+        )
         old = flat[cells]
         flat[cells] = np.maximum(np.maximum(old, faded) - np.uint8(faded), code_of(density_at(points)))
     return flat.reshape(codes.shape)

@@ -59,7 +59,7 @@ def restored(
     gains = None
     if photographs is not None:
         _require(arrays, "gains", (photographs, 3), np.float32)
-        _require_range(arrays, "gains", *(np.float32(limit) for limit in GAINS))
+        _require_range(arrays, "gains", *(float(np.float32(limit)) for limit in GAINS))
         gains = arrays["gains"]
     return State(
         box=Box(arrays["origin"], arrays["cell"], arrays["dims"]), bricks=bricks, codes=arrays["codes"],
@@ -77,7 +77,9 @@ def _bricks(arrays: Mapping[str, np.ndarray], resolution: int) -> np.ndarray | N
         return None
     present = arrays[name]
     _require(arrays, name, (0,) if is_dense(resolution) else (len(present),), np.int32)
-    if len(present) and (present[0] < 0 or present[-1] >= bricks_along(resolution) ** 3 or (np.diff(present) <= 0).any()):
+    if len(present) and (
+        present[0] < 0 or present[-1] >= bricks_along(resolution) ** 3 or (np.diff(present) <= 0).any()
+    ):
         raise _unfit(name, "bricks of the cube, in order", "others")
     return present
 

@@ -17,20 +17,25 @@ COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at 
 SAMPLES, MOST_SAMPLES = 65_536, 262_144  # of a step
 LARGEST_RAW = 12.0  # of density, before its exponential
 LEAST_LIGHT = 1e-3  # a ray ends where its transmittance falls below this
+SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
+NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
 FEWEST_RAYS, MOST_RAYS, RAYS_TOGETHER = 256, 131_072, 64  # of a step; a multiple of the last
 
 
 class Settings(NamedTuple):
     """Numbers that a step treats as constants.
 
-    resolution: cells of the occupancy grid along the cube. background: the scene's, float [3]. distortion: weight of the loss with
-    distances in sides of the cube. rates: of table, decoder, view MLP. octaves: of the view direction; has_view_mlp.
+    resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances in
+    sides of the cube. sparsity: weight of the loss summed over lengths of rays in world units; sparsity_scale: its scale. rates: of
+    table, decoder, view MLP. octaves: of the view direction; has_view_mlp.
     """
 
     resolution: int
     background: tuple[float, float, float]
     random_background: bool
     distortion: float
+    sparsity: float
+    sparsity_scale: float
     rates: tuple[float, float, float]
     final_rate_factor: float
     warmup_steps: int
@@ -41,7 +46,9 @@ class Settings(NamedTuple):
         """Adam's rates with warm-up, decay and bias correction, after so many updates."""
         beta1, beta2 = ADAM_BETAS
         warm = min(1.0, (updates + 1) / max(self.warmup_steps, 1))
-        scale = warm * self.final_rate_factor**progress * np.sqrt(1 - beta2 ** (updates + 1)) / (1 - beta1 ** (updates + 1))
+        scale = (
+            warm * self.final_rate_factor**progress * np.sqrt(1 - beta2 ** (updates + 1)) / (1 - beta1 ** (updates + 1))
+        )
         table, decoder, view = (float(rate * scale) for rate in self.rates)
         return table, decoder, view
 
@@ -110,15 +117,24 @@ def samples_for(pixels: int) -> int:
 
 def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
     """The constants of a run's steps."""
-    own = config.multires
+    own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
     return Settings(
         resolution=own.occupancy,
         background=dataset.background,
         random_background=own.random_background or dataset.kind != "object" or dataset.facts.cut_out,
-        distortion=settings_for(own, dataset.kind).distortion_weight,
+        distortion=by_kind.distortion_weight,
+        sparsity=config.sparsity_weight * by_kind.sparsity_factor * SPARSITY_SAMPLES / _ray_length(dataset),
+        sparsity_scale=config.sparsity_scale,
         rates=(own.table_rate, own.decoder_rate, own.view_rate),
         final_rate_factor=own.final_rate_factor,
         warmup_steps=own.warmup_steps,
         octaves=own.view_octaves,
         has_view_mlp=own.view_dependence,
     )
+
+
+def _ray_length(dataset: RayDataset) -> float:
+    """Over which the paper would spread its coarse samples of a ray, in world units."""
+    if dataset.facts.disparity:  # even in 1/t: as far apart as at distance 1 (the cameras', by the readers)
+        return 1.0 / dataset.near
+    return NDC_DEPTH if dataset.ndc else dataset.far - dataset.near

@@ -19,8 +19,8 @@ class Box(NamedTuple):
 
 
 class Trainable(NamedTuple):
-    """table [E, 4]: features by row (training.multires.levels). parameters [P]: of decoder and view MLP (training.multires.field).
-    Values, or Adam's moments of them."""
+    """table [E, 4]: features by row (training.multires.levels). parameters [P]: of decoder and view MLP
+    (training.multires.field). Values, or Adam's moments of them."""
 
     table: Any
     parameters: Any

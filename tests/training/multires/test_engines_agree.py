@@ -62,7 +62,7 @@ class Trained:
         """Loss, metrics, and the gradient of the mean over rays."""
         output = self.engine.differentiate(self.state, self.batch)
         table, marks = self.engine.scatter(self.state, output)
-        metrics = self.engine._metrics(output)
+        metrics = self.engine.metrics(self.state, output)
         rays = np.float32(metrics["rays"])
         gradient = Trainable(table / rays, self.engine.parameter_gradient(output) / rays)
         table[:], marks[:] = 0.0, 0
@@ -79,7 +79,8 @@ class Trained:
         assert np.asarray(samples.complete).all()
         constants = Constants(levels, Lists(sizes, len(b.phase)), state.step_cells, self.method.settings)
         lengths = b.length * np.float32(state.step_cells / (state.box.cell[0] * self.method.settings.resolution))
-        target = Target(*(jnp.asarray(a) for a in (b.viewdirs, b.target, b.background, lengths)))
+        reference = np.float32(state.box.cell[0] * self.method.settings.resolution)
+        target = Target(*(jnp.asarray(a) for a in (b.viewdirs, b.target, b.background, lengths, reference)))
         compiled = jax.jit(loss_and_gradient, static_argnames="constants")
         values = Trainable(*(jnp.asarray(a) for a in state.values))
         gradient, metrics = compiled(values, maps, samples, target, constants=constants)
@@ -102,7 +103,7 @@ def test_losses_and_gradients_are_those_of_the_definition(trained: Trained) -> N
     _, expected, expected_gradient = trained.jax()
     assert metrics["rays"] == int(expected["rays"])
     assert loss == pytest.approx(float(expected["loss"]), rel=1e-4)
-    for name in ("mse", "distortion"):
+    for name in ("mse", "distortion", "sparsity"):
         assert metrics[name] == pytest.approx(float(expected[name]), rel=1e-3, abs=1e-9)
     assert float(expected["distortion"]) > 0
     for ours, theirs in zip(gradient, expected_gradient, strict=True):
@@ -201,9 +202,7 @@ def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> 
     other = JaxEngine(dataset, trained.method.plan, trained.method.settings, 0)
     copied = dataclasses.replace(state, kept={})
     points = np.random.default_rng(0).random((500, 3), np.float32)
-    np.testing.assert_allclose(
-        engine.values_at(state, points), other.values_at(copied, points), rtol=2e-4, atol=1e-5
-    )
+    np.testing.assert_allclose(engine.values_at(state, points), other.values_at(copied, points), rtol=2e-4, atol=1e-5)
     rays = dataset.geometry_at(jnp.arange(0, dataset.count, 37))
     ours, theirs = engine.render(state, rays), other.render(copied, rays)
     for name in ("rgb", "features", "alpha"):

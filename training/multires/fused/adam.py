@@ -1,4 +1,7 @@
-"""Adam for the rows that a step has changed; a feature without a gradient is left alone, moments included (DVGO's masked Adam)."""
+"""Adam for the rows that a step has changed.
+
+A feature without a gradient is left alone, moments included (the masked Adam of DVGO, Sun et al. 2022).
+"""
 
 from __future__ import annotations
 

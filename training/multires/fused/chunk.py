@@ -21,21 +21,25 @@ from training.multires.fused.march import next_sample
 from training.multires.fused.network import SAMPLES as TOGETHER
 from training.multires.fused.network import activate, add_gradient, decode
 from training.multires.fused.vectors import FEATURES
-from training.multires.fused.view_mlp import DISTORTION, SAMPLES, shade_chunk
+from training.multires.fused.view_mlp import DISTORTION, SAMPLES, SPARSITY, shade_chunk
 
 CHUNK = 128  # rays
 FIRST_WAVE, LATER_WAVES, LONGEST_WAVE = 4, 3, 8  # samples of each ray: more where few rays are left, to fill blocks
 
 
 class Numbers(NamedTuple):
-    """step: distance between samples, in cells. reference: world units of a side of the cube. distortion: weight by distances in
-    cells. shaded_below: T at which the view MLP, if has_view_mlp, counts. octaves: of the direction that it sees. first_view: where
-    its parameters begin; first_turned: in what the gradients' products read.
+    """What a step treats as constants.
+
+    step: distance between samples, in cells. reference: world units of a side of the cube. distortion: weight by distances in cells.
+    sparsity: weight by lengths in world units, and its scale. shaded_below: T at which the view MLP, if has_view_mlp, counts.
+    octaves: of the direction that it sees. first_view: where its parameters begin; first_turned: in what gradients' products read.
     """
 
     step: float
     reference: float
     distortion: float
+    sparsity: float
+    sparsity_scale: float
     largest_raw: float
     least_light: float
     shaded_below: float
@@ -46,10 +50,11 @@ class Numbers(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory of one worker for `room` samples: of each, its ray int32 (-1: padding), place x, y, z in the unit cube, t, density,
-    weight, light T behind it (0: it does not count), and pull, dL/dweight of the distortion loss. x [., I], hidden [., 64],
-    raw [., 8], slopes [., 8] and what encoding and decoding need. Of each ray: behind, k of its next sample, alive, depth, sums [., 8] (unused, colours, features)
-    and their slopes.
+    """Memory of one worker for `room` samples.
+
+    Of each sample: its ray int32 (-1: padding), place x, y, z in the unit cube, t, density, weight, light, T behind it (0: it does not
+    count), and pull, dL/dweight of the distortion loss; x [., I], hidden [., 64], raw [., 8], slopes [., 8]. Then what encoding and
+    decoding need. Of each ray: behind, k of its next sample, alive, depth, sums [., 8] (unused, colours, features) and their slopes.
     """
 
     ray: np.ndarray
@@ -203,10 +208,11 @@ def _pull_together(low, count, batch, numbers, scratch, metrics):
 
 
 @njit(nogil=True, cache=True)
-def _slopes_of_raw(low, high, count, batch, numbers, scratch):
+def _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics):
     """scratch.slopes [., 8] = dL/draw from dL/d what each ray gathered, ray_slopes [CHUNK, 8]: T behind it, then 7 sums."""
     behind, ray_slopes = np.empty(CHUNK, np.float32), scratch.ray_slopes
-    one, largest = np.float32(1.0), np.exp(numbers.largest_raw) * np.float32(0.9999)
+    sparsity = 0.0
+    one, two, largest = np.float32(1.0), np.float32(2.0), np.exp(numbers.largest_raw) * np.float32(0.9999)
     for r in range(high - low):
         behind[r] = scratch.behind[r] * ray_slopes[r * OUTPUTS]
     for n in range(count - 1, -1, -1):
@@ -221,12 +227,16 @@ def _slopes_of_raw(low, high, count, batch, numbers, scratch):
             of_weight += slope * value
             scratch.slopes[at + c] = slope * weight * value * (one - value)
         length = numbers.step * batch.length[low + r] / numbers.reference
-        of_density = (scratch.light[n] * of_weight - behind[r]) * length
+        sigma = scratch.density[n] / numbers.reference
+        scaled = numbers.sparsity_scale + sigma * sigma
+        of_density = (scratch.light[n] * of_weight - behind[r] + two * numbers.sparsity * sigma / scaled) * length
+        sparsity += np.float64(np.log(scaled / numbers.sparsity_scale) * length)
         behind[r] += weight * of_weight
         slope = of_density * scratch.density[n]
         if scratch.density[n] >= largest:  # beyond the largest density only what leads back counts
             slope = max(slope, np.float32(0.0))
         scratch.slopes[at] = slope
+    metrics[SPARSITY] = sparsity
 
 
 class Output(NamedTuple):
@@ -273,7 +283,7 @@ def train_chunk(
         scratch.behind, scratch.sums, shading, scratch.ray_slopes, metrics, gradient,
     )  # fmt: skip
     _pull_together(low, count, batch, numbers, scratch, metrics)
-    _slopes_of_raw(low, high, count, batch, numbers, scratch)
+    _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics)
     base, place, table_room = chunk * (scratch.ray.size - BLOCK), 0, output.xs.size
     for first in range(0, count, TOGETHER):
         some = min(TOGETHER, count - first)
@@ -314,7 +324,11 @@ def query_points(levels, table, parameters, inputs, largest_raw, points, values,
     for first in range(low, high, step):
         count = min(step, high - first)
         for n in range(count):
-            scratch.xs[n], scratch.ys[n], scratch.zs[n] = points[first + n, 0], points[first + n, 1], points[first + n, 2]
+            scratch.xs[n], scratch.ys[n], scratch.zs[n] = (
+                points[first + n, 0],
+                points[first + n, 1],
+                points[first + n, 2],
+            )
         end = _pad(scratch, count)
         evaluate(levels, table, parameters, inputs, largest_raw, scratch, 0, end)
         for n in range(count):

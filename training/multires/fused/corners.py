@@ -1,6 +1,6 @@
 """Which table rows surround samples, level by level, and their trilinear weights; features gathered, gradients scattered.
 
-Notation: BLOCK samples at x, y, z in the unit cube; ids int32 and weights float32 are flat [8, BLOCK], corner k = (z y x) in bits;
+Notation: BLOCK samples at x, y, z in the unit cube; ids int32 and weights float32 are flat [8, BLOCK], corner k in bits zyx;
 cells int32 is flat [3, BLOCK]. See training.multires.levels for the numbering of rows. Indices that are known not to be negative
 are unsigned (U): Numba does not turn those around, and LLVM makes vectors of the loops.
 """
@@ -27,7 +27,11 @@ def corners(levels, level, xs, ys, zs, at, ids, weights, out, cells):
     resolution, last, none, one = np.float32(side), np.int32(side - 1), np.int32(0), np.float32(1.0)
     for s in range(BLOCK):
         x, y, z = xs[U(at + s)] * resolution, ys[U(at + s)] * resolution, zs[U(at + s)] * resolution
-        i, j, k = min(max(np.int32(x), none), last), min(max(np.int32(y), none), last), min(max(np.int32(z), none), last)
+        i, j, k = (
+            min(max(np.int32(x), none), last),
+            min(max(np.int32(y), none), last),
+            min(max(np.int32(z), none), last),
+        )
         cells[U(s)], cells[U(BLOCK + s)], cells[U(2 * BLOCK + s)] = i, j, k
         fx, fy, fz = x - np.float32(i), y - np.float32(j), z - np.float32(k)
         gx, gy, gz = one - fx, one - fy, one - fz

@@ -36,15 +36,26 @@ from training.multires.fused.chunk import (
 )
 from training.multires.fused.corners import BLOCK, scatter
 from training.multires.fused.march import Grid, grid_of
-from training.multires.fused.view_mlp import COLOUR, DISTORTION, METRICS, PLACES, RAYS, SAMPLES, SIZE, SQUARED, make_shading
+from training.multires.fused.rays import Batch, empty_batch, fill_batch, photographs_of, take_rays
+from training.multires.fused.view_mlp import (
+    COLOUR,
+    DISTORTION,
+    METRICS,
+    PLACES,
+    RAYS,
+    SAMPLES,
+    SIZE,
+    SPARSITY,
+    SQUARED,
+    make_shading,
+)
 from training.multires.fused.view_mlp import packed as packed_view_mlp
 from training.multires.fused.view_mlp import turned as turned_view_mlp
+from training.multires.fused.workers import Workers
 from training.multires.levels import ROWS_OF_BRICK, Levels, absent_rows, make_levels
 from training.multires.occupancy import is_on
 from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Plan, Settings
 from training.multires.state import State, Trainable
-from training.multires.fused.rays import Batch, empty_batch, fill_batch, photographs_of, take_rays
-from training.multires.fused.workers import Workers
 
 CHUNKS_TOGETHER = 4  # that a worker claims, and that share one sum of parameter gradients
 POINTS_TOGETHER = 4096  # that are queried together
@@ -86,7 +97,7 @@ class FusedEngine:
         yield "render", output
         gradient, marks = self.scatter(state, output)
         yield "scatter", gradient
-        metrics = self._metrics(output)
+        metrics = self.metrics(state, output)
         self._adam(state, gradient, marks, self.parameter_gradient(output), metrics["rays"], progress)
         state.updates += 1
         mean = max(metrics["samples"] / len(batch.start), 1.0)
@@ -171,7 +182,15 @@ class FusedEngine:
         def look(worker: int, part: int) -> None:
             low, high = part * POINTS_TOGETHER, min((part + 1) * POINTS_TOGETHER, len(points))
             query_points(
-                levels, *state.values, self.inputs, np.float32(LARGEST_RAW), points, values, low, high, self.scratch[worker]
+                levels,
+                *state.values,
+                self.inputs,
+                np.float32(LARGEST_RAW),
+                points,
+                values,
+                low,
+                high,
+                self.scratch[worker],
             )
 
         self.workers.share(-(-len(points) // POINTS_TOGETHER), look)
@@ -231,7 +250,13 @@ class FusedEngine:
         return state.kept["gradient"], state.kept["marks"]
 
     def _adam(
-        self, state: State, gradient: np.ndarray, marks: np.ndarray, of_parameters: np.ndarray, rays: float, progress: float
+        self,
+        state: State,
+        gradient: np.ndarray,
+        marks: np.ndarray,
+        of_parameters: np.ndarray,
+        rays: float,
+        progress: float,
     ) -> None:
         table_rate, decoder_rate, view_rate = self.settings.rates_at(state.updates, progress)
         scale, blocks, shares = np.float32(1.0 / rays), len(marks), 4 * self.workers.count
@@ -250,12 +275,18 @@ class FusedEngine:
         rates[: decoder_size(self.inputs)] = decoder_rate
         value -= rates * first / (np.sqrt(second) + EPSILON)
 
-    def _metrics(self, output: Output) -> dict[str, Any]:
+    def metrics(self, state: State, output: Output) -> dict[str, Any]:
         sums = output.metrics.sum(0)
         rays = max(sums[RAYS], 1.0)
         spread = self.settings.distortion / self.settings.resolution * sums[DISTORTION] / rays
         mse = sums[SQUARED] / (3 * rays)
-        metrics = {"loss": sums[COLOUR] / rays + spread, "mse": mse, "distortion": spread}
+        sparsity = self.settings.sparsity * state.box.cell[0] * self.settings.resolution * sums[SPARSITY] / rays
+        metrics = {
+            "loss": sums[COLOUR] / rays + spread + sparsity,
+            "mse": mse,
+            "distortion": spread,
+            "sparsity": sparsity,
+        }
         if not np.isfinite(output.gradient).all():
             metrics["loss"] = np.nan
         return metrics | {"psnr": -10 * np.log10(max(mse, 1e-12)), "rays": rays, "samples": sums[SAMPLES]}
@@ -264,6 +295,7 @@ class FusedEngine:
         f, settings = np.float32, self.settings
         return Numbers(
             f(state.step_cells), f(state.box.cell[0] * settings.resolution), f(settings.distortion / settings.resolution),
+            f(settings.sparsity), f(settings.sparsity_scale),
             f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED), np.int64(settings.octaves), settings.has_view_mlp,
             decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
         )  # fmt: skip

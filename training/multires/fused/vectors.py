@@ -74,9 +74,7 @@ def _tile_product(rows: int, lanes: int, adds: bool) -> Any:
             along = builder.mul(loop.index, a_inner)
             for start, total in zip(starts, sums, strict=True):
                 left = builder.load(builder.gep(a_data, [builder.add(start, along)]))
-                builder.store(
-                    _multiply_add(builder, _splat(builder, left, vector), right, builder.load(total)), total
-                )
+                builder.store(_multiply_add(builder, _splat(builder, left, vector), right, builder.load(total)), total)
         for target, total in zip(targets, sums, strict=True):
             value = builder.load(total)
             if not adds:
@@ -88,7 +86,9 @@ def _tile_product(rows: int, lanes: int, adds: bool) -> Any:
     if adds:
 
         @intrinsic
-        def add_product(typing_context, a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row):
+        def add_product(
+            typing_context, a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row
+        ):
             """out[r, l] += sum over i < inner of a[r, i] b[i, l]. Strides in elements: a_row, a_inner, b_inner, out_row."""
             whole = types.int64
             kinds = (a, whole, whole, whole, b, whole, whole, whole, out, whole, whole)

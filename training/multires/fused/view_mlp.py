@@ -1,8 +1,8 @@
 """The view MLP over a chunk of rays, forward and backward, by the matrix products of training.multires.fused.network.
 
-Notation: m rays that have samples, padded to whole tiles; inputs [m, INPUTS] are ordered for the products: colour (3), features (4),
-a zero, encoded direction (27), a zero. Parameters are laid out alike, flat: w0 [INPUTS, 16], b0, w1 [16, 16], b1, w2 [16, 8], b2 [8],
-of which the last two have three columns that count. PLACES says where each parameter of training.multires.field is.
+Notation: m rays that have samples, padded to whole tiles; inputs [m, INPUTS] are ordered for the products: colour (3),
+features (4), a zero, encoded direction (27), a zero. Parameters are laid out alike, flat: w0 [INPUTS, 16], b0, w1 [16, 16], b1,
+w2 [16, 8], b2 [8], of which the last two have three columns that count. PLACES says where each parameter of training.multires.field is.
 """
 
 # pyright: reportCallIssue=false
@@ -28,8 +28,10 @@ SIZE = B2 + OUTPUTS
 TURNED_W1 = OUTPUTS * HIDDEN
 TURNED_W0 = TURNED_W1 + HIDDEN * HIDDEN
 ZEROS = TURNED_W0 + HIDDEN * OUTPUTS
-METRICS = 5  # sums over rays: squared error, the same of clipped colours, distortion, counts of rays and samples
-COLOUR, SQUARED, DISTORTION, RAYS, SAMPLES = range(METRICS)
+METRICS = (
+    6  # sums over rays: squared error, the same of clipped colours, distortion, sparsity, counts of rays and samples
+)
+COLOUR, SQUARED, DISTORTION, SPARSITY, RAYS, SAMPLES = range(METRICS)
 ANYTHING = np.float32(-np.inf)
 
 
@@ -53,13 +55,18 @@ def packed(view_mlp: np.ndarray) -> np.ndarray:
 def turned(parameters: np.ndarray) -> np.ndarray:
     """w2^T [8, 16], w1^T, the first rows of w0, those of colour and features, as [16, 8], and zeros, for the gradients."""
     w0, w1, w2 = parameters[: DIRECTION * HIDDEN], parameters[W1:B1], parameters[W2:B2]
-    parts = w2.reshape(HIDDEN, OUTPUTS).T, w1.reshape(HIDDEN, HIDDEN).T, w0.reshape(DIRECTION, HIDDEN).T, np.zeros(HIDDEN)
+    parts = (
+        w2.reshape(HIDDEN, OUTPUTS).T,
+        w1.reshape(HIDDEN, HIDDEN).T,
+        w0.reshape(DIRECTION, HIDDEN).T,
+        np.zeros(HIDDEN),
+    )
     return np.concatenate([part.ravel() for part in parts]).astype(np.float32)
 
 
 class Shading(NamedTuple):
-    """Memory of one worker. Of each of m rays: its number in the chunk, inputs, hidden layers, outputs and their slopes, slopes of
-    the first eight inputs."""
+    """Memory of one worker. Of each of m rays: its number in the chunk, inputs, hidden layers, outputs and their slopes, and
+    slopes of the first eight inputs."""
 
     ray: np.ndarray
     inputs: np.ndarray
@@ -100,7 +107,9 @@ def _cut(slopes, hidden, count):
 
 
 @njit(nogil=True, cache=True)
-def shade_chunk(low, count, batch, parameters, first, turned, first_turned, numbers, behind, sums, work, slopes, metrics, gradient):
+def shade_chunk(
+    low, count, batch, parameters, first, turned, first_turned, numbers, behind, sums, work, slopes, metrics, gradient
+):
     """Adds errors of `count` rays, work.ray of the chunk from `low`, to metrics, and the view MLP's gradient to `gradient`.
 
     sums [CHUNK, 8] of rays: unused, colour, features; behind: T behind them. slopes [CHUNK, 8] become dL/dbehind, dL/dsums.
@@ -118,8 +127,27 @@ def shade_chunk(low, count, batch, parameters, first, turned, first_turned, numb
             _encode(batch.viewdirs, low + r, numbers.octaves, x, at + DIRECTION)
     if numbers.has_view_mlp:
         w0, h0, h1 = first, work.hidden0, work.hidden1
-        set_product(x, 0, INPUTS, 1, parameters, w0, HIDDEN, INPUTS, h0, 0, HIDDEN, parameters, first + B0, zero, rows, HIDDEN)
-        set_product(h0, 0, HIDDEN, 1, parameters, first + W1, HIDDEN, HIDDEN, h1, 0, HIDDEN, parameters, first + B1, zero, rows, HIDDEN)
+        set_product(
+            x, 0, INPUTS, 1, parameters, w0, HIDDEN, INPUTS, h0, 0, HIDDEN, parameters, first + B0, zero, rows, HIDDEN
+        )
+        set_product(
+            h0,
+            0,
+            HIDDEN,
+            1,
+            parameters,
+            first + W1,
+            HIDDEN,
+            HIDDEN,
+            h1,
+            0,
+            HIDDEN,
+            parameters,
+            first + B1,
+            zero,
+            rows,
+            HIDDEN,
+        )
         set_product(
             h1, 0, HIDDEN, 1, parameters, first + W2, OUTPUTS, HIDDEN, work.output, 0, OUTPUTS, parameters, first + B2, ANYTHING,
             rows, OUTPUTS,
@@ -162,7 +190,9 @@ def _backward(rows, first, turned, first_turned, work, gradient):
     s0, s1, s2 = work.slope0, work.slope1, work.slope2
     add_product(h1, 0, 1, HIDDEN, s2, 0, OUTPUTS, rows, gradient, first + W2, OUTPUTS, HIDDEN, OUTPUTS)
     add_sums(s2, rows, gradient, first + B2, OUTPUTS)
-    set_product(s2, 0, OUTPUTS, 1, turned, first_turned, HIDDEN, OUTPUTS, s1, 0, HIDDEN, turned, zeros, ANYTHING, rows, HIDDEN)
+    set_product(
+        s2, 0, OUTPUTS, 1, turned, first_turned, HIDDEN, OUTPUTS, s1, 0, HIDDEN, turned, zeros, ANYTHING, rows, HIDDEN
+    )
     _cut(s1, h1, rows * HIDDEN)
     add_product(h0, 0, 1, HIDDEN, s1, 0, HIDDEN, rows, gradient, first + W1, HIDDEN, HIDDEN, HIDDEN)
     add_sums(s1, rows, gradient, first + B1, HIDDEN)

@@ -23,14 +23,6 @@ from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, blend, coarse
 CHANNELS = 8  # raw density, rgb, 4 features
 
 
-class Occupancy(NamedTuple):
-    """Which voxels are present: bool [Dz, Dy, Dx], in a box that begins at `origin`; voxel: sides; [3], world units, float64."""
-
-    present: np.ndarray
-    origin: np.ndarray
-    voxel: np.ndarray
-
-
 class GridLayout(NamedTuple):
     """Where voxels are: a training.marching.layout.Layout. origin, voxel [3]: world units; dims int32 [3] = (Dx, Dy, Dz).
 
@@ -144,44 +136,6 @@ def coarse_occupancy(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
             some = (slice(None),) * axis + (slice(first, first + COARSE * (count - 1) + 1, COARSE),)
             coarse = np.maximum(coarse, wide[some])
     return coarse
-
-
-def occupancy_of(layout: GridLayout) -> Occupancy:
-    """Where the voxels of a layout are."""
-    origin, voxel = np.asarray(layout.origin, np.float64), np.asarray(layout.voxel, np.float64)
-    return Occupancy(present_voxels(layout), origin, voxel)
-
-
-def present_voxels(layout: GridLayout) -> np.ndarray:
-    """bool [Dz, Dy, Dx] of the layout's present voxels."""
-    width, height, depth = (int(n) for n in layout.dims)
-    return np.asarray(layout.lookup).reshape(depth + 2, height + 2, width + 2)[1:-1, 1:-1, 1:-1] > 0
-
-
-def voxel_centres(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | float) -> np.ndarray:
-    """float32 [V, 3]: world positions of the centres of present voxels, in row order."""
-    z, y, x = np.nonzero(present)
-    return (np.stack([x, y, z], axis=-1).astype(np.float32) + 0.5) * np.asarray(voxel, np.float32) + origin.astype(
-        np.float32
-    )
-
-
-def boxes_with_voxels(occupancy: Occupancy, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """bool [N]: which world boxes [N, 3] have a present voxel within them or next to them, by a summed-area table."""
-    present, origin, voxel = occupancy
-    table = np.zeros([n + 1 for n in present.shape], np.int32)  # rows of voxels are int32, too
-    sums = table[1:, 1:, 1:]
-    sums[...] = present
-    for axis in range(3):
-        np.cumsum(sums, axis, out=sums)
-    most = np.array(present.shape[::-1])
-    a = np.clip(np.floor((low - origin) / voxel).astype(int) - 1, 0, most)
-    b = np.clip(np.ceil((high - origin) / voxel).astype(int) + 1, 0, most)
-    count = np.zeros(len(low), np.int64)
-    for corner in range(8):  # inclusion and exclusion over the box's corners
-        picked = [(a if corner >> axis & 1 else b)[:, axis] for axis in range(3)]
-        count += (-1) ** bin(corner).count("1") * table[picked[2], picked[1], picked[0]]
-    return count > 0
 
 
 def dilate(volume: np.ndarray) -> np.ndarray:
