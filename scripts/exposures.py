@@ -4,7 +4,7 @@ without training.exposure.
     python scripts/exposures.py SCENE [--downscale K] [--steps N] [--spread 0.2]
 
 Gains are drawn evenly from 1 - spread to 1 + spread for each training photograph, and from 0.9 to 1.1 for each channel of
-it. What is held out stays as it is. The grids are small, so that it takes minutes. Prints the PSNR (dB) of the held-out
+it. What is held out stays as it is. The fields are small, so that it takes minutes. Prints the PSNR (dB) of the held-out
 views, as they are and matched (snerg-eval).
 """
 
@@ -18,17 +18,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from training.config import CPU
+from training.config import QUICK
 from training.dataset import RayDataset, make_dataset
 from training.exposure import Choice
+from training.methods import make_method
 from training.metrics import colours_matched, psnr
+from training.multires.config import MultiresConfig
 from training.scenes import Scene, load_scene
 from training.scenes.pictures import over_background
-from training.voxels.config import VoxelConfig
-from training.voxels.method import VoxelMethod
 
 SMALL = dataclasses.replace(
-    CPU, batch_size=1024, voxels=VoxelConfig(resolutions=(48, 64, 96), samples_per_step=16_384), engine="fused"
+    QUICK, engine="fused", multires=MultiresConfig(resolutions=(16, 32, 64), occupancy=64, samples_per_step=16_384)
 )
 
 
@@ -45,7 +45,7 @@ def flickering(dataset: RayDataset, spread: float) -> RayDataset:
 
 def scores(scene: Scene, dataset: RayDataset, exposure: Choice, steps: int) -> tuple[float, float]:
     """PSNR (dB) of the held-out views: as they are, and matched."""
-    method = VoxelMethod(dataclasses.replace(SMALL, steps=steps, exposure=exposure), dataset)
+    method = make_method(dataclasses.replace(SMALL, steps=steps, exposure=exposure), dataset)
     state = method.start(jax.random.key(0))
     for step in range(steps):
         state, _ = method.step(state, step)

@@ -13,9 +13,9 @@ from typing import Any, Literal
 
 from console import UserError
 from training.exposure import Choice as Exposure
+from training.multires.config import MultiresConfig
 from training.plausible import require_plausible
 from training.scenes.presets import PresetName
-from training.voxels.config import VoxelConfig
 
 
 @dataclass(frozen=True)
@@ -68,15 +68,16 @@ EngineName = Literal["auto", "jax", "fused"]
 class TrainConfig:
     """A training run."""
 
-    method: Literal["nerf", "voxels"] = "nerf"
-    """The model: the paper's MLP (nerf), or a sparse voxel grid (voxels)."""
+    method: Literal["nerf", "multires"] = "nerf"
+    """The model: the paper's MLP (nerf), or features of several resolutions with one small decoder (multires)."""
     engine: EngineName = "auto"
-    """What computes the steps of method voxels: JAX, or the fused loops for processors (Numba). auto: fused where JAX has no
+    """What computes the steps of method multires: JAX, or the fused loops for processors (Numba). auto: fused where JAX has no
     accelerator. A run keeps the engine that it began with."""
     steps: int = 250_000
     """Total number of training steps. The learning-rate schedule ends here."""
     batch_size: int = 8192
-    """Rays per step (the paper: 8,192 for synthetic scenes, 16,384 for real ones). For method voxels this is only a bound."""
+    """Rays per step (the paper: 8,192 for synthetic scenes, 16,384 for real ones).
+    Method multires draws as many as fill its samples."""
     seed: int = 0
     """Random seed. The same seed repeats the same run."""
     sparsity_weight: float = 1e-4
@@ -86,8 +87,8 @@ class TrainConfig:
     sparsity_over_samples: Literal["sum", "mean"] = "sum"
     """How the sparsity loss reduces the samples of a ray. The paper sums, the published code averages."""
     exposure: Exposure = "auto"
-    """Fit exposure and white balance of each photograph, so that the scene has their average look (method voxels). auto: for what
-    cameras took, where exposures differ; never for rendered scenes (Blender)."""
+    """Fit exposure and white balance of each photograph, so that the scene has their average look (method multires). auto: for
+    what cameras took, where exposures differ; never for rendered scenes (Blender)."""
     minutes: float = 0.0
     """Stop after this many minutes, with a checkpoint; 0 for no limit. The learning rates reach their last values by then."""
     log_every: int = 100
@@ -100,8 +101,8 @@ class TrainConfig:
     """Steps between checkpoints."""
     nerf: NerfConfig = field(default_factory=NerfConfig)
     """Settings of method nerf."""
-    voxels: VoxelConfig = field(default_factory=VoxelConfig)
-    """Settings of method voxels."""
+    multires: MultiresConfig = field(default_factory=MultiresConfig)
+    """Settings of method multires."""
 
 
 PAPER = TrainConfig(nerf=NerfConfig(gradient_rays=1024))
@@ -142,21 +143,16 @@ TINY = TrainConfig(
         last_rate=1e-3,
     ),
 )
-# voxels meet content at every step, the paper's coarse samples seldom: a smaller weight says the same
-CPU = TrainConfig(
-    method="voxels", steps=6000, batch_size=4096, sparsity_weight=2e-5, validate_every=1000, checkpoint_every=1000,
-)  # fmt: skip
-# As far as the field at 512³ still gains by the minute: 6,000 steps end 0.4 dB below these on lego at 800 × 800.
-FULL = dataclasses.replace(CPU, steps=14_000, validate_every=2000, checkpoint_every=2000)
-FAST = TrainConfig(
-    method="voxels", steps=20_000, batch_size=65_536, sparsity_weight=2e-5, validate_every=2000, checkpoint_every=2000,
-    voxels=VoxelConfig(resolutions=(128, 256, 512), samples_per_step=1 << 20),
-)  # fmt: skip
+# Steps for about two minutes, a quarter of an hour and an hour of training on two cores. Samples lie where there is content, the
+# paper's coarse ones seldom: a smaller sparsity weight says the same.
+QUICK = TrainConfig(method="multires", steps=5000, sparsity_weight=2e-5, validate_every=1000, checkpoint_every=1000)
+NORMAL = dataclasses.replace(QUICK, steps=6000)
+FULL = dataclasses.replace(QUICK, steps=18_000, validate_every=2000, checkpoint_every=2000)
 
 PRESETS: Mapping[PresetName, TrainConfig] = {
-    "cpu": CPU,
+    "quick": QUICK,
+    "normal": NORMAL,
     "full": FULL,
-    "fast": FAST,
     "paper": PAPER,
     "small": SMALL,
     "tiny": TINY,
@@ -182,16 +178,6 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
     if not isinstance(values, Mapping):
         raise UserError("settings are no object", where=where, expected="{…}", found=type(values).__name__)
     names = {f.name: f for f in dataclasses.fields(cls)}
-    if cls is NerfConfig and "view_dependence" in values:  # runs of 0.1.0's first weeks
-        values = {**values, "view": "deferred" if values["view_dependence"] else "none"}
-        values.pop("view_dependence")
-    if cls is VoxelConfig and "horizon" in values:  # runs of 0.1.0, before it was called by the field's word
-        values = {**values, "early_termination": values["horizon"]}
-        values.pop("horizon")
-    if cls is TrainConfig:  # runs of before there was a choice, here and below
-        values = {"engine": "jax", "exposure": "off", **values}
-    if cls is VoxelConfig:
-        values = {"random_background": False, "last_step_voxels": 1.0, "close_holes_from": 1.0, **values}
     unknown = sorted(set(values) - set(names))
     if unknown:
         raise UserError(
@@ -199,7 +185,7 @@ def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
             where=where,
             remedy="the run was made by another version of snerg",
         )
-    nested = {"nerf": NerfConfig, "voxels": VoxelConfig}
+    nested = {"nerf": NerfConfig, "multires": MultiresConfig}
     made = {}
     for name, value in values.items():
         if cls is TrainConfig and name in nested:

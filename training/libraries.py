@@ -47,7 +47,7 @@ def import_libraries() -> None:
     with _told_by_variable("Numba", NUMBA), warnings.catch_warnings():
         warnings.filterwarnings("error", "Environment variable", RuntimeWarning)  # a value that Numba cannot parse
         importlib.import_module("numba")
-    importlib.import_module("training.voxels.fused")  # says where compiled loops are kept
+    importlib.import_module("training.multires.fused")  # says where compiled loops are kept
 
 
 def find_devices() -> None:

@@ -15,22 +15,24 @@ def make_method(config: TrainConfig, dataset: RayDataset) -> Method:
     if config.method == "nerf":
         if config.exposure == "on":
             raise UserError(
-                "is fitted by the method voxels only", where="--exposure on", remedy="use --preset cpu, full or fast"
+                "is fitted by the method multires only",
+                where="--exposure on",
+                remedy="use --preset quick, normal or full",
             )
         from training.nerf.method import NerfMethod
 
         return NerfMethod(config, dataset)
-    if config.method == "voxels":
-        from training.voxels.method import VoxelMethod  # the fast field
+    if config.method == "multires":
+        from training.multires.method import MultiresMethod
 
-        return VoxelMethod(config, dataset)
-    raise UserError("no such method", where="method", expected="nerf or voxels", found=config.method)
+        return MultiresMethod(config, dataset)
+    raise UserError("no such method", where="method", expected="nerf or multires", found=config.method)
 
 
 def settled(config: TrainConfig) -> TrainConfig:
     """The config of a run that begins here, with what this machine decides: a run keeps its engine wherever it goes on."""
-    if config.method != "voxels":
+    if config.method == "nerf":
         return replace(config, engine="jax")
-    from training.voxels.engines import chosen_engine
+    from training.multires.engines import chosen_engine
 
     return replace(config, engine=chosen_engine(config.engine))

@@ -201,7 +201,7 @@ def require_bakeable(run: Run) -> None:
             where=run.path,
             expected="a deferred or diffuse model",
             found=f"--nerf.view {view}",
-            remedy="train with another preset (cpu, fast, paper, diffuse); snerg-eval scores this run as it is",
+            remedy="train with another preset (normal, paper, diffuse); snerg-eval scores this run as it is",
         )
 
 

@@ -23,7 +23,7 @@ from training.marching.batches import until_complete
 from training.marching.layout import COARSE, depth_where, segments_across
 from training.marching.march import MarchSizes, march, transmittance
 from training.marching.rays import in_grid_frame, to_grid
-from training.voxels.sparse_grid import GridLayout, build_layout, cell_means, dilate, with_depths
+from training.marching.sparse_grid import GridLayout, build_layout, cell_means, dilate, with_depths
 
 TAU_ALPHA = 0.005
 TAU_VIS = 0.01

@@ -63,7 +63,7 @@ class Previews:
 
     def due(self, run: Run) -> bool:
         """Whether it is time for another."""
-        return run.config.method == "voxels" and run.step >= FIRST_STEP and time.monotonic() >= self._due
+        return run.config.method == "multires" and run.step >= FIRST_STEP and time.monotonic() >= self._due
 
     def look(self, run: Run) -> None:
         """Writes one. What it fails at is no reason to stop the training: the next may be written."""

@@ -44,7 +44,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
     folder = work or Path(tempfile.mkdtemp(prefix="snerg-demo-"))
     try:
         scene = write_procedural_scene(folder / "scene", arrangement="island", size=SIZE, views=VIEWS, subpixels=2)
-        config = dataclasses.replace(PRESETS["cpu"], steps=steps)
+        config = dataclasses.replace(PRESETS["quick"], steps=steps)
         run = train(scene, folder / "run", config)
         pack = with_pictures(bake(run, BakeConfig(resolution=resolution)), run.scene, COPIES)
         # The files of the photographs do not travel with the demo, only their copies: say what they were, not where.

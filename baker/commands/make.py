@@ -35,7 +35,7 @@ def snerg_make(
     scene: Path,
     /,
     out: Path,
-    preset: Annotated[BakeablePreset, tyro.conf.arg(help=PRESET_HELP)] = "cpu",
+    preset: Annotated[BakeablePreset, tyro.conf.arg(help=PRESET_HELP)] = "normal",
     downscale: int | None = None,
     spherify: bool = False,
     masks: bool = False,

@@ -40,8 +40,8 @@ def label_of(config: TrainConfig, step: int) -> str:
 
 
 def _own_name(config: TrainConfig) -> str:
-    if config.method == "voxels":
-        return "voxel field"
+    if config.method == "multires":
+        return "multi-resolution field"
     nerf = config.nerf
     kind = {"nerf": "NeRF", "tiny": "NeRF, tiny view MLP", "deferred": "deferred NeRF", "none": "diffuse NeRF"}[
         nerf.view

@@ -32,7 +32,7 @@ def _like(config: TrainConfig) -> str:
         name for name, preset in PRESETS.items()
         if preset.method == config.method and getattr(preset, preset.method) == getattr(config, config.method)
     ]  # fmt: skip
-    return alike[0] if alike else "cpu" if config.method == "voxels" else "small"
+    return alike[0] if alike else "normal" if config.method == "multires" else "small"
 
 
 def _reading(run: Run) -> list[str]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,13 +20,14 @@ from scenepack import Pack, save_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
 from tests.baker.analytic import RADIUS
 from tests.scenepack.random_packs import BLENDER_FRAME
-from training.config import CPU
+from training.config import QUICK
 from training.dataset import RayDataset, make_dataset
+from training.multires.config import MultiresConfig
+from training.multires.field import HIDDEN, decoder_size, inputs_of
+from training.multires.method import MultiresMethod
+from training.multires.occupancy import INITIAL, NEVER
+from training.multires.state import Box, Trainable
 from training.scenes import Camera, Scene
-from training.voxels.config import VoxelConfig
-from training.voxels.method import VoxelMethod
-from training.voxels.sparse_grid import present_voxels, voxel_centres
-from training.voxels.state import Trainable
 
 SIDE, BLOCK = 42, 14
 # cameras stand 4.03 from the origin; the speck is SPECK from it, towards the first
@@ -75,24 +75,29 @@ def hides_the_ball(pictures: list[np.ndarray]) -> bool:
 
 
 def test_the_field_is_drawn_without_what_is_nearer_than_near(alone: Scene, seen: RayDataset) -> None:
-    voxels = VoxelConfig(resolutions=(24,), stage_starts=(0.0,), prunings=(), samples_per_step=2048)
-    method = VoxelMethod(replace(CPU, engine="jax", batch_size=64, voxels=voxels), seen)
-    state = method.engine.end(method.start(jax.random.key(0)))
-    layout = state.layout
-    at = voxel_centres(present_voxels(layout), np.asarray(layout.origin), np.asarray(layout.voxel))
-    ball, speck = np.linalg.norm(at, axis=-1) < RADIUS, speck_at(alone, at)
+    multires = MultiresConfig(resolutions=(16,), occupancy=32, steps_across=(64, 64, 64))
+    method = MultiresMethod(replace(QUICK, engine="fused", multires=multires), seen)
+    state = method.start(jax.random.key(0))
+    state.box = Box(np.full(3, -1.5), np.full(3, 3.0 / 32), np.full(3, 32, np.int32))
+    cells, vertices = (
+        np.stack(np.meshgrid(*[places] * 3, indexing="ij")[::-1], -1)
+        for places in ((np.arange(32) + 0.5) * 3 / 32 - 1.5, np.arange(17) * 3 / 16 - 1.5)
+    )
+    ball, speck = np.linalg.norm(cells, axis=-1) < RADIUS, speck_at(alone, cells)
     assert ball.any() and speck.any()
+    table, parameters = np.zeros_like(state.values.table), np.zeros_like(state.values.parameters)
+    table[: 17**3, 0] = (np.linalg.norm(vertices, axis=-1) > 1.2 * RADIUS).ravel()  # the speck's colour
+    inputs = inputs_of(1)
+    w1, b1 = inputs * HIDDEN + HIDDEN, decoder_size(inputs) - 8
+    parameters[0], parameters[w1 + 1 : w1 + 4], parameters[b1 : b1 + 4] = 1.0, -6.0, (8.0, 3.0, 3.0, 3.0)
+    state.values = Trainable(table, parameters)
     rays = seen.view_rays(camera_of(alone))
     from_zero = rays._replace(near=jnp.zeros_like(rays.near))
     shown: dict[str, list[np.ndarray]] = {"near": [], "zero": []}
     for opaque in (ball | speck, ball):
-        rows = np.zeros((len(at) + 1, 8), np.float32)
-        rows[1:, 0] = np.where(opaque, 60.0, -60.0)
-        rows[1:, 1:4] = np.where(speck[:, None], -3.0, 3.0)
-        made: Any = state._replace(trainable=Trainable(jnp.asarray(rows), state.trainable.head), sizes=None)
-        made = method.engine.begin(made)
+        state.codes = np.where(opaque, INITIAL, NEVER).astype(np.uint8)
         for name, some in (("near", rays), ("zero", from_zero)):
-            shown[name].append(np.asarray(method.render(made, some).rgb))
+            shown[name].append(np.asarray(method.render(state, some).rgb))
     assert not hides_the_ball(shown["near"]) and hides_the_ball(shown["zero"])
 
 

@@ -32,7 +32,7 @@ TOLERATED = (
 SAVING = ["--checkpoint-every", "20", "--validate-every", "20"]
 TRAININGS = (  # one of each method, as long as there is something to bake
     ["--preset", "tiny", "--batch-size", "64", "--steps", "40", *SAVING],
-    ["--preset", "cpu", "--batch-size", "256", "--steps", "120", *SAVING],
+    ["--preset", "quick", "--steps", "120", *SAVING],
 )
 BAKING = ["--resolution", "30", "--fine-tune-epochs", "1"]
 

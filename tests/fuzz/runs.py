@@ -18,7 +18,7 @@ from training.report import write_report
 from training.run import Run, read_description, resume_run
 
 OLDER = Path(__file__).parents[1] / "data" / "older"
-BASES = ("nerf", "voxels")
+BASES = ("nerf", "multires")
 SCENE = "scene"
 
 
@@ -47,7 +47,7 @@ def open_it(path: Path, base: str, scene: Path) -> None:
     if journal.records != read_journal(OLDER / base / "metrics.jsonl"):
         draw_curves(journal.records, path / "curves.png", "fuzz")
         write_report(run, journal.records)
-    if base == "voxels" and not changed_settings(
+    if base == "multires" and not changed_settings(
         read_description(OLDER / base).config, description.config, leave_out=FREE
     ):
         _one_step(run)  # arrays of the other method are compared one by one with what they must be

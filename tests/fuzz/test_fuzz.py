@@ -132,9 +132,9 @@ def test_spoilt_headers_keep_checksums_that_are_right(bases: Path) -> None:
     spoilt = apply(tree, [["png put", "rgba_000.png", 0, 0, "00010000"]])["rgba_000.png"]
     assert isinstance(spoilt, bytes) and png_chunks(spoilt)[0][1][:4] == b"\0\x01\0\0"
     assert int.from_bytes(spoilt[29:33], "big") == zlib.crc32(spoilt[12:29])
-    run = Source("runs", bases, 0).trees["voxels"]
+    run = Source("runs", bases, 0).trees["multires"]
     name = next(file for file in run if file.endswith("300.safetensors"))
-    spoilt = apply(run, [["tensor", name, "cells", "fill", -1]])[name]
-    assert isinstance(spoilt, bytes) and tensors(spoilt)[0]["cells"]["shape"] == tensors(run[name])[0]["cells"]["shape"]  # type: ignore[arg-type]
+    spoilt = apply(run, [["tensor", name, "dims", "fill", -1]])[name]
+    assert isinstance(spoilt, bytes) and tensors(spoilt)[0]["dims"]["shape"] == tensors(run[name])[0]["dims"]["shape"]  # type: ignore[arg-type]
     (bases / "step_00000007.safetensors").write_bytes(spoilt)
-    assert (read_checkpoint(bases / "step_00000007.safetensors")[1]["cells"] == -1).all()
+    assert (read_checkpoint(bases / "step_00000007.safetensors")[1]["dims"] == -1).all()

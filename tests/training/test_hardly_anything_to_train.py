@@ -66,5 +66,5 @@ def test_photographs_that_show_nothing_at_all_are_refused_before_training(
     for picture in (scene / "train").glob("*.png"):
         Image.new("RGBA", (48, 48)).save(picture)
     with pytest.raises(UserError, match="every pixel is transparent"):
-        train(scene, tmp_path / "run", dataclasses.replace(MINUTE, method="voxels", engine="jax"))
+        train(scene, tmp_path / "run", dataclasses.replace(MINUTE, method="multires", engine="jax"))
     assert not (tmp_path / "run").exists()

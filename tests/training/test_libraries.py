@@ -32,7 +32,7 @@ def doubled(x):
 """
 COMPILE = """
 import sys
-import training.voxels.fused
+import training.multires.fused
 sys.path.insert(0, sys.argv[1])
 from loops import doubled
 print(doubled(21), len(doubled.stats.cache_hits))

@@ -20,7 +20,7 @@ OLDER = Path(__file__).parents[1] / "data" / "older"
 def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused(
     name: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run, mine = Path(shutil.copytree(OLDER / "voxels", tmp_path / "run")), tmp_path / "mine.txt"
+    run, mine = Path(shutil.copytree(OLDER / "multires", tmp_path / "run")), tmp_path / "mine.txt"
     mine.write_bytes((run / name).read_bytes() if name == "config.json" else b"mine")
     before = mine.read_bytes()
     file = run / name

@@ -17,9 +17,9 @@ from console import Notice, UserError
 from training import dataset as datasets
 from training.dataset import MOST_RAYS, make_dataset, row_step_for
 from training.marching.rays import to_grid
+from training.marching.sparse_grid import build_layout
 from training.scenes import Photograph, Scene, load_pixels, pixels
 from training.scenes.pictures import PictureLoader, read_picture, shrink
-from training.voxels.sparse_grid import build_layout
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_ha
     for found, wanted in zip((*rays, colours), (*expected, truth), strict=True):
         np.testing.assert_array_equal(np.asarray(found), np.asarray(wanted))
 
-    fused = pytest.importorskip("training.voxels.fused.rays", reason="pip install 'snerg[train]'")
+    fused = pytest.importorskip("training.multires.fused.rays", reason="pip install 'snerg[train]'")
     low, high = procedural_scene.aabb
     layout = build_layout(np.ones((8, 8, 8), bool), low, (high - low) / 8)
     batch = fused.empty_batch(len(ids))

@@ -20,7 +20,7 @@ def test_every_name_has_settings_and_says_what_it_is_for() -> None:
 
 def test_those_that_snerg_make_offers_are_those_that_a_pack_can_hold() -> None:
     bakeable = {
-        n for n, config in CONFIGS.items() if config.method == "voxels" or config.nerf.view in ("deferred", "none")
+        n for n, config in CONFIGS.items() if config.method == "multires" or config.nerf.view in ("deferred", "none")
     }
     assert set(get_args(BakeablePreset)) == bakeable
 
@@ -35,14 +35,13 @@ def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture
 
 
 def test_the_viewer_offers_the_presets_that_have_a_title() -> None:
-    assert list(make_plan.OFFERED) == ["cpu", "full", "fast", "paper"]
+    assert list(make_plan.OFFERED) == ["quick", "normal", "full", "paper"]
     assert all(preset.advice for preset in make_plan.OFFERED.values())
 
 
 def test_photographs_that_are_not_shrunk_are_baked_as_finely_as_they_show() -> None:
-    cpu, fast, tiny = PRESETS["cpu"], PRESETS["fast"], PRESETS["tiny"]
-    assert cpu.longest_side is not None
-    assert [cpu.resolution_for(pixels) for pixels in (200, 256, 400, 640, 800, 4000)] == [
+    quick, full, paper, tiny = (PRESETS[name] for name in ("quick", "full", "paper", "tiny"))
+    assert [quick.resolution_for(pixels) for pixels in (200, 256, 400, 640, 800, 4000)] == [
         512,
         512,
         512,
@@ -50,5 +49,5 @@ def test_photographs_that_are_not_shrunk_are_baked_as_finely_as_they_show() -> N
         1000,
         1000,
     ]
-    assert [PRESETS["full"].resolution_for(pixels) for pixels in (200, 504, 1008)] == [512, 630, 1000]
-    assert fast.resolution_for(100) == fast.resolution_for(4000) == 1000 and tiny.resolution_for(800) == 96
+    assert [full.resolution_for(pixels) for pixels in (200, 504, 1008)] == [512, 630, 1000]
+    assert paper.resolution_for(100) == paper.resolution_for(4000) == 1000 and tiny.resolution_for(800) == 96

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-# from bottom to top: a module of voxels/ may import those before it
-VOXELS = ["config", "settings", "sparse_grid", "checked", "state", "smoothness", "coverage", "field", "engine", "lists",
-          "step", "survey", "render", "saving", "jax_engine", "engines", "refine", "holes", "method"]  # fmt: skip
+# from bottom to top: a module of multires/ may import those before it
+MULTIRES = ["config", "settings", "levels", "occupancy", "state", "field", "engine", "hull", "saving", "jax_engine", "engines",
+            "method"]  # fmt: skip
 
 
 def imports(path: Path) -> dict[str, bool]:
@@ -22,14 +22,14 @@ def imports(path: Path) -> dict[str, bool]:
 
 @pytest.mark.parametrize("path", sorted((ROOT / "training/marching").glob("*.py")), ids=lambda path: path.stem)
 def test_marching_knows_no_method(path: Path) -> None:
-    assert not [name for name in imports(path) if name.startswith(("training.voxels", "training.nerf"))]
+    assert not [name for name in imports(path) if name.startswith(("training.multires", "training.nerf"))]
 
 
-def test_voxels_import_downwards_and_at_the_top_alone() -> None:
-    folder = ROOT / "training/voxels"
-    assert sorted(VOXELS) == sorted(path.stem for path in folder.glob("*.py") if path.stem != "__init__")
-    for place, name in enumerate(VOXELS):
+def test_the_fields_modules_import_downwards_and_at_the_top_alone() -> None:
+    folder = ROOT / "training/multires"
+    assert sorted(MULTIRES) == sorted(path.stem for path in folder.glob("*.py") if path.stem != "__init__")
+    for place, name in enumerate(MULTIRES):
         for module, at_top in imports(folder / f"{name}.py").items():
             assert at_top, f"{name} imports {module} within a function or for type checking"
-            if module.startswith("training.voxels."):
-                assert module.split(".")[-1] in VOXELS[:place], f"{name} imports {module}"
+            if module.startswith("training.multires.") and ".fused" not in module:
+                assert module.split(".")[-1] in MULTIRES[:place], f"{name} imports {module}"

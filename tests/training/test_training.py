@@ -27,12 +27,12 @@ from training.commands.train import main
 from training.config import PRESETS, TINY, TrainConfig, from_json, to_json
 from training.journal import Journal, read_journal
 from training.loop import train
+from training.multires.config import MultiresConfig
+from training.multires.jax_engine import JaxEngine
 from training.nerf.method import NerfMethod
 from training.recorder import Recorder
 from training.run import load_run, start_run
 from training.scenes import SceneOptions
-from training.voxels.config import VoxelConfig
-from training.voxels.jax_engine import JaxEngine
 
 pytestmark = pytest.mark.slow
 
@@ -189,7 +189,7 @@ def test_time_can_be_limited(procedural_path: Path, tmp_path: Path):
     assert run.step == 1 and load_run(tmp_path / "run").step == 1
 
 
-@pytest.mark.parametrize("method", ["nerf", "voxels"])
+@pytest.mark.parametrize("method", ["nerf", "multires"])
 def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
     procedural_path: Path, tmp_path: Path, monkeypatch, method: str
 ):
@@ -200,17 +200,17 @@ def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
         return clock["seconds"]
 
     monkeypatch.setattr(Recorder, "seconds", property(seconds))
-    voxels = VoxelConfig(resolutions=(12,), stage_starts=(0.0,), prunings=(), samples_per_step=1024)
-    config = dataclasses.replace(MINUTE, method=method, engine="jax", steps=100_000, minutes=1.0, voxels=voxels)
+    multires = MultiresConfig(resolutions=(12,), occupancy=16, samples_per_step=1024, steps_across=(16, 16, 16))
+    config = dataclasses.replace(MINUTE, method=method, engine="jax", steps=100_000, minutes=1.0, multires=multires)
     moved = []
-    if method == "voxels":
+    if method == "multires":
         step = JaxEngine.step
         monkeypatch.setattr(JaxEngine, "step", lambda *words: moved.append(words[-1]) or step(*words))
     run = train(procedural_path, tmp_path / "run", config)
     records = [r for r in read_journal(run.path / "metrics.jsonl") if "loss" in r]
     shares = [r["progress"] for r in records]
     assert shares == sorted(shares) and shares[0] < 0.2 and 0.9 < shares[-1] <= 1.0 and run.step < 10
-    if method == "voxels":
+    if method == "multires":
         assert moved == shares
     else:
         last = config.nerf.last_rate * (config.nerf.first_rate / config.nerf.last_rate) ** (1 - shares[-1])
@@ -385,11 +385,6 @@ def test_bad_scenes_and_presets_end_with_status_2(tmp_path: Path, capsys):
 def test_a_config_goes_through_json_and_back(name: str):
     written = json.loads(json.dumps(to_json(PRESETS[name])))
     assert from_json(TrainConfig, written, "config.json") == PRESETS[name]
-
-
-def test_a_config_from_before_early_termination_had_its_name_is_still_read():
-    stored = {"method": "voxels", "voxels": {"horizon": 0.01}}
-    assert from_json(TrainConfig, stored, "config.json").voxels.early_termination == 0.01
 
 
 def test_a_checkpoint_of_another_version_is_told_in_one_line(unbroken: Path, monkeypatch: pytest.MonkeyPatch):

@@ -24,8 +24,7 @@ import numpy as np
 from training.config import PRESETS, TINY, TrainConfig
 from training.devices import is_writer, join_processes
 from training.method import Method
-from training.voxels import settings
-from training.voxels.config import VoxelConfig
+from training.multires.config import MultiresConfig
 
 EVERY = {"steps": 50, "log_every": 1, "checkpoint_every": 25, "validate_every": 0}
 # NeRF's endless last interval makes a ray opaque or clear by the sign of one density: the last bit of a sum would show.
@@ -37,23 +36,16 @@ NERF = dataclasses.replace(
         TINY.nerf, depth=2, width=16, skip_after=0, coarse_samples=8, fine_samples=8, warmup_steps=5, last_interval=0.5
     ),
 )
-VOXELS = dataclasses.replace(
-    PRESETS["cpu"],
+MULTIRES = dataclasses.replace(
+    PRESETS["quick"],
     **EVERY,
     engine="jax",  # the one that many devices share; alone, a processor would take another
-    batch_size=512,
-    # No finer samples, and no holes closed: one process has tests of these, and here they would compile more programs.
-    voxels=VoxelConfig(
-        resolutions=(12, 24),
-        stage_starts=(0.0, 0.5),
-        prunings=(),
-        samples_per_step=4096,
-        last_step_voxels=1.0,
-        close_holes_from=1.0,
+    multires=MultiresConfig(
+        resolutions=(8, 256), occupancy=16, fine_from=(0.5, 0.5), samples_per_step=2048, steps_across=(16, 16, 16)
     ),
 )
-CONFIGS: dict[str, TrainConfig] = {"nerf": NERF, "voxels": VOXELS}
-SHARED = (0, 1, 2, 3, 4, 25, 40)  # voxels are refined before step 25
+CONFIGS: dict[str, TrainConfig] = {"nerf": NERF, "multires": MULTIRES}
+SHARED = (0, 1, 2, 3, 4, 25, 40)  # the level of 256 joins before step 25
 TWINS = 4
 
 
@@ -73,7 +65,7 @@ def twin(method: Method, arrays: dict[str, np.ndarray], rng: np.random.Generator
     """
     moved = {}
     for name, array in arrays.items():
-        trained = name.startswith(("params/", "trainable."))
+        trained = name.startswith(("params/", "values."))
         towards = np.where(rng.random(array.shape) < 0.5, -np.inf, np.inf).astype(np.float32)
         choice = rng.random(array.shape) < 2 / 3
         moved[name] = np.where(choice, np.nextafter(array, towards), array) if trained else array
@@ -116,7 +108,6 @@ def take_shared_steps(method: Method, states: Path, out: Path) -> None:
 def main(scene: str, out: str, one: str, coordinator: str = "", processes: str = "1", process_id: str = "0") -> None:
     if coordinator:
         join_processes(coordinator, int(processes), int(process_id))
-    settings.SETTLING_STEPS = 10  # so that a refinement falls within 50 steps
     from training.loop import train
 
     for name, config in CONFIGS.items():

@@ -27,7 +27,7 @@ from training.scenes.upright import parse_up
 if TYPE_CHECKING:
     from training.run import RunDescription
 
-DEFAULT_PRESET = "cpu"
+DEFAULT_PRESET = "normal"
 PRESET_HELP = f"Named settings. The defaults below are those of the chosen preset. {names_with_about(PresetName)}."
 DESCRIPTION = "Trains a deferred NeRF on photographs with camera poses. You can stop and resume a run at any time."
 FREE = (

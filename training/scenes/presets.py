@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 # --preset of snerg-make: what a pack can hold; and of snerg-train: the paper's baselines, too
-BakeablePreset = Literal["cpu", "full", "fast", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
+BakeablePreset = Literal["quick", "normal", "full", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
 PresetName = Literal[BakeablePreset, "jaxnerf", "jaxnerf-plus", "tinyview"]
 
 
@@ -41,24 +41,26 @@ class Preset:
 
 
 PRESETS: Mapping[PresetName, Preset] = {
-    "cpu": Preset(
-        "minutes on two cores",
+    "quick": Preset(
+        "minutes",
         "Quick",
-        "Minutes on any computer, from photographs shrunk to 256 pixels. Lego took 4 on two CPU cores.",
+        "Minutes on any computer, from photographs shrunk to 256 pixels.",
         longest_side=256,
         resolution=512,
     ),
-    "full": Preset(
-        "the same at full size, half an hour",
-        "Full size",
-        "Photographs of up to 1024 pixels, up to 1000³ voxels. Lego at 800 × 800 took half an hour on two CPU cores.",
-        longest_side=1024,
+    "normal": Preset(
+        "photographs of 512 pixels, about 20 minutes on two cores",
+        "Normal",
+        "Photographs of up to 512 pixels, about 20 minutes on two CPU cores.",
+        longest_side=512,
         resolution=512,
     ),
-    "fast": Preset(
-        "a GPU",
-        "Sharp",
-        "All pixels, up to 1000³ voxels. Meant for a graphics card that JAX knows; many hours without one.",
+    "full": Preset(
+        "photographs of 1024 pixels, about an hour",
+        "Full size",
+        "Photographs of up to 1024 pixels, up to 1000³ voxels. About an hour on two CPU cores.",
+        longest_side=1024,
+        resolution=512,
     ),
     "paper": Preset(
         "the paper's own numbers, days",
@@ -77,5 +79,5 @@ PRESETS: Mapping[PresetName, Preset] = {
 
 
 def names_with_about(kind: object) -> str:
-    """The names of a Literal of presets, for --help: "cpu (minutes on two cores), fast (a GPU), …"."""
+    """The names of a Literal of presets, for --help: "quick (minutes), normal (…), …"."""
     return ", ".join(f"{name} ({preset.about})" for name, preset in PRESETS.items() if name in get_args(kind))

@@ -187,7 +187,7 @@ class Survey:
     def _begin_time(self) -> None:
         if MEASURES and not self._closed and not trainer_missing():
             after = self.preview.wait if self.preview is not None else lambda: None
-            self.time = TimeNeeded([max(size) for size in self.sizes.values()], self.forward, after)
+            self.time = TimeNeeded([max(size) for size in self.sizes.values()], after)
 
     def _begin_preview(self, source: Source) -> None:
         if poser_missing(source) is None and not self._closed:
@@ -215,7 +215,7 @@ class Plan:
     subject: Subject
     source: Path
     out: Path
-    preset: str = "cpu"
+    preset: str = "normal"
     downscale: int | None = None
     resolution: int | None = None
     spherify: bool = False

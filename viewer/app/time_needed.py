@@ -23,11 +23,11 @@ DISK_OF_1000 = 1.1e9
 class TimeNeeded(Telling):
     """An estimate for photographs of these longer sides (pixels), from the moment this is made. Poll `news`, and close it.
 
-    forward: they look one way. after: waits for what else is being measured.
+    after: waits for what else is being measured.
     """
 
-    def __init__(self, sides: Sequence[int], forward: bool, after: Callable[[], object] = lambda: None) -> None:
-        words = [str(side) for side in sorted(set(sides))] + ["--forward"] * forward
+    def __init__(self, sides: Sequence[int], after: Callable[[], object] = lambda: None) -> None:
+        words = [str(side) for side in sorted(set(sides))]
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
         self._told: object = None

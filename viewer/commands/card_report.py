@@ -29,7 +29,7 @@ def card_report(
     scene: Path | None = None,
     downscale: int = 1,
     train_minutes: float = 6.0,
-    curve_preset: str = "fast",
+    curve_preset: str = "full",
     step_preset: str = "paper",
     curve_options: str = "",
     step_options: str = "",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import training.voxels.fused
-from training.voxels.fused.compiled import keep_compiled_code
+import training.multires.fused
+from training.multires.fused.compiled import keep_compiled_code
 
-keep_compiled_code(Path(__file__).parent, Path(training.voxels.fused.__file__).parent)
+keep_compiled_code(Path(__file__).parent, Path(training.multires.fused.__file__).parent)

@@ -18,7 +18,7 @@ from baker.tuning.pack_layout import MAX_ALPHA
 from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, TRANSMITTANCE_STOP
 from training.marching.rays import GridRays, in_grid_frame, to_grid
 from training.method import Rays
-from training.voxels.fused.workers import Workers
+from training.multires.fused.workers import Workers
 
 
 class FloatMarcher:

@@ -24,7 +24,7 @@ from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.rays import GridFrameRays, GridRays, to_grid
-from training.voxels.fused.workers import Workers
+from training.multires.fused.workers import Workers
 
 TOGETHER = 65_536  # rays that are made together
 PART = 512  # rays that a worker claims

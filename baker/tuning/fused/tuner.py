@@ -39,7 +39,7 @@ from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.rays import GridFrameRays, to_grid
 from training.method import ViewMlpParams
-from training.voxels.fused.workers import Workers
+from training.multires.fused.workers import Workers
 
 CHUNK = 256  # rays
 PROBED = 96  # contributing samples a ray that a probe has room for, on average

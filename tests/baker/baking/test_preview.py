@@ -13,16 +13,14 @@ from baker.baking.preview import FIRST_STEP, Previews, preview_pack
 from baker.tuning.joint_loop import shown_psnr
 from console import UserError
 from scenepack import load_pack
-from training.config import CPU
+from training.config import QUICK
 from training.journal import read_journal
 from training.loop import train
+from training.multires.config import MultiresConfig
 from training.run import Run
-from training.voxels.config import VoxelConfig
 
-VOXELS = VoxelConfig(resolutions=(24, 48), stage_starts=(0.0, 0.4), prunings=(0.5,), samples_per_step=8192)
-CONFIG = dataclasses.replace(
-    CPU, engine="fused", steps=130, batch_size=1024, log_every=10, validate_every=0, voxels=VOXELS
-)
+SMALL = MultiresConfig(resolutions=(8, 16, 32), occupancy=32, samples_per_step=8192, steps_across=(48, 64, 64))
+CONFIG = dataclasses.replace(QUICK, engine="fused", steps=130, log_every=10, validate_every=0, multires=SMALL)
 
 
 class Noting(Previews):

@@ -123,7 +123,7 @@ def test_shares_come_from_options_or_the_launcher(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.usefixtures("compiled_as_for_users")
 def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> None:
-    run, one, two = OLDER / "voxels", tmp_path / "one", tmp_path / "two"  # so that nothing is trained here
+    run, one, two = OLDER / "multires", tmp_path / "one", tmp_path / "two"  # so that nothing is trained here
     options = ["--scene", str(SCENE), "--resolution", "60", "--fine-tune", "none", "--tau-weight", "0"]
     assert snerg_bake([str(run), "--out", str(one), *options]) == 0
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"

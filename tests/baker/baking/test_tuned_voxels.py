@@ -252,7 +252,7 @@ def test_what_shall_be_thin_is_thinned_in_exact_steps_before_it_is_tuned_for_the
 
 
 def test_a_bake_that_gives_up_quality_stores_less_and_says_so() -> None:
-    loaded = load_run(OLDER / "voxels", scene_path=OLDER / "scene")
+    loaded = load_run(OLDER / "multires", scene_path=OLDER / "scene")
     full, thinner = (baking.bake(loaded, BakeConfig(resolution=31, fine_tune="none", thin=thin)) for thin in (0.0, 3.0))
     made = thinner.metadata["provenance"]
     told = made["thin"]

@@ -127,20 +127,20 @@ def test_every_row_of_the_paper_is_there_measured_or_with_the_command_that_would
     ]  # fmt: skip
 
 
-def test_the_voxel_field_is_never_called_the_papers(out: Path, tables: dict[str, Any]) -> None:
+def test_the_fast_field_is_never_called_the_papers(out: Path, tables: dict[str, Any]) -> None:
     quality = rows_of(tables["quality"])
-    assert quality["field"]["label"].startswith("voxel field") and "psnr" in quality["field"]
-    assert "psnr" not in quality["deferred"] and tables["real"]["field"].startswith("voxel field")
+    assert quality["field"]["label"].startswith("multi-resolution field") and "psnr" in quality["field"]
+    assert "psnr" not in quality["deferred"] and tables["real"]["field"].startswith("multi-resolution field")
     assert "is not that field" in (out / "report.md").read_text()
-    voxels, paper = PRESETS["cpu"], PRESETS["paper"]
-    assert label_of(voxels, 6000) == "voxel field, 6,000 steps" and row_of(voxels) == "field"
+    fast, paper = PRESETS["quick"], PRESETS["paper"]
+    assert label_of(fast, 6000) == "multi-resolution field, 6,000 steps" and row_of(fast) == "field"
     assert label_of(paper, 250_000) == "JAXNeRF+ Deferred"
     assert label_of(paper, 3000) == "JAXNeRF+ Deferred, 3,000 of the paper's 250,000 steps"
     assert [row_of(PRESETS[name]) for name in ("jaxnerf", "jaxnerf-plus", "tinyview", "diffuse")] == [
         "jaxnerf", "jaxnerf-plus", "tinyview", "diffuse",
     ]  # fmt: skip
     assert row_of(PRESETS["small"]) == row_of(PRESETS["tiny"]) == "field", "smaller than the paper's"
-    assert "no sparsity loss" in label_of(dataclasses.replace(voxels, sparsity_weight=0.0), 10)
+    assert "no sparsity loss" in label_of(dataclasses.replace(fast, sparsity_weight=0.0), 10)
 
 
 def test_scores_are_those_of_snerg_eval(out: Path, tables: dict[str, Any], tmp_path: Path) -> None:

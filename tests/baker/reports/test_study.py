@@ -35,7 +35,7 @@ def bakes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 @pytest.fixture
 def study(tmp_path: Path) -> Study:
-    return open_study(Sources(DATA / "voxels", tmp_path / "out", DATA / "scene", resolution=46))
+    return open_study(Sources(DATA / "multires", tmp_path / "out", DATA / "scene", resolution=46))
 
 
 def test_what_auto_came_to_is_not_baked_again(study: Study, bakes: list[str]) -> None:

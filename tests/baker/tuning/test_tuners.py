@@ -19,7 +19,7 @@ from scenepack import Pack
 from scenepack.codecs.steps import EXACT, Steps
 from tests.baker.tuning.helpers import pack_of
 from training.dataset import RayDataset
-from training.voxels.fused.workers import Workers
+from training.multires.fused.workers import Workers
 
 SAMPLES = 32_768
 RATES = np.array([*[4e-3] * 3, 0.03, *[4e-3] * 4, 1e-3], np.float32)

@@ -15,8 +15,8 @@ from training.marching.batches import rays_that_meet, until_complete
 from training.marching.layout import segments_across
 from training.marching.march import MarchSizes, march
 from training.marching.rays import GridFrameRays, to_grid
+from training.marching.sparse_grid import build_layout
 from training.method import Rays
-from training.voxels.sparse_grid import build_layout
 
 
 class KnownRays(NamedTuple):

@@ -9,7 +9,7 @@ import pytest
 from tests.training.marching.grids import ORIGIN, VOXEL, random_rays, random_voxels
 from training.marching.march import MarchSizes, march, transmittance
 from training.marching.rays import to_grid
-from training.voxels.sparse_grid import build_layout
+from training.marching.sparse_grid import build_layout
 
 
 @pytest.fixture

@@ -32,10 +32,10 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
     until(lambda: plan.survey.finished)
     assert plan.survey.text.startswith("5 photographs of 24 × 24") and "Blender" in plan.survey.text
     assert plan.problem() is None
-    plan.downscale, plan.preset = 2, "fast"
-    assert plan.survey.size("fast", 2) == (12, 12)
+    plan.downscale, plan.preset = 2, "full"
+    assert plan.survey.size("full", 2) == (12, 12)
     app.making.copy_command(app)
-    assert app.clipboard.get() == f"snerg-make {scene} --out {plan.out} --preset fast --downscale 2"
+    assert app.clipboard.get() == f"snerg-make {scene} --out {plan.out} --preset full --downscale 2"
     assert "--no-view" in plan.command()
     run(app, "escape")
     assert app.making.plan is None and not app.messages.dialogs
@@ -53,7 +53,7 @@ def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
 def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monkeypatch):
     from baker.commands import bake, make
 
-    made = Plan("scene", scene, tmp_path, "fast", downscale=2, spherify=True, masks=True, steps=5, resolution=96)
+    made = Plan("scene", scene, tmp_path, "full", downscale=2, spherify=True, masks=True, steps=5, resolution=96)
     for plan, module, name in ((made, make, "snerg_make"), (Plan("run", scene, tmp_path / "p"), bake, "snerg_bake")):
         assert plan.command()[:4] == [sys.executable, "-P", "-m", module.__name__]
         called = {}
@@ -63,7 +63,7 @@ def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monk
         assert module.main(plan.command()[4:]) == 0
         assert called["out"] == plan.out
         if plan.subject == "scene":
-            assert called["no_view"] and called["masks"] and called["spherify"] and called["preset"] == "fast"
+            assert called["no_view"] and called["masks"] and called["spherify"] and called["preset"] == "full"
             assert (called["downscale"], called["steps"], called["resolution"]) == (2, 5, 96)
     monkeypatch.undo()
     assert set(make_plan.OFFERED) <= set(get_args(BakeablePreset))
@@ -100,9 +100,9 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     until(lambda: plan.survey.finished)
     assert not app.messages.dialogs and plan.problem() is None
     assert plan.survey.text.startswith("8 photographs of 1200 × 900. Nothing says where the camera stood")
-    assert plan.survey.size("cpu", None) == (240, 180) and plan.survey.size("fast", 2) == (600, 450)
+    assert plan.survey.size("quick", None) == (240, 180) and plan.survey.size("full", 2) == (600, 450)
     assert plan.stages == ("Poses", "Training", "Baking") and plan.out == tmp_path / "shed-snerg"
-    assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset cpu"
+    assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset normal"
 
 
 def test_what_lies_beside_photographs_or_a_film_and_is_not_used_is_told(tmp_path, monkeypatch):

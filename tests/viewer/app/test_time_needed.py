@@ -24,11 +24,11 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
     assert needed is not None
     needed.wait()  # a busy machine takes longer than other tests wait
     assert not survey.busy and survey.news() and not survey.news()
-    seconds = needed.seconds("cpu", 32)
+    seconds = needed.seconds("quick", 32)
     assert seconds is not None and 1.0 < seconds < 1e6
-    assert needed.seconds("full", 32) == pytest.approx(14 / 6 * seconds)
+    assert needed.seconds("full", 32) == pytest.approx(18 / 5 * seconds)
     assert needed.seconds("paper", 32) is None and needed.disk("paper", 32) is None
-    disk = needed.disk("cpu", 32)
+    disk = needed.disk("quick", 32)
     assert disk is not None and 1e8 < disk < 1e9
     survey.close()
 
@@ -36,14 +36,14 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
 def test_nothing_is_started_for_a_dialog_that_is_gone(monkeypatch):
     monkeypatch.setattr(telling.subprocess, "Popen", lambda *words, **named: pytest.fail("a process was started"))
     waits = threading.Event()
-    needed = TimeNeeded([200], False, lambda: waits.wait(60))
+    needed = TimeNeeded([200], lambda: waits.wait(60))
     needed.close()
     waits.set()
     until(lambda: not needed.coming)
 
 
 def test_more_voxels_need_more_memory():
-    assert memory("cpu", 200) < memory("full", 600) < memory("full", 800)
+    assert memory("quick", 200) < memory("full", 600) < memory("full", 800)
     assert memory("full", 800) == pytest.approx(4.8e9, rel=0.02), "as measured on lego"
 
 
@@ -57,5 +57,5 @@ def test_more_voxels_need_more_memory():
 )
 def test_the_dialog_says_what_is_known(seconds, coming, told):
     known = SimpleNamespace(seconds=lambda *_: seconds, disk=lambda *_: 0.51e9, coming=coming)
-    assert what_it_needs(SimpleNamespace(preset="cpu", survey=SimpleNamespace(time=known)), 200).startswith(told)
-    assert what_it_needs(SimpleNamespace(preset="cpu", survey=SimpleNamespace(time=None)), 200) == ""
+    assert what_it_needs(SimpleNamespace(preset="quick", survey=SimpleNamespace(time=known)), 200).startswith(told)
+    assert what_it_needs(SimpleNamespace(preset="quick", survey=SimpleNamespace(time=None)), 200) == ""

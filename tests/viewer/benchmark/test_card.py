@@ -15,7 +15,7 @@ from PIL import Image
 
 from scenepack import Pack, save_pack
 from tests.told import told
-from training.profile_report import JAX_PARTS, EngineProfile, Profile, Times
+from training.profile_report import PARTS, Profile, Times
 from training.scenes.procedural import write_procedural_scene
 from viewer.benchmark import power
 from viewer.benchmark.card import children, drawing, plan
@@ -66,9 +66,9 @@ def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(
         "pack shapes": "done",
         "pack fern-pack": "done",
         "jax": "skipped",  # it sees processors alone
-        "curve of fast": "skipped",
+        "curve of full": "skipped",
         "step of paper": "skipped",
-        "step of fast, in parts": "skipped",
+        "step of full, in parts": "skipped",
     }
     assert parts["device"]["renderer"] and len(parts["golden pictures"]["pictures"]) == 18
     for name in ("shapes", "fern-pack"):
@@ -205,9 +205,9 @@ def test_training_is_followed_by_what_the_runs_write(tmp_path: Path, monkeypatch
         if words[0] == "-c":
             return children.Ended(0, json.dumps({"backend": "gpu", "devices": ["H"], "jax": "1"}), log)
         if words[1] == "training.profile_step":
-            step = EngineProfile(dict.fromkeys(JAX_PARTS, Times(1.0, 1.0)), Times(9.0, 9.0), 100.0, 2, False)
-            facts = {"step": 1, "voxels": 2, "rays": 3, "rounds": 15, "device": "1 x H"}
-            Path(named["--json"]).write_text(json.dumps(Profile(step, None, facts).to_json()))
+            facts = {"step": 1, "rows": 2, "rays": 3, "rounds": 15, "device": "1 x H"}
+            step = Profile("jax", dict.fromkeys(PARTS["jax"], Times(3.0, 3.0)), 100.0, 2, False, facts)
+            Path(named["--json"]).write_text(json.dumps(step.to_json()))
         elif words[1] == "training.commands.train":
             run = Path(named["--out"])
             run.mkdir(parents=True)
@@ -220,31 +220,31 @@ def test_training_is_followed_by_what_the_runs_write(tmp_path: Path, monkeypatch
         return children.Ended(None if "paper" in words else 0, "", log)
 
     monkeypatch.setattr(children, "run_child", pretended)
-    training = Training(tmp_path, None, 2, False, {"fast": ["--seed", "3"], "paper": []})
+    training = Training(tmp_path, None, 2, False, {"full": ["--seed", "3"], "paper": []})
     parts = [
         Part("jax", training.devices),
-        Part("curve of fast", lambda left: training.curve_of("fast", 6.0, left)),
+        Part("curve of full", lambda left: training.curve_of("full", 6.0, left)),
         Part("step of paper", lambda left: training.step_of("paper", left)),
-        Part("step of fast, in parts", lambda left: training.parts_of_step("fast", left)),
+        Part("step of full, in parts", lambda left: training.parts_of_step("full", left)),
     ]
     report = run_parts(parts, tmp_path, 20.0)
     assert [facts["status"] for facts in report["parts"].values()] == ["done"] * 4
-    fast, paper = report["parts"]["curve of fast"], report["parts"]["step of paper"]
+    fast, paper = report["parts"]["curve of full"], report["parts"]["step of paper"]
     assert fast["curve"] == [{"step": 3, "minutes": pytest.approx(0.025), "psnr": 27.5}]
     assert fast["steps_per_second"] == pytest.approx(5.0) and fast["step_ms"] == pytest.approx(200.0)
     assert paper["stopped"] and "procedural" in started[1][1] and started[2][-2:] == ["--seed", "3"]
     assert (tmp_path / fast["picture"]).is_file()
     text = page(report)
-    assert "27.50" in text and "**200.0 ms**" in text and "gather" in text and "fast-curve.png" in text
+    assert "27.50" in text and "**200.0 ms**" in text and "gradient" in text and "full-curve.png" in text
 
 
 def test_without_jax_training_is_skipped_with_the_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(children, "DEVICES", "import a_package_that_nobody_has")
     training = Training(tmp_path, None, 1, True, {})
-    parts = [Part("jax", training.devices), Part("curve of fast", lambda left: training.curve_of("fast", 1.0, left))]
+    parts = [Part("jax", training.devices), Part("curve of full", lambda left: training.curve_of("full", 1.0, left))]
     report = run_parts(parts, tmp_path, 20.0)["parts"]
     assert report["jax"]["status"] == "skipped" and "a_package_that_nobody_has" in report["jax"]["why"]
-    assert report["curve of fast"]["status"] == "skipped"
+    assert report["curve of full"]["status"] == "skipped"
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ class Wanted:
     scene: Path | None = None
     downscale: int = 1
     train_minutes: float = 6.0
-    curve: str = "fast"
+    curve: str = "full"
     step: str = "paper"
     curve_options: str = ""
     step_options: str = ""

@@ -1,0 +1,223 @@
+"""The fused step against the field's definition in JAX and against finite differences, for every kind of scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.training.test_captures import circle, forward, write_llff, write_transforms
+from training.config import TrainConfig
+from training.dataset import make_dataset
+from training.marching.march import MarchSizes, march
+from training.marching.rays import GridRays
+from training.multires.config import MultiresConfig
+from training.multires.field import Target, decoder_size, inputs_of
+from training.multires.jax_engine import Constants, JaxEngine, Lists, adam, cells_of, loss_and_gradient
+from training.multires.levels import make_levels
+from training.multires.method import MultiresMethod
+from training.multires.settings import LARGEST_RAW
+from training.multires.state import State, Trainable
+from training.scenes import load_scene
+
+pytest.importorskip("numba", reason="the fused engine needs Numba: pip install 'snerg[train]'")
+
+from training.multires.fused.engine import FusedEngine
+from training.multires.fused.rays import Batch
+
+SMALL = MultiresConfig(resolutions=(16, 32, 128), occupancy=32, samples_per_step=4096, steps_across=(32, 64, 96))
+CONFIG = TrainConfig(method="multires", engine="fused", steps=40, multires=SMALL)
+TRAINED = 12  # steps: enough for mist of all densities, and for rays that end
+ROOM = 1 << 17  # samples of the JAX lists: for everything
+
+
+def scene_path(kind: str, procedural_path: Path, folder: Path) -> Path:
+    """object: cut out by alpha; surroundings: opaque, through a lens that distorts; forward: in NDC."""
+    if kind == "object":
+        return procedural_path
+    if kind == "forward":
+        return write_llff(folder, forward())
+    return write_transforms(folder, circle(), k1=0.05, k2=-0.01, p1=0.002, p2=-0.003)
+
+
+@dataclasses.dataclass
+class Trained:
+    """A trained state of a scene, and a batch of its rays."""
+
+    method: MultiresMethod
+    state: State
+    batch: Batch
+
+    @property
+    def engine(self) -> FusedEngine:
+        return self.method.engine  # type: ignore[return-value]
+
+    def fused(self) -> tuple[float, dict[str, float], Trainable]:
+        """Loss, metrics, and the gradient of the mean over rays."""
+        output = self.engine.differentiate(self.state, self.batch)
+        table, marks = self.engine.scatter(self.state, output)
+        metrics = self.engine.metrics(self.state, output)
+        rays = np.float32(metrics["rays"])
+        gradient = Trainable(table / rays, self.engine.parameter_gradient(output) / rays)
+        table[:], marks[:] = 0.0, 0
+        return metrics["loss"], metrics, gradient
+
+    def jax(self) -> tuple[Constants, dict[str, Any], Trainable]:
+        b, state = self.batch, self.state
+        engine = JaxEngine(self.method.dataset, self.method.plan, self.method.settings, 0)
+        cells, maps, absent, levels = engine._derived(dataclasses.replace(state, kept={}))
+        rays = GridRays(*(jnp.asarray(a) for a in (b.origins, b.directions, b.start, b.end, b.length, b.length)))
+        segments = 4 * state.codes.shape[0]
+        sizes = MarchSizes(segments, ROOM, ROOM, segments * 4)
+        samples = march(cells, rays, jnp.asarray(b.phase), sizes, state.step_cells)
+        assert np.asarray(samples.complete).all()
+        constants = Constants(levels, Lists(sizes, len(b.phase)), state.step_cells, self.method.settings)
+        lengths = b.length * np.float32(state.step_cells / (state.box.cell[0] * self.method.settings.resolution))
+        reference = np.float32(state.box.cell[0] * self.method.settings.resolution)
+        target = Target(*(jnp.asarray(a) for a in (b.viewdirs, b.target, b.background, lengths, reference)))
+        compiled = jax.jit(loss_and_gradient, static_argnames="constants")
+        values = Trainable(*(jnp.asarray(a) for a in state.values))
+        gradient, metrics = compiled(values, maps, samples, target, constants=constants)
+        gradient = gradient._replace(table=jnp.where(absent[:, None], 0.0, gradient.table))
+        return constants, metrics, gradient
+
+
+@pytest.fixture(scope="module", params=["object", "surroundings", "forward"])
+def trained(request: pytest.FixtureRequest, procedural_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Trained:
+    path = scene_path(request.param, procedural_path, tmp_path_factory.mktemp(request.param) / "scene")
+    method = MultiresMethod(CONFIG, make_dataset(load_scene(path)))
+    state = method.start(jax.random.key(0))
+    for step in range(TRAINED):
+        state, _ = method.step(state, step)
+    return Trained(method, state, method.engine.draw(state, 99))  # type: ignore[attr-defined]
+
+
+def test_losses_and_gradients_are_those_of_the_definition(trained: Trained) -> None:
+    loss, metrics, gradient = trained.fused()
+    _, expected, expected_gradient = trained.jax()
+    assert metrics["rays"] == int(expected["rays"])
+    assert loss == pytest.approx(float(expected["loss"]), rel=1e-4)
+    for name in ("mse", "distortion", "sparsity"):
+        assert metrics[name] == pytest.approx(float(expected[name]), rel=1e-3, abs=1e-9)
+    assert float(expected["distortion"]) > 0
+    for ours, theirs in zip(gradient, expected_gradient, strict=True):
+        theirs = np.asarray(theirs)
+        np.testing.assert_allclose(ours, theirs, rtol=2e-2, atol=2e-3 * np.abs(theirs).max())
+        assert np.abs(theirs).max() > 0
+
+
+def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
+    constants, *_ = trained.jax()
+    state = trained.state
+    _, metrics, gradient = trained.fused()
+    before = [Trainable(*(a.copy() for a in part)) for part in (state.values, state.first, state.second)]
+    rates = np.array(trained.method.settings.rates_at(state.updates, 0.3), np.float32)
+    absent = np.zeros(len(gradient.table), bool)
+    expected = adam(*before, gradient, jnp.asarray(absent), jnp.asarray(rates), constants)
+    summed, marks = trained.engine._accumulators(state)
+    rays = np.float32(metrics["rays"])
+    summed[:], marks[:] = gradient.table * rays, 1
+    trained.engine._adam(state, summed, marks, gradient.parameters * rays, rays, 0.3)
+    try:
+        for ours, theirs in zip((state.values, state.first, state.second), expected, strict=True):
+            for one, other in zip(ours, theirs, strict=True):
+                np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-7)
+        assert not summed.any() and not marks.any()
+        assert (np.asarray(expected[0].table) != before[0].table).any()
+    finally:
+        state.values, state.first, state.second = before
+
+
+def parts_of(trained: Trained) -> Iterator[tuple[str, Trainable]]:
+    """Masks of what is trained, part by part: the levels' rows, the decoder's layers, the view MLP."""
+    table, parameters = (np.zeros_like(a) for a in trained.state.values)
+    levels = make_levels(trained.method.plan.resolutions, trained.state.bricks)
+    for resolution, offset, rows in zip(levels.resolution, levels.offset, levels.rows, strict=True):
+        mask = table.copy()
+        mask[offset : offset + rows] = 1.0
+        yield f"level {resolution}", Trainable(mask, parameters)
+    inputs = inputs_of(len(levels.resolution))
+    bounds = {"first layer": (0, inputs * 64 + 64), "second layer": (inputs * 64 + 64, decoder_size(inputs)),
+              "view MLP": (decoder_size(inputs), len(parameters))}  # fmt: skip
+    for name, (low, high) in bounds.items():
+        mask = parameters.copy()
+        mask[low:high] = 1.0
+        yield name, Trainable(table, mask)
+
+
+def test_gradients_are_what_finite_differences_say(trained: Trained) -> None:
+    _, _, gradient = trained.fused()
+    values = Trainable(*(a.copy() for a in trained.state.values))
+    for name, mask in parts_of(trained):
+        direction = Trainable(*(g * m for g, m in zip(gradient, mask, strict=True)))
+        norm = float(np.sqrt(sum(np.square(d, dtype=np.float64).sum() for d in direction)))
+        assert norm > 0, name
+        distance = 3e-3 / max(float(np.abs(d).max() / norm) for d in direction if d.any())
+        losses = []
+        for sign in (1, -1):
+            moved = (v + np.float32(sign * distance / norm) * d for v, d in zip(values, direction, strict=True))
+            trained.state.values = Trainable(*moved)
+            losses.append(trained.fused()[0])
+        trained.state.values = values
+        assert (losses[0] - losses[1]) / (2 * distance) == pytest.approx(norm, rel=0.03), name
+
+
+@pytest.mark.parametrize("extreme", [1e3, -1e3, 1e6])
+def test_no_value_however_extreme_makes_a_gradient_that_is_not_finite(trained: Trained, extreme: float) -> None:
+    values = trained.state.values
+    wild = Trainable(values.table.copy(), values.parameters.copy())
+    wild.table[64:] += np.float32(extreme) * np.sign(wild.table[64:])
+    trained.state.values = wild
+    try:
+        loss, _, gradient = trained.fused()
+    finally:
+        trained.state.values = values
+    assert np.isfinite(loss)
+    assert all(np.isfinite(part).all() for part in gradient)
+
+
+def test_beyond_the_largest_density_only_a_gradient_that_leads_back_counts(trained: Trained) -> None:
+    inputs = inputs_of(len(trained.method.plan.resolutions))
+    bias, values = decoder_size(inputs) - 8, trained.state.values
+    dense = Trainable(values.table, values.parameters.copy())
+    dense.parameters[bias] = LARGEST_RAW + 30
+    trained.state.values = dense
+    try:
+        _, _, gradient = trained.fused()
+        _, _, expected = trained.jax()
+    finally:
+        trained.state.values = values
+    assert gradient.parameters[bias] >= 0
+    assert gradient.parameters[bias] == pytest.approx(float(expected.parameters[bias]), rel=1e-2, abs=1e-7)
+
+
+def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> None:
+    engine, state, dataset = trained.engine, trained.state, trained.method.dataset
+    other = JaxEngine(dataset, trained.method.plan, trained.method.settings, 0)
+    copied = dataclasses.replace(state, kept={})
+    points = np.random.default_rng(0).random((500, 3), np.float32)
+    np.testing.assert_allclose(engine.values_at(state, points), other.values_at(copied, points), rtol=2e-4, atol=1e-5)
+    rays = dataset.geometry_at(jnp.arange(0, dataset.count, 37))
+    ours, theirs = engine.render(state, rays), other.render(copied, rays)
+    for name in ("rgb", "features", "alpha"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=2e-3)
+    assert cells_of(state).occupied.sum() > 0
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_run_repeats_itself_to_the_last_bit_whatever_the_number_of_threads(
+    trained: Trained, threads: int
+) -> None:  # fmt: skip
+    method = MultiresMethod(CONFIG, trained.method.dataset)
+    method.engine = FusedEngine(method.dataset, method.plan, method.settings, CONFIG.seed, threads)
+    state = method.start(jax.random.key(0))
+    for step in range(TRAINED):
+        state, _ = method.step(state, step)
+    for name, array in method.save(trained.state).items():
+        np.testing.assert_array_equal(method.save(state)[name], array, err_msg=name)

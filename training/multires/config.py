@@ -1,0 +1,85 @@
+"""Settings of the multi-resolution field.
+
+What a field needs depends on what was photographed. A setting whose default is None is taken from BY_KIND:
+
+    object        cut out by alpha: all else is known to be empty
+    surroundings  opaque photographs from many sides: every ray must end somewhere, and much is seen by few photographs
+    forward       opaque photographs from one side, in NDC: depth is disparity, which small baselines tell coarsely
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from training.scenes.scene import Kind
+
+
+@dataclass(frozen=True)
+class MultiresConfig:
+    """The multi-resolution field (training.multires). Resolutions are cells along each axis of the unit cube around the scene."""
+
+    resolutions: tuple[int, ...] | None = None
+    """Cells along the cube of each level, coarse to fine. None: powers of two from 16 to about the photographs' pixels, at most
+    512."""
+    occupancy: int = 256
+    """Cells of the occupancy grid along the cube; a multiple of 8."""
+    fine_from: tuple[float, float] | None = None
+    """When levels of 256 and of 512 cells join, as fractions of all steps. Here and below, None means: chosen by the kind of
+    scene."""
+    samples_per_step: int | None = None
+    """Samples per step, without those in empty space. The number of rays adapts to it. None: from 65,536 for small photographs
+    to 262,144 for those of 512 pixels and more."""
+    steps_across: tuple[int, ...] = (256, 512, 1024)
+    """Samples along the cube's side: at first, and after each of steps_from."""
+    steps_from: tuple[float, ...] = (0.15, 0.85)
+    """When samples lie closer, as fractions of all steps."""
+    view_octaves: int = 4
+    """Octaves of the view direction that the view MLP sees, at most 4."""
+    view_dependence: bool = True
+    """If false, train a diffuse model without a view MLP."""
+    table_rate: float = 0.015
+    """Initial learning rate of features (Adam)."""
+    decoder_rate: float = 5e-3
+    """Initial learning rate of the decoder (Adam)."""
+    view_rate: float = 3e-3
+    """Initial learning rate of the view MLP (Adam)."""
+    final_rate_factor: float = 0.05
+    """All learning rates decay log-linearly to this fraction at the last step."""
+    warmup_steps: int = 20
+    """Steps over which learning rates rise from zero."""
+    distortion_weight: float | None = None
+    """Weight of the distortion loss of mip-NeRF 360, with distances relative to the cube; 0 for none."""
+    sparsity_factor: float | None = None
+    """Factor on the sparsity weight."""
+    least_views: int | None = None
+    """Where fewer training photographs look, nothing is."""
+    ndc_depth: float = 2.0
+    """Depth of a cell relative to its width, in forward-facing scenes, where depth is known less precisely."""
+    random_background: bool = True
+    """Train what is cut out before random colours instead of the scene's own: mist of the background's colour costs nothing
+    before it. Opaque photographs always have random colours behind them."""
+
+
+@dataclass(frozen=True)
+class KindSettings:
+    """The settings of MultiresConfig that the kind of scene decides where nobody else does; explained there."""
+
+    fine_from: tuple[float, float]
+    distortion_weight: float
+    sparsity_factor: float
+    least_views: int
+
+
+BY_KIND: Mapping[Kind, KindSettings] = {
+    "object": KindSettings(fine_from=(0.0, 0.08), distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
+    "surroundings": KindSettings(fine_from=(0.05, 0.15), distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
+    "forward": KindSettings(fine_from=(0.05, 0.15), distortion_weight=0.003, sparsity_factor=0.2, least_views=3),
+}
+
+
+def settings_for(config: MultiresConfig, kind: Kind) -> KindSettings:
+    """What the config says, and what suits the kind of scene where it says None."""
+    said = {field.name: getattr(config, field.name) for field in dataclasses.fields(KindSettings)}
+    return dataclasses.replace(BY_KIND[kind], **{name: value for name, value in said.items() if value is not None})

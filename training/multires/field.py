@@ -1,0 +1,237 @@
+"""The field's definition in JAX: features of several resolutions, one small decoder, compositing, and the loss.
+
+Per point u of the unit cube: x = trilinear features of all levels, 4 each, concatenated and padded to I, a multiple of 8;
+raw = relu(x w0 + b0) w1 + b1. Density is e^min(raw_0, LARGEST_RAW) per side of the cube; colours and features are
+sigmoid(raw_1..7). Levels as in instant-ngp (Müller et al. 2022); the head and the background rule are SNeRG's (section 4.2).
+
+Parameters are one flat array: w0 [I, 64], b0, w1 [64, 8], b1, then weights and biases of the view MLP layer by layer.
+Notation: N rays, S samples in ray order (training.marching.march).
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scenepack.constants import TRANSMITTANCE_SHADED, VIEW_MLP_WIDTHS
+from training.encoding import VIEW_FREQUENCIES
+from training.marching.layout import blend, trilinear_weights
+from training.marching.march import MarchSizes, Samples, transmittance
+from training.method import RenderOutput, ViewMlpParams
+from training.multires.levels import BRICK, FEATURES, ROWS_OF_BRICK, Levels, bricks_along
+from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Settings
+from training.view_mlp import apply_view_mlp
+from training.volume import alpha_of
+
+HIDDEN, OUTPUTS = 64, 8
+VIEW_PARAMETERS = sum(inputs * outputs + outputs for inputs, outputs in pairwise(VIEW_MLP_WIDTHS))
+
+
+class Level(NamedTuple):
+    """A level as constants of a program: see training.multires.levels.Levels."""
+
+    resolution: int
+    offset: int
+    place: int
+
+
+def static_levels(levels: Levels) -> tuple[Level, ...]:
+    """The levels, hashable."""
+    return tuple(
+        Level(int(r), int(o), int(p)) for r, o, p in zip(levels.resolution, levels.offset, levels.place, strict=True)
+    )
+
+
+def inputs_of(levels: int) -> int:
+    """I: inputs of the decoder."""
+    return -(-levels * FEATURES // 8) * 8
+
+
+def decoder_size(inputs: int) -> int:
+    """Parameters of the decoder."""
+    return inputs * HIDDEN + HIDDEN + HIDDEN * OUTPUTS + OUTPUTS
+
+
+def initial_parameters(levels: int, view_mlp: ViewMlpParams, random: np.random.Generator, octaves: int) -> np.ndarray:
+    """Parameters float32 [P]: He-uniform decoder without biases; rows of inputs that do not exist are zero."""
+    inputs = inputs_of(levels)
+    w0 = random.uniform(-1, 1, (inputs, HIDDEN)) * np.sqrt(6 / (levels * FEATURES))
+    w0[levels * FEATURES :] = 0
+    w1 = random.uniform(-1, 1, (HIDDEN, OUTPUTS)) * np.sqrt(6 / (HIDDEN + OUTPUTS))
+    decoder = [w0, np.zeros(HIDDEN), w1, np.zeros(OUTPUTS)]
+    layers = [np.asarray(part) for pair in zip(view_mlp.weights, view_mlp.biases, strict=True) for part in pair]
+    layers[0] = layers[0] * seen_inputs(octaves)[:, None]
+    return np.concatenate([part.ravel() for part in (*decoder, *layers)]).astype(np.float32)
+
+
+def seen_inputs(octaves: int) -> np.ndarray:
+    """bool [34]: which inputs of the view MLP are used, where it sees so many octaves of the direction."""
+    seen = np.ones(VIEW_MLP_WIDTHS[0], bool)
+    for start in (3, 3 + 3 * VIEW_FREQUENCIES):  # sines, then cosines, three for each octave
+        seen[start + 3 * octaves : start + 3 * VIEW_FREQUENCIES] = False
+    return seen
+
+
+def split_parameters(flat: jax.Array, inputs: int) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array, ViewMlpParams]:
+    """w0, b0, w1, b1 and the view MLP that lie in a flat array of NumPy or JAX."""
+    shapes = [(inputs, HIDDEN), (HIDDEN,), (HIDDEN, OUTPUTS), (OUTPUTS,)]
+    for wide, narrow in pairwise(VIEW_MLP_WIDTHS):
+        shapes += [(wide, narrow), (narrow,)]
+    parts, start = [], 0
+    for shape in shapes:
+        size = int(np.prod(shape))
+        parts.append(flat[start : start + size].reshape(shape))
+        start += size
+    w0, b0, w1, b1, *layers = parts
+    return w0, b0, w1, b1, ViewMlpParams(tuple(layers[::2]), tuple(layers[1::2]))  # type: ignore[arg-type]
+
+
+def corners(level: Level, maps: jax.Array, points: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Rows int32 [N, 8] of the vertices around points [N, 3] of the unit cube, and their weights [N, 8]."""
+    place = points * level.resolution
+    cell = jnp.clip(place.astype(jnp.int32), 0, level.resolution - 1)
+    ahead = np.array([[k & 1, k >> 1 & 1, k >> 2] for k in range(8)], np.int32)
+    x, y, z = jnp.moveaxis(cell[:, None] + ahead, -1, 0)
+    weights = trilinear_weights(place - cell)
+    if level.place < 0:
+        width = level.resolution + 1
+        return level.offset + (z * width + y) * width + x, weights
+    bricks = bricks_along(level.resolution)
+    brick = maps[level.place + (z // BRICK * bricks + y // BRICK) * bricks + x // BRICK]
+    within = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK
+    return level.offset + brick * ROWS_OF_BRICK + within, weights
+
+
+def encode(table: jax.Array, levels: tuple[Level, ...], maps: jax.Array, points: jax.Array) -> jax.Array:
+    """x [N, I] at points [N, 3] of the unit cube; zero for a level that has not joined."""
+    parts = []
+    for level in levels:
+        if level.offset < 0:
+            parts.append(jnp.zeros((len(points), FEATURES)))
+        else:
+            ids, weights = corners(level, maps, points)
+            parts.append(blend(table[ids], weights))
+    padding = inputs_of(len(levels)) - FEATURES * len(levels)
+    return jnp.concatenate([*parts, jnp.zeros((len(points), padding))], axis=-1)
+
+
+def decode(parameters: jax.Array, x: jax.Array) -> jax.Array:
+    """raw [N, 8] of inputs x [N, I]."""
+    w0, b0, w1, b1, _ = split_parameters(parameters, x.shape[1])
+    highest = jax.lax.Precision.HIGHEST
+    return jnp.matmul(jax.nn.relu(jnp.matmul(x, w0, precision=highest) + b0), w1, precision=highest) + b1
+
+
+@jax.custom_vjp
+def clamped(raw: jax.Array) -> jax.Array:
+    """min(raw, LARGEST_RAW). Beyond, the gradient only counts where it leads back."""
+    return jnp.minimum(raw, LARGEST_RAW)
+
+
+def _clamped_backward(raw: jax.Array, slope: jax.Array) -> tuple[jax.Array]:
+    return (jnp.where((raw < LARGEST_RAW) | (slope > 0), slope, 0.0),)
+
+
+clamped.defvjp(lambda raw: (clamped(raw), raw), _clamped_backward)
+
+
+def activate(raw: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Density [N] per side of the cube, and colours and features [N, 7], of raw [N, 8]."""
+    return jnp.exp(clamped(raw[:, 0])), jax.nn.sigmoid(raw[:, 1:])
+
+
+def composite(
+    density: jax.Array, values: jax.Array, samples: Samples, lengths: jax.Array, count: int, per_ray: int
+) -> tuple[jax.Array, jax.Array, jax.Array]:  # fmt: skip
+    """What N rays gather [N, 9] (colours and features, T behind all, weights times t), the weights [S], and which samples count.
+
+    lengths [N]: of a step, in sides of the cube. A ray ends behind the sample at which less than LEAST_LIGHT is left.
+    """
+    tau = density * lengths[samples.ray]
+    before, _ = transmittance(samples, tau, count, per_ray)
+    counted = samples.valid & (jax.lax.stop_gradient(before) >= LEAST_LIGHT)
+    tau = jnp.where(counted, tau, 0.0)
+    before, behind = transmittance(samples, tau, count, per_ray)
+    weights = jnp.where(samples.valid, before * alpha_of(tau, 1.0), 0.0)
+    gathered = jnp.concatenate([values, samples.t[:, None]], axis=-1)
+    sums = jnp.zeros((count, 8)).at[samples.ray].add(weights[:, None] * gathered)
+    return jnp.concatenate([sums[:, :7], behind[:, None], sums[:, 7:]], axis=-1), weights, counted
+
+
+def shade(
+    gathered: jax.Array, view_mlp: ViewMlpParams | None, viewdirs: jax.Array, background: jax.Array
+) -> RenderOutput:  # fmt: skip
+    """Colours of N rays that have gathered [N, 9], over a background [N, 3] or [3]. Nothing is clamped; depth is a sum."""
+    behind = gathered[:, 7]
+    diffuse = gathered[:, :3] + behind[:, None] * background
+    rgb = diffuse
+    if view_mlp is not None:
+        residual = apply_view_mlp(view_mlp, diffuse, gathered[:, 3:7], viewdirs)
+        rgb = diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
+    return RenderOutput(rgb, diffuse, gathered[:, 3:7], 1.0 - behind, gathered[:, 8])
+
+
+def finished(output: RenderOutput, scale: jax.Array | np.ndarray) -> RenderOutput:
+    """What `shade` returns as a picture: colours in [0, 1], and the mean t of what each ray meets. scale [N]: cells per t."""
+    depth = output.depth / jnp.maximum(output.alpha, 1e-6) / scale
+    return output._replace(rgb=jnp.clip(output.rgb, 0, 1), depth=depth)
+
+
+def distortion(samples: Samples, weights: jax.Array, step: jax.Array, count: int, per_ray: int) -> jax.Array:
+    """Sum over rays of sum_kl w_k w_l |t_k - t_l| + sum_k w_k² step / 3 (mip-NeRF 360, equation 15); t and step alike.
+
+    By running sums, as DVGO v2 (Sun et al. 2022).
+    """
+    slot = jnp.where(samples.valid, samples.ray * per_ray + samples.rank, count * per_ray)
+
+    def before(values: jax.Array) -> jax.Array:
+        spread = jnp.zeros(count * per_ray, values.dtype).at[slot].set(values, mode="drop").reshape(count, per_ray)
+        return jnp.cumsum(spread, axis=1).ravel().at[slot].get(mode="fill", fill_value=0.0) - values
+
+    first = jnp.zeros(count).at[jnp.where(samples.rank == 0, samples.ray, count)].set(samples.t, mode="drop")
+    t = samples.t - first[samples.ray]
+    pairs = 2.0 * weights * (t * before(weights) - before(weights * t))
+    return jnp.where(samples.valid, pairs + jnp.square(weights) * step / 3.0, 0.0).sum()
+
+
+class Target(NamedTuple):
+    """What N rays should show. viewdirs, colours, background [N, 3]; step_lengths [N]: distance between a ray's samples, in sides
+    of the cube; side []: world units of one."""
+
+    viewdirs: jax.Array
+    colours: jax.Array
+    background: jax.Array
+    step_lengths: jax.Array
+    side: jax.Array
+
+
+def loss(
+    table: jax.Array, parameters: jax.Array, levels: tuple[Level, ...], maps: jax.Array, samples: Samples, target: Target,
+    step_cells: jax.Array, sizes: MarchSizes, settings: Settings,
+) -> tuple[jax.Array, dict[str, jax.Array]]:  # fmt: skip
+    """The loss of a batch's samples, and its metrics: the mean, over rays that have samples, of squared error, distortion
+    and SNeRG's sparsity loss (section 4.3), the last over all that is in the way of a ray."""
+    count = target.colours.shape[0]
+    x = encode(table, levels, maps, samples.g / settings.resolution)
+    density, values = activate(decode(parameters, x))
+    gathered, weights, lit = composite(density, values, samples, target.step_lengths, count, sizes.per_ray)
+    view_mlp = split_parameters(parameters, x.shape[1])[-1] if settings.has_view_mlp else None
+    rgb = shade(gathered, view_mlp, target.viewdirs, target.background).rgb
+    counted = (samples.complete & (samples.counts > 0))[:, None]
+    total = jnp.maximum(counted.sum(), 1)
+    colour = jnp.where(counted, jnp.square(rgb - target.colours), 0.0).sum() / total
+    clipped = jnp.square(jnp.clip(rgb, 0, 1) - target.colours)
+    spread = distortion(samples, weights, step_cells, count, sizes.per_ray) / settings.resolution / total
+    penalty = jnp.log1p(jnp.square(density / target.side) / settings.sparsity_scale) * target.step_lengths[samples.ray]
+    sparsity = settings.sparsity * target.side * jnp.where(lit, penalty, 0.0).sum() / total
+    metrics = {
+        "mse": jnp.where(counted, clipped, 0.0).sum() / (3 * total),
+        "distortion": settings.distortion * spread,
+        "sparsity": sparsity,
+    }
+    metrics |= {"rays": total, "samples": samples.valid.sum()}
+    return colour + settings.distortion * spread + sparsity, metrics

@@ -1,0 +1,15 @@
+"""The multi-resolution field on processors: loops compiled by Numba, which agree with training.multires.field.
+
+vectors   SIMD operations for LLVM             network   the decoder's matrix products and activations
+corners   vertices around samples, by level    view_mlp  the deferred head over a chunk of rays
+march     samples of rays, wave by wave        chunk     a chunk of rays, forward and backward
+adam      gradients to table rows, and Adam    engine    training.multires.engine.Engine
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from training.multires.fused.compiled import keep_compiled_code
+
+keep_compiled_code(Path(__file__).parent)

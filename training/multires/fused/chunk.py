@@ -1,0 +1,337 @@
+"""A chunk of rays through the field, forward and backward, by one worker; its samples stay in the cache meanwhile.
+
+Samples come wave by wave: a few of each ray that still has light, so that a ray ends exactly where its light does and blocks of
+samples are full. Within a ray they are in order. What training.multires.field defines, computed in float32.
+
+Notation: n samples of a chunk, in blocks; I inputs of the decoder; CHUNK rays. Arrays of samples are flat.
+"""
+
+# pyright: reportCallIssue=false
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from training.multires.field import HIDDEN, OUTPUTS
+from training.multires.fused.corners import BLOCK, CORNERS, encode
+from training.multires.fused.march import next_sample
+from training.multires.fused.network import SAMPLES as TOGETHER
+from training.multires.fused.network import activate, add_gradient, decode
+from training.multires.fused.vectors import FEATURES
+from training.multires.fused.view_mlp import DISTORTION, SAMPLES, SPARSITY, shade_chunk
+
+CHUNK = 128  # rays
+FIRST_WAVE, LATER_WAVES, LONGEST_WAVE = 4, 3, 8  # samples of each ray: more where few rays are left, to fill blocks
+
+
+class Numbers(NamedTuple):
+    """What a step treats as constants.
+
+    step: distance between samples, in cells. reference: world units of a side of the cube. distortion: weight by distances in cells.
+    sparsity: weight by lengths in world units, and its scale. shaded_below: T at which the view MLP, if has_view_mlp, counts.
+    octaves: of the direction that it sees. first_view: where its parameters begin; first_turned: in what gradients' products read.
+    """
+
+    step: float
+    reference: float
+    distortion: float
+    sparsity: float
+    sparsity_scale: float
+    largest_raw: float
+    least_light: float
+    shaded_below: float
+    octaves: int
+    has_view_mlp: bool
+    first_view: int
+    first_turned: int
+
+
+class Scratch(NamedTuple):
+    """Memory of one worker for `room` samples.
+
+    Of each sample: its ray int32 (-1: padding), place x, y, z in the unit cube, t, density, weight, light, T behind it (0: it does not
+    count), and pull, dL/dweight of the distortion loss; x [., I], hidden [., 64], raw [., 8], slopes [., 8]. Then what encoding and
+    decoding need. Of each ray: behind, k of its next sample, alive, depth, sums [., 8] (unused, colours, features) and their slopes.
+    """
+
+    ray: np.ndarray
+    xs: np.ndarray
+    ys: np.ndarray
+    zs: np.ndarray
+    t: np.ndarray
+    density: np.ndarray
+    weight: np.ndarray
+    light: np.ndarray
+    pull: np.ndarray
+    x: np.ndarray
+    hidden: np.ndarray
+    raw: np.ndarray
+    slopes: np.ndarray
+    ids: np.ndarray
+    corner_weights: np.ndarray
+    cells: np.ndarray
+    hidden_slopes: np.ndarray
+    x_slopes: np.ndarray
+    behind: np.ndarray
+    next_k: np.ndarray
+    alive: np.ndarray
+    depth: np.ndarray
+    sums: np.ndarray
+    ray_slopes: np.ndarray
+
+
+def make_scratch(room: int, levels: int, inputs: int) -> Scratch:
+    """Memory for chunks of so many samples, a multiple of BLOCK."""
+
+    def floats(*shape: int) -> np.ndarray:
+        return np.zeros(int(np.prod(shape)), np.float32)
+
+    corner = 2 * levels * CORNERS
+    return Scratch(
+        np.zeros(room, np.int32), *(floats(room) for _ in range(8)), floats(room, inputs), floats(room, HIDDEN),
+        floats(room, OUTPUTS), floats(room, OUTPUTS), np.zeros(corner, np.int32), floats(corner), np.zeros(3 * BLOCK, np.int32),
+        floats(TOGETHER, HIDDEN), floats(TOGETHER, inputs), floats(CHUNK), np.zeros(CHUNK, np.int64),
+        np.zeros(CHUNK, np.bool_), floats(CHUNK), floats(CHUNK, 8), floats(CHUNK, 8),
+    )  # fmt: skip
+
+
+@njit(nogil=True, cache=True)
+def _march_wave(low, high, grid, batch, numbers, scratch, count, wave):
+    """Adds up to `wave` samples of each ray that is alive; the number of samples then, -1 where the room does not suffice."""
+    room, unit = scratch.ray.size - BLOCK, np.float32(1.0) / np.float32(grid.side)
+    for r in range(high - low):
+        ray, got = low + r, 0
+        while scratch.alive[r] and got < wave:
+            k, t = next_sample(grid, batch, ray, scratch.next_k[r], numbers.step)
+            if k < 0:
+                scratch.alive[r] = False
+                break
+            if count >= room:
+                return -1
+            scratch.ray[count], scratch.t[count] = r, t
+            scratch.xs[count] = (batch.origins[ray, 0] + t * batch.directions[ray, 0]) * unit
+            scratch.ys[count] = (batch.origins[ray, 1] + t * batch.directions[ray, 1]) * unit
+            scratch.zs[count] = (batch.origins[ray, 2] + t * batch.directions[ray, 2]) * unit
+            scratch.next_k[r] = k + 1
+            count, got = count + 1, got + 1
+    return count
+
+
+@njit(nogil=True, cache=True)
+def _pad(scratch, count):
+    """Fills up the last block of samples; their number then."""
+    end = (count + BLOCK - 1) // BLOCK * BLOCK
+    for n in range(count, end):
+        scratch.ray[n] = -1
+        scratch.xs[n] = scratch.ys[n] = scratch.zs[n] = np.float32(0.5)
+        scratch.weight[n] = scratch.light[n] = scratch.t[n] = np.float32(0.0)
+    return end
+
+
+@njit(nogil=True, cache=True)
+def evaluate(levels, table, parameters, inputs, largest_raw, scratch, begin, end):
+    """Features, raw values and activations of samples begin … end - 1, whole blocks."""
+    for first in range(begin, end, TOGETHER):
+        some = min(TOGETHER, end - first)
+        encode(
+            levels, table, scratch.xs, scratch.ys, scratch.zs, first, some, inputs, scratch.ids, scratch.corner_weights,
+            scratch.cells, scratch.x,
+        )  # fmt: skip
+        decode(scratch.x, scratch.hidden, scratch.raw, first, some, inputs, parameters)
+        activate(scratch.raw, scratch.density, first, some, largest_raw)
+
+
+@njit(nogil=True, cache=True)
+def forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch):
+    """Samples of rays low … high - 1 and what the rays gather: sums, behind, depth. The number of samples, with
+    padding; -1 where the room does not suffice."""
+    for r in range(high - low):
+        scratch.behind[r], scratch.next_k[r], scratch.depth[r] = np.float32(1.0), 0, np.float32(0.0)
+        scratch.alive[r] = batch.start[low + r] < batch.end[low + r]
+    sums = scratch.sums
+    sums[:] = np.float32(0.0)
+    begin, wave = 0, FIRST_WAVE
+    while True:
+        count = _march_wave(low, high, grid, batch, numbers, scratch, begin, wave)
+        if count < 0 or count == begin:
+            return min(count, begin)
+        end = _pad(scratch, count)
+        evaluate(levels, table, parameters, inputs, numbers.largest_raw, scratch, begin, end)
+        for n in range(begin, count):
+            r = scratch.ray[n]
+            before = scratch.behind[r]
+            if before < numbers.least_light:
+                scratch.weight[n] = scratch.light[n] = np.float32(0.0)
+                continue
+            length = numbers.step * batch.length[low + r] / numbers.reference
+            weight = before * -np.expm1(-scratch.density[n] * length)
+            after = before - weight
+            scratch.weight[n], scratch.light[n], scratch.behind[r] = weight, max(after, np.float32(1e-30)), after
+            scratch.alive[r] = scratch.alive[r] and after >= numbers.least_light
+            scratch.depth[r] += weight * scratch.t[n]
+            for c in range(OUTPUTS):
+                sums[r * OUTPUTS + c] += weight * scratch.raw[n * OUTPUTS + c]
+        begin, wave = end, LATER_WAVES
+        alive = 0
+        for r in range(high - low):
+            alive += scratch.alive[r]
+        if alive > 0:
+            wave = min(max(LATER_WAVES, BLOCK // alive), LONGEST_WAVE)
+
+
+@njit(nogil=True, cache=True)
+def _pull_together(low, count, batch, numbers, scratch, metrics):
+    """The distortion loss of a chunk's rays: scratch.pull, dL/dweight of each sample."""
+    inside, inside_t = np.zeros(CHUNK), np.zeros(CHUNK)  # weights of the samples before, and weights times t
+    whole, whole_t = np.zeros(CHUNK), np.zeros(CHUNK)
+    for n in range(count):
+        r = scratch.ray[n]
+        if r >= 0:
+            whole[r] += scratch.weight[n]
+            whole_t[r] += scratch.weight[n] * np.float64(scratch.t[n] - batch.start[low + r])
+    own = np.float64(numbers.step) / 3.0
+    for n in range(count):
+        r = scratch.ray[n]
+        if r < 0 or scratch.light[n] == 0:
+            scratch.pull[n] = np.float32(0.0)
+            continue
+        weight, t = np.float64(scratch.weight[n]), np.float64(scratch.t[n] - batch.start[low + r])
+        before = t * inside[r] - inside_t[r]
+        inside[r] += weight
+        inside_t[r] += weight * t
+        behind = (whole_t[r] - inside_t[r]) - t * (whole[r] - inside[r])
+        metrics[DISTORTION] += 2.0 * weight * before + own * weight * weight
+        scratch.pull[n] = np.float32(numbers.distortion * (2.0 * (before + behind) + 2.0 * own * weight))
+
+
+@njit(nogil=True, cache=True)
+def _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics):
+    """scratch.slopes [., 8] = dL/draw from dL/d what each ray gathered, ray_slopes [CHUNK, 8]: T behind it, then 7 sums."""
+    behind, ray_slopes = np.empty(CHUNK, np.float32), scratch.ray_slopes
+    sparsity = 0.0
+    one, two, largest = np.float32(1.0), np.float32(2.0), np.exp(numbers.largest_raw) * np.float32(0.9999)
+    for r in range(high - low):
+        behind[r] = scratch.behind[r] * ray_slopes[r * OUTPUTS]
+    for n in range(count - 1, -1, -1):
+        r, at = scratch.ray[n], n * OUTPUTS
+        if r < 0 or scratch.light[n] == 0:
+            for c in range(OUTPUTS):
+                scratch.slopes[at + c] = np.float32(0.0)
+            continue
+        weight, of_weight = scratch.weight[n], scratch.pull[n]
+        for c in range(1, OUTPUTS):
+            value, slope = scratch.raw[at + c], ray_slopes[r * OUTPUTS + c]
+            of_weight += slope * value
+            scratch.slopes[at + c] = slope * weight * value * (one - value)
+        length = numbers.step * batch.length[low + r] / numbers.reference
+        sigma = scratch.density[n] / numbers.reference
+        scaled = numbers.sparsity_scale + sigma * sigma
+        of_density = (scratch.light[n] * of_weight - behind[r] + two * numbers.sparsity * sigma / scaled) * length
+        sparsity += np.float64(np.log(scaled / numbers.sparsity_scale) * length)
+        behind[r] += weight * of_weight
+        slope = of_density * scratch.density[n]
+        if scratch.density[n] >= largest:  # beyond the largest density only what leads back counts
+            slope = max(slope, np.float32(0.0))
+        scratch.slopes[at] = slope
+    metrics[SPARSITY] = sparsity
+
+
+class Output(NamedTuple):
+    """What chunks leave for the scatter. Chunk c has counts[c] samples (-1: the room did not suffice) from c * room on: xs, ys,
+    zs, and slopes [L, chunks * room, 4] of their features. metrics float64 [chunks, METRICS]. gradient float32 [parts, P]:
+    of the parameters, by groups of chunks.
+    """
+
+    counts: np.ndarray
+    xs: np.ndarray
+    ys: np.ndarray
+    zs: np.ndarray
+    slopes: np.ndarray
+    metrics: np.ndarray
+    gradient: np.ndarray
+
+
+@njit(nogil=True, cache=True)
+def _list_rays(count, scratch, shading):
+    """Sets shading.ray to the rays that have samples; how many these are."""
+    seen, listed = np.zeros(CHUNK, np.bool_), 0
+    for n in range(count):
+        r = scratch.ray[n]
+        if r >= 0 and not seen[r]:
+            seen[r], shading.ray[listed] = True, r
+            listed += 1
+    return listed
+
+
+@njit(nogil=True, cache=True)
+def train_chunk(
+    chunk, part, grid, levels, table, parameters, turned, inputs, batch, numbers, scratch, shading, output
+):  # fmt: skip
+    """Samples, loss and gradients of one chunk into `output`."""
+    low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
+    metrics, gradient = output.metrics[chunk], output.gradient[part]
+    metrics[:] = 0.0
+    count = forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch)
+    output.counts[chunk] = count
+    if count <= 0:
+        return
+    shade_chunk(
+        low, _list_rays(count, scratch, shading), batch, parameters, numbers.first_view, turned, numbers.first_turned, numbers,
+        scratch.behind, scratch.sums, shading, scratch.ray_slopes, metrics, gradient,
+    )  # fmt: skip
+    _pull_together(low, count, batch, numbers, scratch, metrics)
+    _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics)
+    base, place, table_room = chunk * (scratch.ray.size - BLOCK), 0, output.xs.size
+    for first in range(0, count, TOGETHER):
+        some = min(TOGETHER, count - first)
+        add_gradient(
+            scratch.x, scratch.hidden, scratch.slopes, first, some, inputs, parameters, turned, scratch.hidden_slopes,
+            scratch.x_slopes, gradient,
+        )  # fmt: skip
+        for n in range(first, first + some):
+            if scratch.light[n] == 0:
+                continue
+            to = base + place
+            output.xs[to], output.ys[to], output.zs[to] = scratch.xs[n], scratch.ys[n], scratch.zs[n]
+            for level in range(levels.resolution.size):
+                at, source = (level * table_room + to) * FEATURES, (n - first) * inputs + level * FEATURES
+                for f in range(FEATURES):
+                    output.slopes[at + f] = scratch.x_slopes[source + f]
+            place += 1
+    output.counts[chunk], metrics[SAMPLES] = place, place
+
+
+@njit(nogil=True, cache=True)
+def gather_chunk(chunk, grid, levels, table, parameters, inputs, batch, numbers, scratch, gathered):
+    """gathered [N, 9] of a chunk's rays: see training.multires.field.composite. Whether the room sufficed."""
+    low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
+    if forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch) < 0:
+        return False
+    for r in range(high - low):
+        for c in range(7):
+            gathered[low + r, c] = scratch.sums[r * OUTPUTS + c + 1]
+        gathered[low + r, 7], gathered[low + r, 8] = scratch.behind[r], scratch.depth[r]
+    return True
+
+
+@njit(nogil=True, cache=True)
+def query_points(levels, table, parameters, inputs, largest_raw, points, values, low, high, scratch):
+    """values [N, 8] of points low … high - 1 [N, 3] of the unit cube: density per side of it, colours and features."""
+    step = scratch.ray.size // TOGETHER * TOGETHER
+    for first in range(low, high, step):
+        count = min(step, high - first)
+        for n in range(count):
+            scratch.xs[n], scratch.ys[n], scratch.zs[n] = (
+                points[first + n, 0],
+                points[first + n, 1],
+                points[first + n, 2],
+            )
+        end = _pad(scratch, count)
+        evaluate(levels, table, parameters, inputs, largest_raw, scratch, 0, end)
+        for n in range(count):
+            values[first + n, 0] = scratch.density[n]
+            for c in range(1, OUTPUTS):
+                values[first + n, c] = scratch.raw[n * OUTPUTS + c]

@@ -1,0 +1,152 @@
+"""Which table rows surround samples, level by level, and their trilinear weights; features gathered, gradients scattered.
+
+Notation: BLOCK samples at x, y, z in the unit cube; ids int32 and weights float32 are flat [8, BLOCK], corner k in bits zyx;
+cells int32 is flat [3, BLOCK]. See training.multires.levels for the numbering of rows. Indices that are known not to be negative
+are unsigned (U): Numba does not turn those around, and LLVM makes vectors of the loops.
+"""
+
+# pyright: reportCallIssue=false
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from training.multires.fused.vectors import FEATURES, add_to_row, blend_row, prefetch_row
+
+BLOCK = 16  # samples whose corners are computed together
+CORNERS = 8 * BLOCK
+PREFETCHED_ROWS = 16_384  # a level of fewer rows stays in the cache by itself
+U = np.uintp
+
+
+@njit(nogil=True, cache=True)
+def corners(levels, level, xs, ys, zs, at, ids, weights, out, cells):
+    """Sets ids and weights, from `out`, of the samples at … at + BLOCK - 1 at a level; ids count from the table's first row."""
+    side = levels.resolution[level]
+    resolution, last, none, one = np.float32(side), np.int32(side - 1), np.int32(0), np.float32(1.0)
+    for s in range(BLOCK):
+        x, y, z = xs[U(at + s)] * resolution, ys[U(at + s)] * resolution, zs[U(at + s)] * resolution
+        i, j, k = (
+            min(max(np.int32(x), none), last),
+            min(max(np.int32(y), none), last),
+            min(max(np.int32(z), none), last),
+        )
+        cells[U(s)], cells[U(BLOCK + s)], cells[U(2 * BLOCK + s)] = i, j, k
+        fx, fy, fz = x - np.float32(i), y - np.float32(j), z - np.float32(k)
+        gx, gy, gz = one - fx, one - fy, one - fz
+        a, b, c, d = gx * gy, fx * gy, gx * fy, fx * fy
+        weights[U(out + s)], weights[U(out + BLOCK + s)] = a * gz, b * gz
+        weights[U(out + 2 * BLOCK + s)], weights[U(out + 3 * BLOCK + s)] = c * gz, d * gz
+        weights[U(out + 4 * BLOCK + s)], weights[U(out + 5 * BLOCK + s)] = a * fz, b * fz
+        weights[U(out + 6 * BLOCK + s)], weights[U(out + 7 * BLOCK + s)] = c * fz, d * fz
+    if levels.place[level] < 0:
+        _dense_rows(side + 1, levels.offset[level], ids, out, cells)
+    else:
+        _brick_rows(side // 4 + 1, levels.place[level], levels.offset[level], levels.maps, ids, out, cells)
+
+
+@njit(nogil=True, cache=True)
+def _dense_rows(width, first, ids, out, cells):
+    """Rows of a level with a row for each of width³ vertices."""
+    line, plane = np.int32(width), np.int32(width * width)
+    for s in range(BLOCK):
+        row = np.int32(first + cells[U(2 * BLOCK + s)] * plane + cells[U(BLOCK + s)] * line + cells[U(s)])
+        ids[U(out + s)], ids[U(out + BLOCK + s)] = row, row + 1
+        ids[U(out + 2 * BLOCK + s)], ids[U(out + 3 * BLOCK + s)] = row + line, row + line + 1
+        ids[U(out + 4 * BLOCK + s)], ids[U(out + 5 * BLOCK + s)] = row + plane, row + plane + 1
+        ids[U(out + 6 * BLOCK + s)], ids[U(out + 7 * BLOCK + s)] = row + plane + line, row + plane + line + 1
+
+
+@njit(nogil=True, cache=True)
+def _brick_rows(bricks, place, first, maps, ids, out, cells):
+    """Rows of a level of bricks, so many along each axis, whose map begins at place."""
+    for s in range(BLOCK):
+        i, j, k = cells[U(s)], cells[U(BLOCK + s)], cells[U(2 * BLOCK + s)]
+        if (i & 3) < 3 and (j & 3) < 3 and (k & 3) < 3:  # all corners in one brick
+            brick = maps[U(place + ((k >> 2) * bricks + (j >> 2)) * bricks + (i >> 2))]
+            row = first + (brick << 6) + ((k & 3) << 4) + ((j & 3) << 2) + (i & 3)
+            ids[U(out + s)], ids[U(out + BLOCK + s)] = row, row + 1
+            ids[U(out + 2 * BLOCK + s)], ids[U(out + 3 * BLOCK + s)] = row + 4, row + 5
+            ids[U(out + 4 * BLOCK + s)], ids[U(out + 5 * BLOCK + s)] = row + 16, row + 17
+            ids[U(out + 6 * BLOCK + s)], ids[U(out + 7 * BLOCK + s)] = row + 20, row + 21
+            continue
+        for q in range(8):
+            a, b, c = i + (q & 1), j + (q >> 1 & 1), k + (q >> 2)
+            brick = maps[U(place + ((c >> 2) * bricks + (b >> 2)) * bricks + (a >> 2))]
+            ids[U(out + q * BLOCK + s)] = first + (brick << 6) + ((c & 3) << 4) + ((b & 3) << 2) + (a & 3)
+
+
+@njit(nogil=True, cache=True)
+def _prepare(levels, table, xs, ys, zs, first, ids, weights, out, cells):
+    """Corners of the samples first … first + BLOCK - 1 at all levels, from `out`, and their rows on the way to the cache."""
+    for level in range(levels.resolution.size):
+        if levels.offset[level] >= 0:
+            corners(levels, level, xs, ys, zs, first, ids, weights, out + level * CORNERS, cells)
+            if levels.rows[level] > PREFETCHED_ROWS:
+                _prefetch(table, ids, out + level * CORNERS)
+
+
+@njit(nogil=True, cache=True)
+def _prefetch(table, ids, out):
+    """Asks for the rows of ids from `out`; a neighbour along x mostly shares the cache line."""
+    for i in range(0, CORNERS, 2 * BLOCK):
+        for s in range(BLOCK):
+            prefetch_row(table, ids[U(out + i + s)])
+
+
+@njit(nogil=True, cache=True)
+def encode(levels, table, xs, ys, zs, first, samples, inputs, ids, weights, cells, x):
+    """x [., inputs]: the features of so many samples from `first`, whole blocks; ids, weights [2, L, 8, BLOCK] are scratch."""
+    half, blocks = ids.size // 2, samples // BLOCK
+    _prepare(levels, table, xs, ys, zs, first, ids, weights, 0, cells)
+    for block in range(blocks):
+        start, own = first + block * BLOCK, (block & 1) * half
+        if block + 1 < blocks:
+            _prepare(levels, table, xs, ys, zs, start + BLOCK, ids, weights, half - own, cells)
+        for level in range(levels.resolution.size):
+            if levels.offset[level] < 0:
+                continue
+            corner = own + level * CORNERS
+            for s in range(BLOCK):
+                to = (start + s) * inputs + level * FEATURES
+                blend_row(table, ids, weights, corner + s, BLOCK, x, to)
+
+
+@njit(nogil=True, cache=True)
+def scatter(levels, level, counts, room, xs, ys, zs, slopes, low, high, gradient, marks):
+    """Adds slopes [chunks * room, 4] of a level's features to the gradient of its vertices, in the samples' order.
+
+    Chunk c has counts[c] samples from c * room. Only vertices whose z is in [low, high) receive anything, so that several
+    workers may share a level and each row's sum still runs in one order. marks uint8: set for each 64 rows that change.
+    """
+    ids, weights = np.empty(2 * CORNERS, np.int32), np.empty(2 * CORNERS, np.float32)
+    px, py, pz = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    picked, planes, cells = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(3 * BLOCK, np.int32)
+    resolution, far = np.float32(levels.resolution[level]), levels.rows[level] > PREFETCHED_ROWS
+    last = levels.resolution[level] - 1
+    for chunk in range(counts.size):
+        count = 0
+        for n in range(chunk * room, chunk * room + counts[chunk]):
+            cell = min(max(np.int64(zs[U(n)] * resolution), 0), last)
+            if cell + 1 >= low and cell < high:
+                picked[count], planes[count] = n, cell
+                count += 1
+        blocks = -(-count // BLOCK)
+        for block in range(blocks + 1):
+            if block < blocks:
+                for s in range(BLOCK):
+                    n = picked[min(block * BLOCK + s, count - 1)]
+                    px[s], py[s], pz[s] = xs[n], ys[n], zs[n]
+                own = (block & 1) * CORNERS
+                corners(levels, level, px, py, pz, 0, ids, weights, own, cells)
+                if far:
+                    _prefetch(gradient, ids, own)
+            if block > 0:  # its rows were asked for a block ago
+                start, corner = (block - 1) * BLOCK, (1 - (block & 1)) * CORNERS
+                for s in range(min(BLOCK, count - start)):
+                    cell, at = planes[start + s], picked[start + s] * FEATURES
+                    for k in range(0 if cell >= low else 4, 8 if cell + 1 < high else 4):
+                        n = ids[U(corner + k * BLOCK + s)]
+                        add_to_row(gradient, n, weights[U(corner + k * BLOCK + s)], slopes, at)
+                        marks[U(n >> 6)] = 1

@@ -1,0 +1,333 @@
+"""training.multires.engine.Engine by the fused loops: one process, one machine, its processor's cores.
+
+A step: chunks of rays give gradients of features at their samples; then each level adds these to its rows in the samples' order.
+So a run repeats itself to the last bit whatever the number of threads, and goes on from a checkpoint alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from scenepack.constants import TRANSMITTANCE_SHADED
+from training.dataset import RayDataset
+from training.method import Rays, RenderOutput
+from training.multires.field import (
+    HIDDEN,
+    decoder_size,
+    finished,
+    inputs_of,
+    shade,
+    split_parameters,
+)
+from training.multires.fused.adam import EPSILON, NEW_1, NEW_2, move_marked
+from training.multires.fused.chunk import (
+    CHUNK,
+    Numbers,
+    Output,
+    Scratch,
+    gather_chunk,
+    make_scratch,
+    query_points,
+    train_chunk,
+)
+from training.multires.fused.corners import BLOCK, scatter
+from training.multires.fused.march import Grid, grid_of
+from training.multires.fused.rays import Batch, empty_batch, fill_batch, photographs_of, take_rays
+from training.multires.fused.view_mlp import (
+    COLOUR,
+    DISTORTION,
+    METRICS,
+    PLACES,
+    RAYS,
+    SAMPLES,
+    SIZE,
+    SPARSITY,
+    SQUARED,
+    make_shading,
+)
+from training.multires.fused.view_mlp import packed as packed_view_mlp
+from training.multires.fused.view_mlp import turned as turned_view_mlp
+from training.multires.fused.workers import Workers
+from training.multires.levels import ROWS_OF_BRICK, Levels, absent_rows, make_levels
+from training.multires.occupancy import is_on
+from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Plan, Settings
+from training.multires.state import State, Trainable
+
+CHUNKS_TOGETHER = 4  # that a worker claims, and that share one sum of parameter gradients
+POINTS_TOGETHER = 4096  # that are queried together
+RENDERED_TOGETHER = 16_384  # rays
+SPARE = 1.5, 8  # room of a chunk: times the mean of samples a ray, and so many more
+
+
+class FusedEngine:
+    """See training.multires.engine.Engine. threads: None for all cores."""
+
+    def __init__(
+        self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None
+    ) -> None:
+        self.photographs, self.count = photographs_of(dataset), dataset.count
+        self.plan, self.settings, self.seed = plan, settings, seed
+        self.workers = Workers(threads)
+        self.inputs = inputs_of(len(plan.resolutions))
+        self.shading = [make_shading(CHUNK) for _ in range(self.workers.count)]
+        self.scratch: list[Scratch] = []
+        self._output: Output | None = None
+        self._spare = SPARE[0]
+
+    def adopt(self, state: State) -> State:
+        for name in ("values", "first", "second"):
+            arrays = (np.require(np.asarray(a), np.float32, ["C", "W", "O"]) for a in getattr(state, name))
+            setattr(state, name, Trainable(*arrays))
+        state.kept = {}
+        return state
+
+    def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
+        *_, (_, metrics) = self.parts(state, step, progress)
+        return metrics
+
+    def parts(self, state: State, step: int, progress: float) -> Iterator[tuple[str, Any]]:
+        """A step part by part: after each, its name and what it leaves. The last is ("adam", metrics)."""
+        batch = self.draw(state, step)
+        yield "draw", batch
+        output = self.differentiate(state, batch)
+        yield "render", output
+        gradient, marks = self.scatter(state, output)
+        yield "scatter", gradient
+        metrics = self.metrics(state, output)
+        self._adam(state, gradient, marks, self.parameter_gradient(output), metrics["rays"], progress)
+        state.updates += 1
+        mean = max(metrics["samples"] / len(batch.start), 1.0)
+        state.samples_per_ray += 0.2 * (mean - state.samples_per_ray)
+        yield "adam", metrics
+
+    def draw(self, state: State, step: int) -> Batch:
+        """Random rays of a step, in cells of the occupancy grid."""
+        random, rays = np.random.default_rng((self.seed, step)), self.plan.rays(state.samples_per_ray)
+        ids = random.integers(0, self.count, rays)
+        batch = empty_batch(rays)
+        batch.phase[:] = random.random(rays, np.float32)
+        batch.background[:] = self.settings.background
+        if self.settings.random_background:
+            batch.background[:] = random.random((rays, 3), np.float32)
+        photographs = self.photographs if state.gains is None else self.photographs._replace(gains=state.gains)
+        box, size = state.box, 16 * CHUNK
+
+        def fill(_: int, part: int) -> None:
+            low, high = part * size, min((part + 1) * size, rays)
+            fill_batch(photographs, ids, box.origin, box.cell, box.dims, batch, low, high)
+
+        self.workers.share(-(-rays // size), fill)
+        return batch
+
+    def differentiate(self, state: State, batch: Batch) -> Output:
+        """Samples, losses and gradients by sample of a batch."""
+        chunks = -(-len(batch.start) // CHUNK)
+        parts = -(-chunks // CHUNKS_TOGETHER)
+        grid, levels, table = *self._derived(state), state.values.table
+        parameters, numbers = self._packed(state), self._numbers(state)
+        turned = self._turned(parameters)
+        while True:
+            room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
+            output = self._make_room(room, chunks, parts, len(levels.resolution))
+
+            def work(worker: int, part: int, output: Output = output) -> None:
+                for chunk in range(part * CHUNKS_TOGETHER, min((part + 1) * CHUNKS_TOGETHER, chunks)):
+                    train_chunk(
+                        chunk, part, grid, levels, table, parameters, turned, self.inputs, batch, numbers,
+                        self.scratch[worker], self.shading[worker], output,
+                    )  # fmt: skip
+
+            self.workers.share(parts, work)
+            if output.counts.min() >= 0:
+                return output
+            self._spare *= 1.5  # all is done again: what chunks leave does not depend on their room
+
+    def scatter(self, state: State, output: Output) -> tuple[np.ndarray, np.ndarray]:
+        """The gradient [E, 4] of the table, summed over rays, and the marks of the blocks that it is not zero in."""
+        _, levels = self._derived(state)
+        gradient, marks = self._accumulators(state)
+        room, slabs = len(output.xs) // len(output.counts), 1 if self.workers.count == 1 else self.workers.count
+        by_level = output.slopes.reshape(len(levels.resolution), -1)
+        joined = [int(level) for level in np.argsort(-levels.rows, kind="stable") if levels.offset[level] >= 0]
+
+        def add(_: int, part: int) -> None:
+            level, slab = joined[part // slabs], part % slabs
+            planes = int(levels.resolution[level]) + 1
+            low, high = planes * slab // slabs, planes * (slab + 1) // slabs
+            scatter(
+                levels, level, output.counts, room, output.xs, output.ys, output.zs, by_level[level], low, high, gradient,
+                marks,
+            )  # fmt: skip
+
+        self.workers.share(len(joined) * slabs, add)
+        for rows in absent_rows(levels):
+            gradient[rows] = 0.0
+        return gradient, marks
+
+    def parameter_gradient(self, output: Output) -> np.ndarray:
+        """The gradient [P] of the parameters, summed over rays."""
+        total, decoder = output.gradient.sum(0), decoder_size(self.inputs)
+        return np.concatenate([total[:decoder], total[decoder:][PLACES]])
+
+    def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
+        values = np.empty((len(points), 8), np.float32)
+        points = np.ascontiguousarray(points, np.float32)
+        _, levels = self._derived(state)
+        self._make_scratch(CHUNK * SPARE[1], len(levels.resolution))
+
+        def look(worker: int, part: int) -> None:
+            low, high = part * POINTS_TOGETHER, min((part + 1) * POINTS_TOGETHER, len(points))
+            query_points(
+                levels,
+                *state.values,
+                self.inputs,
+                np.float32(LARGEST_RAW),
+                points,
+                values,
+                low,
+                high,
+                self.scratch[worker],
+            )
+
+        self.workers.share(-(-len(points) // POINTS_TOGETHER), look)
+        return values
+
+    def render(self, state: State, rays: Rays) -> RenderOutput:
+        origins, directions, near, far = (np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far))
+        box, gathered = state.box, np.empty((len(near), 9), np.float32)
+        for low in range(0, len(near), RENDERED_TOGETHER):
+            some = slice(low, low + RENDERED_TOGETHER)
+            batch = empty_batch(len(near[some]), coloured=False)
+            batch.phase[:] = 0.5
+            take_rays(
+                origins[some], directions[some], near[some], far[some], box.origin, box.cell, box.dims, batch, 0,
+                len(batch.start),
+            )  # fmt: skip
+            gathered[some] = self._gather(state, batch)
+        scale = np.linalg.norm(directions / box.cell, axis=-1)  # cells per t
+        *_, view_mlp = split_parameters(state.values.parameters, self.inputs)
+        background = jnp.asarray(self.settings.background, jnp.float32)
+        output = shade(
+            jnp.asarray(gathered), view_mlp if self.settings.has_view_mlp else None, rays.viewdirs, background
+        )
+        return finished(output, scale)
+
+    def _gather(self, state: State, batch: Batch) -> np.ndarray:
+        gathered, chunks = np.empty((len(batch.start), 9), np.float32), -(-len(batch.start) // CHUNK)
+        grid, levels = self._derived(state)
+        numbers, suffices = self._numbers(state), np.zeros(chunks, bool)
+        room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
+        while not suffices.all():
+            self._make_scratch(room, len(levels.resolution))
+
+            def look(worker: int, chunk: int) -> None:
+                if not suffices[chunk]:
+                    suffices[chunk] = gather_chunk(
+                        chunk, grid, levels, *state.values, self.inputs, batch, numbers, self.scratch[worker], gathered
+                    )  # fmt: skip
+
+            self.workers.share(chunks, look)
+            room *= 2
+        return gathered
+
+    def _derived(self, state: State) -> tuple[Grid, Levels]:
+        """What the loops need of codes and bricks."""
+        if state.kept.get("of") != (id(state.codes), id(state.bricks)):
+            state.kept["of"] = id(state.codes), id(state.bricks)
+            state.kept["derived"] = grid_of(is_on(state.codes)), make_levels(self.plan.resolutions, state.bricks)
+        return state.kept["derived"]
+
+    def _accumulators(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """The table's gradient, zero between steps, and the marks of its blocks."""
+        rows = len(state.values.table)
+        if "gradient" not in state.kept or len(state.kept["gradient"]) != rows:
+            state.kept["gradient"] = np.zeros((rows, 4), np.float32)
+            state.kept["marks"] = np.zeros(rows // ROWS_OF_BRICK, np.uint8)
+        return state.kept["gradient"], state.kept["marks"]
+
+    def _adam(
+        self,
+        state: State,
+        gradient: np.ndarray,
+        marks: np.ndarray,
+        of_parameters: np.ndarray,
+        rays: float,
+        progress: float,
+    ) -> None:
+        table_rate, decoder_rate, view_rate = self.settings.rates_at(state.updates, progress)
+        scale, blocks, shares = np.float32(1.0 / rays), len(marks), 4 * self.workers.count
+        flat = [a.reshape(-1) for a in (state.values.table, state.first.table, state.second.table, gradient)]
+
+        def move(_: int, part: int) -> None:
+            low, high = blocks * part // shares, blocks * (part + 1) // shares
+            move_marked(*flat, marks, scale, np.float32(table_rate), low, high)
+
+        self.workers.share(shares, move)
+        value, first, second = state.values.parameters, state.first.parameters, state.second.parameters
+        slope = of_parameters * scale
+        first += NEW_1 * (slope - first)
+        second += NEW_2 * (np.square(slope) - second)
+        rates = np.full(len(value), view_rate, np.float32)
+        rates[: decoder_size(self.inputs)] = decoder_rate
+        value -= rates * first / (np.sqrt(second) + EPSILON)
+
+    def metrics(self, state: State, output: Output) -> dict[str, Any]:
+        sums = output.metrics.sum(0)
+        rays = max(sums[RAYS], 1.0)
+        spread = self.settings.distortion / self.settings.resolution * sums[DISTORTION] / rays
+        mse = sums[SQUARED] / (3 * rays)
+        sparsity = self.settings.sparsity * state.box.cell[0] * self.settings.resolution * sums[SPARSITY] / rays
+        metrics = {
+            "loss": sums[COLOUR] / rays + spread + sparsity,
+            "mse": mse,
+            "distortion": spread,
+            "sparsity": sparsity,
+        }
+        if not np.isfinite(output.gradient).all():
+            metrics["loss"] = np.nan
+        return metrics | {"psnr": -10 * np.log10(max(mse, 1e-12)), "rays": rays, "samples": sums[SAMPLES]}
+
+    def _numbers(self, state: State) -> Numbers:
+        f, settings = np.float32, self.settings
+        return Numbers(
+            f(state.step_cells), f(state.box.cell[0] * settings.resolution), f(settings.distortion / settings.resolution),
+            f(settings.sparsity), f(settings.sparsity_scale),
+            f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED), np.int64(settings.octaves), settings.has_view_mlp,
+            decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
+        )  # fmt: skip
+
+    def _packed(self, state: State) -> np.ndarray:
+        """Parameters as the loops have them."""
+        flat, decoder = state.values.parameters, decoder_size(self.inputs)
+        return np.concatenate([flat[:decoder], packed_view_mlp(flat[decoder:])])
+
+    def _turned(self, parameters: np.ndarray) -> np.ndarray:
+        """What the gradients' products read: w1^T, w0^T and zeros of the decoder, then what the view MLP's take."""
+        w0, b0, w1, *_ = split_parameters(parameters, self.inputs)
+        own = turned_view_mlp(parameters[decoder_size(self.inputs) :])
+        return np.concatenate([w1.T.ravel(), w0.T.ravel(), np.zeros_like(b0), own])
+
+    def _make_scratch(self, room: int, levels: int) -> None:
+        room = -(-room // BLOCK) * BLOCK + BLOCK
+        if not self.scratch or self.scratch[0].ray.size < room:
+            self.scratch = [make_scratch(room, levels, self.inputs) for _ in range(self.workers.count)]
+
+    def _make_room(self, room: int, chunks: int, parts: int, levels: int) -> Output:
+        """An output for so many chunks, of at least this room each."""
+        self._make_scratch(room, levels)
+        samples, parameters = chunks * (self.scratch[0].ray.size - BLOCK), decoder_size(self.inputs) + SIZE
+        if self._output is None or len(self._output.xs) < samples or len(self._output.slopes) < levels * samples * 4:
+            whole = samples + samples // 4
+            places = (np.empty(whole, np.float32) for _ in range(3))
+            self._output = Output(
+                np.empty(0, np.int64), *places, np.empty(levels * whole * 4, np.float32), np.empty(0), np.empty(0)
+            )
+        kept = self._output
+        return Output(
+            np.zeros(chunks, np.int64), *(a[:samples] for a in kept[1:4]), kept.slopes[: levels * samples * 4],
+            np.zeros((chunks, METRICS)), np.zeros((parts, parameters), np.float32),
+        )  # fmt: skip

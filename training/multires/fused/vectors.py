@@ -1,0 +1,170 @@
+"""SIMD operations for LLVM: small matrix products in registers, rows of four floats, prefetching.
+
+Numba does not vectorise these by itself. Arrays are C-contiguous float32 and are addressed flat, in elements from their first;
+indices are not checked. LLVM picks the instructions of the machine at hand.
+
+Notation: a row of a feature table is 4 floats; n is its number.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+FEATURES = 4  # floats of a row of a feature table
+_FLOAT, _INT = ir.FloatType(), ir.IntType(64)
+_ROW = ir.VectorType(_FLOAT, FEATURES)
+
+
+def _data(context: Any, builder: ir.IRBuilder, kind: Any, array: Any) -> Any:
+    return cgutils.create_struct_proxy(kind)(context, builder, array).data
+
+
+def _wide(builder: ir.IRBuilder, index: Any) -> Any:
+    return index if index.type.width == 64 else builder.sext(index, _INT)
+
+
+def _vector_at(builder: ir.IRBuilder, data: Any, index: Any, kind: Any) -> Any:
+    return builder.bitcast(builder.gep(data, [index]), ir.PointerType(kind))
+
+
+def _splat(builder: ir.IRBuilder, scalar: Any, kind: Any) -> Any:
+    zero, undefined = ir.Constant(ir.IntType(32), 0), ir.Constant(kind, ir.Undefined)
+    lanes = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
+    return builder.shuffle_vector(builder.insert_element(undefined, scalar, zero), undefined, lanes)
+
+
+def _multiply_add(builder: ir.IRBuilder, a: Any, b: Any, c: Any) -> Any:
+    name = f"llvm.fmuladd.v{c.type.count}f32"
+    kind = ir.FunctionType(c.type, [c.type] * 3)
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), [a, b, c])
+
+
+def _tile_product(rows: int, lanes: int, adds: bool) -> Any:
+    """An intrinsic that computes a tile [rows, lanes] of a matrix product, which stays in registers meanwhile.
+
+    adds: to what `out` holds; otherwise out becomes max(product + bias, least).
+    """
+    vector = ir.VectorType(_FLOAT, lanes)
+
+    def generate(context, builder, signature, arguments):
+        a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row, *rest = arguments
+        kinds = signature.args
+        a_data, b_data, out_data = (
+            _data(context, builder, kind, array) for kind, array in ((kinds[0], a), (kinds[4], b), (kinds[8], out))
+        )
+        targets, starts, sums = [], [], []
+        if not adds:
+            bias = _vector_at(builder, _data(context, builder, kinds[11], rest[0]), rest[1], vector)
+            bias = builder.load(bias, align=4)
+        for row in range(rows):
+            number = ir.Constant(_INT, row)
+            starts.append(builder.add(a_start, builder.mul(number, a_row)))
+            offset = builder.add(out_start, builder.mul(number, out_row))
+            targets.append(_vector_at(builder, out_data, offset, vector))
+            sums.append(cgutils.alloca_once(builder, vector))
+            builder.store(builder.load(targets[row], align=4) if adds else bias, sums[row])
+        with cgutils.for_range(builder, inner, intp=_INT) as loop:
+            from_b = builder.add(b_start, builder.mul(loop.index, b_inner))
+            right = builder.load(_vector_at(builder, b_data, from_b, vector), align=4)
+            along = builder.mul(loop.index, a_inner)
+            for start, total in zip(starts, sums, strict=True):
+                left = builder.load(builder.gep(a_data, [builder.add(start, along)]))
+                builder.store(_multiply_add(builder, _splat(builder, left, vector), right, builder.load(total)), total)
+        for target, total in zip(targets, sums, strict=True):
+            value = builder.load(total)
+            if not adds:
+                least = _splat(builder, rest[2], vector)
+                value = builder.select(builder.fcmp_ordered(">", value, least), value, least)
+            builder.store(value, target, align=4)
+        return context.get_dummy_value()
+
+    if adds:
+
+        @intrinsic
+        def add_product(
+            typing_context, a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row
+        ):
+            """out[r, l] += sum over i < inner of a[r, i] b[i, l]. Strides in elements: a_row, a_inner, b_inner, out_row."""
+            whole = types.int64
+            kinds = (a, whole, whole, whole, b, whole, whole, whole, out, whole, whole)
+            return types.void(*kinds), generate
+
+        return add_product
+
+    @intrinsic
+    def set_product(
+        typing_context, a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row, bias, bias_start, least
+    ):  # fmt: skip
+        """out[r, l] = max(least, bias[l] + sum over i < inner of a[r, i] b[i, l]); strides as above."""
+        whole = types.int64
+        kinds = (a, whole, whole, whole, b, whole, whole, whole, out, whole, whole, bias, whole, types.float32)
+        return types.void(*kinds), generate
+
+    return set_product
+
+
+add_product_4x16, add_product_8x8 = _tile_product(4, 16, True), _tile_product(8, 8, True)
+set_product_4x16, set_product_8x8 = _tile_product(4, 16, False), _tile_product(8, 8, False)
+
+
+@intrinsic
+def blend_row(typing_context, table, ids, weights, lane, stride, out, start):
+    """out[start : start + 4] = sum over k of weights[k, lane] table[ids[k, lane]], k < 8; stride: lanes of ids and weights."""
+
+    def generate(context, builder, signature, arguments):
+        table, ids, weights, lane, stride, out, start = arguments
+        kinds = signature.args
+        rows, id_data, weight_data, target = (
+            _data(context, builder, kinds[i], array) for i, array in ((0, table), (1, ids), (2, weights), (5, out))
+        )
+        total = ir.Constant(_ROW, [0.0] * FEATURES)
+        for k in range(8):
+            place = builder.add(lane, builder.mul(ir.Constant(_INT, k), stride))
+            n = _wide(builder, builder.load(builder.gep(id_data, [place])))
+            row = _vector_at(builder, rows, builder.mul(n, ir.Constant(_INT, FEATURES)), _ROW)
+            weight = builder.load(builder.gep(weight_data, [place]))
+            total = _multiply_add(builder, _splat(builder, weight, _ROW), builder.load(row, align=4), total)
+        builder.store(total, _vector_at(builder, target, start, _ROW), align=4)
+        return context.get_dummy_value()
+
+    whole = types.int64
+    return types.void(table, ids, weights, whole, whole, out, whole), generate
+
+
+@intrinsic
+def add_to_row(typing_context, table, n, weight, source, start):
+    """table[n] += weight source[start : start + 4]."""
+
+    def generate(context, builder, signature, arguments):
+        table, n, weight, source, start = arguments
+        kinds = signature.args
+        rows, values = _data(context, builder, kinds[0], table), _data(context, builder, kinds[3], source)
+        into = _vector_at(builder, rows, builder.mul(_wide(builder, n), ir.Constant(_INT, FEATURES)), _ROW)
+        value = builder.load(_vector_at(builder, values, start, _ROW), align=4)
+        total = _multiply_add(builder, _splat(builder, weight, _ROW), value, builder.load(into, align=4))
+        builder.store(total, into, align=4)
+        return context.get_dummy_value()
+
+    return types.void(table, n, types.float32, source, types.int64), generate
+
+
+@intrinsic
+def prefetch_row(typing_context, table, n):
+    """Asks for table[n] to be brought into the cache."""
+
+    def generate(context, builder, signature, arguments):
+        rows = _data(context, builder, signature.args[0], arguments[0])
+        index = builder.mul(_wide(builder, arguments[1]), ir.Constant(_INT, FEATURES))
+        byte, flag = ir.PointerType(ir.IntType(8)), ir.IntType(32)
+        address = builder.bitcast(builder.gep(rows, [index]), byte)
+        kind = ir.FunctionType(ir.VoidType(), [byte, flag, flag, flag])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(function, [address, *(ir.Constant(flag, value) for value in (0, 3, 1))])  # read, keep, data
+        return context.get_dummy_value()
+
+    return types.void(table, n), generate

@@ -1,0 +1,144 @@
+"""Where anything can be, by the training photographs: what their alpha leaves over, and what enough of them look at.
+
+Notation: R³ cells of the unit cube, uint8 [z, y, x], 1 where something may be; V views. A cell is taken for the ball around it,
+of which a view's picture shows at most a square.
+"""
+
+# pyright: reportCallIssue=false
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from scenepack.constants import NDC_NEAR
+from training.dataset import RayDataset
+from training.multires.fused.rays import Photographs, photographs_of
+from training.multires.fused.workers import Workers
+from training.multires.occupancy import INITIAL, NEVER
+from training.multires.state import Box
+
+COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, along each axis
+TIGHT = 64  # cells along the box, of which those that hold something decide where the cube is
+BEHIND = 1e-3  # depth below which a cell may reach behind the camera
+
+
+def hull_codes(dataset: RayDataset, box: Box, side: int, least_views: int, workers: Workers) -> np.ndarray:
+    """Codes uint8 [side, side, side] of an occupancy grid before step 0 (training.multires.occupancy)."""
+    possible = np.ones((side // COARSE,) * 3, np.uint8)
+    _look(dataset, box, possible, COARSE, least_views, workers)
+    for axis in range(3):
+        possible = np.repeat(possible, COARSE, axis)
+    if dataset.kind == "object":
+        _look(dataset, box, possible, 1, 0, workers)
+    z, y, x = (np.arange(side) for _ in range(3))
+    inside = (z < box.dims[2])[:, None, None] & (y < box.dims[1])[:, None] & (x < box.dims[0])
+    return np.where((possible > 0) & inside, INITIAL, NEVER).astype(np.uint8)
+
+
+def box_around(dataset: RayDataset, side: int, ndc_depth: float, workers: Workers) -> Box:
+    """The cube around the scene's box, or around what alpha leaves over of it."""
+    low, high = dataset.aabb.astype(np.float64)
+    if dataset.kind == "object":
+        rough = _cube(low, high, TIGHT, 1.0)
+        possible = np.ones((TIGHT,) * 3, np.uint8)
+        _look(dataset, rough, possible, 1, 0, workers)
+        places = np.argwhere(possible)[:, ::-1]
+        if len(places):
+            within = rough.origin + (places.min(0) - 1) * rough.cell, rough.origin + (places.max(0) + 2) * rough.cell
+            low, high = np.maximum(low, within[0]), np.minimum(high, within[1])
+    return _cube(low, high, side, ndc_depth if dataset.ndc else 1.0)
+
+
+def _cube(low: np.ndarray, high: np.ndarray, side: int, depth: float) -> Box:
+    """Cells for a box, as wide as deep, but for z, where a cell is `depth` times as deep."""
+    shape = np.array([1.0, 1.0, depth])
+    cell = ((high - low) / shape).max() / side * shape
+    dims = np.clip(np.ceil((high - low) / cell - 1e-6), 1, side)
+    return Box(np.asarray(low, np.float64), cell, dims.astype(np.int32))
+
+
+def _look(
+    dataset: RayDataset, box: Box, possible: np.ndarray, coarse: int, least_views: int, workers: Workers
+) -> None:  # fmt: skip
+    """Clears the cells of `possible`, `coarse` times as large as the box's, that no photograph leaves anything in, or that
+    fewer than least_views look at."""
+    photographs, cut_out = photographs_of(dataset.local()), dataset.kind == "object"
+    ends = np.append(photographs.first[1:], dataset.count)
+    counts = np.zeros(possible.shape if least_views else (0, 0, 0), np.int32)
+    side = possible.shape[0]
+    for view, (first, last) in enumerate(zip(photographs.first, ends, strict=True)):
+        width = int(photographs.width[view])
+        rows = int(last - first) // width
+        table = np.zeros((rows + 1, width + 1), np.int32)
+        if cut_out:
+            shows = _pixels(dataset, int(first), int(last))[:, -1].reshape(rows, width) > 0
+            np.cumsum(np.cumsum(shows, 0, dtype=np.int32), 1, out=table[1:, 1:])
+
+        def look(_: int, z: int, view: int = view, table: np.ndarray = table) -> None:
+            _look_at_layer(photographs, view, table, cut_out, box.origin, box.cell * coarse, possible, counts, z)
+
+        workers.share(side, look)
+    if least_views:
+        possible[counts < least_views] = 0
+
+
+def _pixels(dataset: RayDataset, first: int, last: int) -> np.ndarray:
+    """Pixels uint8 [N, C] of rays first … last - 1, in every process."""
+    if dataset.mesh.size == 1:
+        return np.asarray(dataset.pixels)[first:last]
+    return dataset.pixels_here(np.arange(first, last, dtype=np.int32))
+
+
+@njit(nogil=True, cache=True)
+def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell, possible, counts, z):
+    """One layer of cells, as one view sees them. table int32 [rows + 1, width + 1]: pixels that show something, summed."""
+    pose, lens, distortion = (
+        photographs.world_T_camera[view], photographs.intrinsics[view], photographs.distortion[view]
+    )  # fmt: skip
+    k1, k2, p1, p2 = distortion[0], distortion[1], distortion[2], distortion[3]
+    rows, width = table.shape[0] - 1, table.shape[1] - 1
+    radius = 0.5 * np.sqrt(cell[0] ** 2 + cell[1] ** 2 + cell[2] ** 2)
+    place, relative = np.empty(3), np.empty(3)
+    for y in range(possible.shape[1]):
+        for x in range(possible.shape[2]):
+            if possible[z, y, x] == 0:
+                continue
+            place[0], place[1], place[2] = x, y, z
+            for axis in range(3):
+                place[axis] = origin[axis] + (place[axis] + 0.5) * cell[axis]
+            if photographs.ndc[2] > 0:
+                _from_ndc(place, photographs.ndc)
+            for axis in range(3):
+                relative[axis] = place[axis] - pose[axis, 3]
+            right = pose[0, 0] * relative[0] + pose[1, 0] * relative[1] + pose[2, 0] * relative[2]
+            up = pose[0, 1] * relative[0] + pose[1, 1] * relative[1] + pose[2, 1] * relative[2]
+            depth = -(pose[0, 2] * relative[0] + pose[1, 2] * relative[1] + pose[2, 2] * relative[2])
+            if depth < BEHIND:
+                continue
+            a, b = right / depth, -up / depth
+            r2 = a * a + b * b
+            radial = 1.0 + r2 * (k1 + r2 * k2)
+            u = a * radial + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a)
+            v = b * radial + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b
+            px, py = lens[0] * u + lens[2], (lens[1] * v + lens[3]) / photographs.row_step
+            if counts.size and px >= 0 and py >= 0 and px < width and py < rows:
+                counts[z, y, x] += 1
+            if not cut_out or photographs.ndc[2] > 0 or depth < 2.0 * radius:
+                continue
+            reach = (1.0 + r2) * radius / (depth - radius) * max(radial, 1.0)
+            left, top = np.int64(np.floor(px - lens[0] * reach)), np.int64(np.floor(py - lens[1] * reach))
+            past, below = np.int64(px + lens[0] * reach) + 1, np.int64(py + lens[1] * reach) + 1
+            if left < 0 or top < 0 or past > width or below > rows:
+                continue  # partly out of sight
+            if table[below, past] - table[top, past] - table[below, left] + table[top, left] == 0:
+                possible[z, y, x] = 0
+
+
+@njit(nogil=True, cache=True)
+def _from_ndc(place, ndc):
+    """A point of NDC space becomes one of the world: the inverse of training.dataset.ndc_warp."""
+    z = 2.0 * NDC_NEAR / min(place[2] - 1.0, -1e-6)
+    place[0] *= -z * ndc[0] / (2.0 * ndc[2])
+    place[1] *= -z * ndc[1] / (2.0 * ndc[2])
+    place[2] = z

@@ -1,0 +1,323 @@
+"""training.multires.engine.Engine in JAX: the definition of training.multires.field as a program for any devices.
+
+Samples are spread over the devices of the dataset's mesh. Lists have a fixed length, so that a program is compiled once for each
+size: sizes are rounded up, and looked at again where the occupancy grid changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding
+
+from training.dataset import RayDataset
+from training.devices import WHOLE, agree, here, put_whole, split
+from training.losses import psnr_of
+from training.marching.batches import until_complete
+from training.marching.layout import COARSE, coarse_cell, flat_index, segments_across
+from training.marching.march import MarchSizes, Samples, march, occupied_segments
+from training.marching.rays import to_grid
+from training.marching.sparse_grid import coarse_occupancy
+from training.method import Rays, RenderOutput
+from training.multires.field import (
+    Level,
+    Target,
+    activate,
+    composite,
+    decode,
+    decoder_size,
+    encode,
+    finished,
+    inputs_of,
+    loss,
+    seen_inputs,
+    shade,
+    split_parameters,
+    static_levels,
+)
+from training.multires.levels import absent_rows, make_levels
+from training.multires.occupancy import is_on
+from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Plan, Settings
+from training.multires.state import State, Trainable
+
+LISTED = 2  # times the samples of a step have room: what lies behind a surface is listed, too
+PROBE_RAYS = 4096  # whose sample counts set the sizes of lists
+HEADROOM = 1.15  # lists are this much longer than the mean asks for
+RENDER_RAYS, RENDER_SAMPLES = 4096, 262_144
+POINTS = 131_072  # that are queried together
+
+
+class Cells(NamedTuple):
+    """The occupancy grid as a training.marching.layout.Layout: occupied uint8, flat, x fastest, of side³ cells."""
+
+    origin: jax.Array
+    voxel: jax.Array
+    dims: jax.Array
+    occupied: jax.Array
+    side: jax.Array
+    coarse: jax.Array
+    coarse_dims: jax.Array
+
+    def has_support(self, g: jax.Array) -> jax.Array:
+        """bool [...]: whether samples are taken at g [..., 3]."""
+        cell = jnp.clip(g.astype(jnp.int32), 0, self.side - 1)
+        return self.occupied[flat_index(cell, jnp.stack([self.side] * 3))] > 0
+
+    def near_content(self, g: jax.Array) -> jax.Array:
+        """bool [...]: False only where no cell within COARSE / 2 of g [..., 3] is on."""
+        return self.coarse[coarse_cell(g, self.coarse_dims)] > 0
+
+
+class Lists(NamedTuple):
+    """Sizes of a step's lists, and how many rays fill it."""
+
+    sizes: MarchSizes
+    rays: int
+
+
+class Constants(NamedTuple):
+    """What a program is compiled for."""
+
+    levels: tuple[Level, ...]
+    lists: Lists
+    step_cells: float
+    settings: Settings
+
+
+def cells_of(state: State) -> Cells:
+    """The occupancy grid of a state."""
+    occupied = is_on(state.codes).astype(np.uint8)
+    side = occupied.shape[0]
+    coarse = coarse_occupancy(np.pad(occupied, (0, 2)), occupied.shape)
+    return Cells(
+        jnp.asarray(state.box.origin, jnp.float32), jnp.asarray(state.box.cell, jnp.float32),
+        jnp.asarray(state.box.dims), jnp.asarray(occupied.ravel()), jnp.int32(side), jnp.asarray(coarse.ravel()),
+        jnp.asarray(coarse.shape[::-1], jnp.int32),
+    )  # fmt: skip
+
+
+def update(
+    values: Trainable, first: Trainable, second: Trainable, cells: Cells, maps: jax.Array, absent: jax.Array, dataset: RayDataset,
+    key: jax.Array, step: jax.Array, rates: jax.Array, *, constants: Constants,
+) -> tuple[Trainable, Trainable, Trainable, dict[str, jax.Array]]:  # fmt: skip
+    """One step. rates [3]: Adam's, of table, decoder and view MLP. absent bool [E]: rows that never learn."""
+    samples, target = draw(cells, dataset, key, step, constants)
+    gradient, metrics = loss_and_gradient(values, maps, split(samples, dataset.mesh), target, constants)
+    return *adam(values, first, second, gradient, absent, rates, constants), metrics
+
+
+def draw(
+    cells: Cells, dataset: RayDataset, key: jax.Array, step: jax.Array, constants: Constants
+) -> tuple[Samples, Target]:  # fmt: skip
+    """Samples of random training rays, and what these should show."""
+    settings, rays = constants.settings, constants.lists.rays
+    ray_key, phase_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 3)
+    ids = dataset.draw(ray_key, rays)
+    background = jax.random.uniform(colour_key, (rays, 3))
+    if not settings.random_background:
+        background = jnp.broadcast_to(jnp.asarray(settings.background), (rays, 3))
+    seen, colours = split((dataset.geometry_at(ids), dataset.colours_over(ids, background)), dataset.mesh)
+    return sampled(cells, seen, colours, background, jax.random.uniform(phase_key, (rays,)), constants)
+
+
+def sampled(
+    cells: Cells, rays: Rays, colours: jax.Array, background: jax.Array, phase: jax.Array, constants: Constants
+) -> tuple[Samples, Target]:  # fmt: skip
+    """Samples of rays [N], with a phase [N] in steps, and their target."""
+    in_grid = to_grid(cells, rays)
+    samples = march(cells, in_grid, phase, constants.lists.sizes, constants.step_cells)  # type: ignore[arg-type]
+    side = cells.voxel[0] * constants.settings.resolution
+    return samples, Target(rays.viewdirs, colours, background, constants.step_cells * in_grid.length / side, side)
+
+
+def loss_and_gradient(
+    values: Trainable, maps: jax.Array, samples: Samples, target: Target, constants: Constants
+) -> tuple[Trainable, dict[str, jax.Array]]:  # fmt: skip
+    """The gradient of a batch's loss, and its metrics; jittable."""
+
+    def loss_of(values: Trainable) -> tuple[jax.Array, dict[str, jax.Array]]:
+        return loss(
+            *values, constants.levels, maps, samples, target, jnp.float32(constants.step_cells), constants.lists.sizes,
+            constants.settings,
+        )  # fmt: skip
+
+    (value, metrics), gradient = jax.value_and_grad(loss_of, has_aux=True)(values)
+    return gradient, metrics | {"loss": value, "psnr": psnr_of(metrics["mse"])}
+
+
+def adam(
+    values: Trainable, first: Trainable, second: Trainable, gradient: Trainable, absent: jax.Array, rates: jax.Array,
+    constants: Constants,
+) -> tuple[Trainable, Trainable, Trainable]:  # fmt: skip
+    """Adam; a feature without a gradient is left alone, moments included (DVGO's masked Adam)."""
+    keep1, keep2 = ADAM_BETAS
+    inputs = inputs_of(len(constants.levels))
+    decoder = decoder_size(inputs)
+    of_parameters = jnp.where(jnp.arange(gradient.parameters.size) < decoder, rates[1], rates[2])
+    unseen = np.zeros(gradient.parameters.size, bool)  # weights of inputs that the view MLP does not have
+    unseen[decoder : decoder + 34 * 16] = np.repeat(~seen_inputs(constants.settings.octaves), 16)
+
+    def move(value, slope, one, two, rate, seen):
+        new_one = jnp.where(seen, one + (1 - keep1) * (slope - one), one)
+        new_two = jnp.where(seen, two + (1 - keep2) * (jnp.square(slope) - two), two)
+        return jnp.where(seen, value - rate * new_one / (jnp.sqrt(new_two) + ADAM_EPSILON), value), new_one, new_two
+
+    slopes = jnp.where(absent[:, None], 0.0, gradient.table)
+    tables = move(values.table, slopes, first.table, second.table, rates[0], slopes != 0)
+    slope = jnp.where(unseen, 0.0, gradient.parameters)
+    parameters = move(values.parameters, slope, first.parameters, second.parameters, of_parameters, ~unseen)
+    return tuple(map(Trainable, tables, parameters))  # type: ignore[return-value]
+
+
+@lru_cache
+def compiled_update(mesh: Mesh) -> Callable[..., Any]:
+    """`update`, jitted for the devices of a mesh; the trainable values and their moments are given away."""
+    return jax.jit(
+        update, static_argnames="constants", donate_argnums=(0, 1, 2), out_shardings=NamedSharding(mesh, WHOLE)
+    )
+
+
+class JaxEngine:
+    """See training.multires.engine.Engine."""
+
+    def __init__(self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> None:
+        self.dataset, self.plan, self.settings, self.key = dataset, plan, settings, jax.random.key(seed)
+        self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
+
+    def adopt(self, state: State) -> State:
+        for name in ("values", "first", "second"):
+            setattr(
+                state, name, put_whole(Trainable(*(jnp.asarray(a) for a in getattr(state, name))), self.dataset.mesh)
+            )
+        state.kept = {}
+        return state
+
+    def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
+        mesh, (cells, maps, absent, _) = self.dataset.mesh, self._derived(state)
+        dataset = self.dataset.in_average_look(state.gains)
+        rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
+        *parts, metrics = compiled_update(mesh)(
+            state.values, state.first, state.second, *put_whole((cells, maps, absent), mesh), dataset, self.key,
+            np.int32(step), rates, constants=self._constants(state),
+        )  # fmt: skip
+        state.values, state.first, state.second = parts
+        state.updates += 1
+        return metrics
+
+    def parts(self, state: State, step: int, progress: float) -> Iterator[tuple[str, Any]]:
+        (cells, maps, absent, _), constants = self._derived(state), self._constants(state)
+        dataset, compiled = self.dataset.in_average_look(state.gains), partial(jax.jit, static_argnames="constants")
+        samples, target = compiled(draw)(cells, dataset, self.key, np.int32(step), constants=constants)
+        yield "draw", samples
+        gradient, metrics = compiled(loss_and_gradient)(state.values, maps, samples, target, constants=constants)
+        yield "gradient", gradient
+        rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
+        state.values, state.first, state.second = compiled(adam)(
+            state.values, state.first, state.second, gradient, absent, rates, constants=constants
+        )
+        state.updates += 1
+        jax.block_until_ready(state.values)
+        yield "adam", metrics
+
+    def _constants(self, state: State) -> Constants:
+        return Constants(self._derived(state)[-1], self._lists(state), state.step_cells, self.settings)
+
+    def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
+        _, maps, _, levels = self._derived(state)
+        values, padded = np.empty((len(points), 8), np.float32), np.zeros((POINTS, 3), np.float32)
+        trained = here(state.values)
+        for low in range(0, len(points), POINTS):
+            some = points[low : low + POINTS]
+            padded[: len(some)] = some
+            values[low : low + POINTS] = _values_at(*trained, maps, jnp.asarray(padded), levels)[: len(some)]
+        return values
+
+    def render(self, state: State, rays: Rays) -> RenderOutput:
+        cells, maps, _, levels = self._derived(state)
+        segments = segments_across(np.asarray(state.box.dims), state.step_cells)
+        sizes = MarchSizes(segments, RENDER_SAMPLES, RENDER_SAMPLES, segments * COARSE)
+        constants = Constants(levels, Lists(sizes, RENDER_RAYS), state.step_cells, self.settings)
+        trained, host = here(state.values), [np.asarray(array) for array in rays]
+
+        def render_some(places: np.ndarray) -> tuple[RenderOutput, jax.Array]:
+            some = Rays(*(jnp.asarray(array[places]) for array in host))
+            return _render_chunk(trained, cells, maps, some, constants)
+
+        parts = [
+            [array[: end - start] for array in output]
+            for start, end, output in until_complete(len(host[0]), RENDER_RAYS, render_some)
+        ]
+        return RenderOutput(*(jnp.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+    def _derived(self, state: State) -> tuple[Cells, jax.Array, jax.Array, tuple[Level, ...]]:
+        """Occupancy grid, maps, absent rows and levels of a state."""
+        if state.kept.get("of") != (id(state.codes), id(state.bricks)):
+            levels = make_levels(self.plan.resolutions, state.bricks)
+            absent = np.zeros(levels.total, bool)
+            for rows in absent_rows(levels):
+                absent[rows] = True
+            arrays = cells_of(state), jnp.asarray(levels.maps), jnp.asarray(absent)
+            state.kept = {"of": (id(state.codes), id(state.bricks)), "derived": (*arrays, static_levels(levels))}
+        return state.kept["derived"]
+
+    def _lists(self, state: State) -> Lists:
+        """Sizes that fit the occupancy grid as it is, rounded up to powers of the root of 2, so that programs serve for long."""
+        if state.kept.get("lists_for") != state.step_cells:
+            cells, step = self._derived(state)[0], state.step_cells
+            segments = segments_across(np.asarray(state.box.dims), step)
+            ids = jnp.asarray(np.random.default_rng(0).integers(0, self.dataset.count, PROBE_RAYS).astype(np.int32))
+            coarse, fine = (agree(np.asarray(a)) for a in _count(cells, self.geometry, ids, segments, step))
+            room = LISTED * self.plan.samples
+            rays = int(np.clip(room / max(fine.mean() * HEADROOM, 1.0), 256, 131_072))
+            rays = int(2 ** (np.floor(2 * np.log2(rays)) / 2)) // 256 * 256
+            listed = _rounded(rays * coarse.mean() * HEADROOM + 4096)
+            state.kept["lists_for"] = step
+            state.kept["lists"] = Lists(MarchSizes(segments, listed, room, _rounded(fine.max() * HEADROOM + 8)), rays)
+        return state.kept["lists"]
+
+
+def _rounded(size: float) -> int:
+    return int(np.ceil(2 ** (np.ceil(2 * np.log2(size)) / 2)))
+
+
+@partial(jax.jit, static_argnames="levels")
+def _values_at(
+    table: jax.Array, parameters: jax.Array, maps: jax.Array, points: jax.Array, levels: tuple[Level, ...]
+) -> jax.Array:  # fmt: skip
+    density, values = activate(decode(parameters, encode(table, levels, maps, points)))
+    return jnp.concatenate([density[:, None], values], axis=-1)
+
+
+@partial(jax.jit, static_argnames="constants")
+def _render_chunk(
+    trained: Trainable, cells: Cells, maps: jax.Array, rays: Rays, constants: Constants
+) -> tuple[RenderOutput, jax.Array]:  # fmt: skip
+    count, settings, background = rays.near.shape[0], constants.settings, jnp.asarray(constants.settings.background)
+    blank = jnp.zeros((count, 3))
+    samples, target = sampled(cells, rays, blank, blank, jnp.full(count, 0.5), constants)
+    x = encode(trained.table, constants.levels, maps, samples.g / settings.resolution)
+    density, values = activate(decode(trained.parameters, x))
+    gathered, *_ = composite(density, values, samples, target.step_lengths, count, constants.lists.sizes.per_ray)
+    view_mlp = split_parameters(trained.parameters, x.shape[1])[-1] if settings.has_view_mlp else None
+    output = shade(gathered, view_mlp, rays.viewdirs, background)
+    return finished(output, to_grid(cells, rays).scale), samples.complete
+
+
+@partial(jax.jit, static_argnames=("segments", "step"))
+def _count(
+    cells: Cells, geometry: RayDataset, ids: jax.Array, segments: int, step: float
+) -> tuple[jax.Array, jax.Array]:  # fmt: skip
+    """Coarse segments and samples, both [N], of training rays int32 [N]."""
+    rays = to_grid(cells, geometry.geometry_at(ids))
+    coarse = occupied_segments(cells, rays, jnp.zeros_like(rays.start), segments, step).sum(-1)  # type: ignore[arg-type]
+
+    def add(k: jax.Array, total: jax.Array) -> jax.Array:
+        t = rays.start + k * step
+        return total + ((t < rays.end) & cells.has_support(rays.origins + t[:, None] * rays.directions))
+
+    return coarse, jax.lax.fori_loop(0, segments * COARSE, add, jnp.zeros_like(coarse))

@@ -1,0 +1,109 @@
+"""The levels of the feature table: which of its rows stand for which vertices.
+
+Notation: a level of resolution n divides the unit cube into n³ cells and has features at its (n + 1)³ vertices (x, y, z in
+0 … n). All levels share one table [E, FEATURES] of rows. A dense level has a row for each vertex, x fastest. A finer level has
+rows only for bricks of 4³ vertices that lie near content; its map says which brick of its 64 rows each one has. Brick 0 of a
+level stands for all that are absent: its features are zero and never learn. Blocks of 64 rows, as bricks are, begin at
+multiples of 64.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+FEATURES = 4
+BRICK = 4  # vertices of a brick along each axis
+ROWS_OF_BRICK = BRICK**3
+DENSE_UP_TO = 64  # resolution; finer levels are sparse
+INITIAL = 1e-4  # features begin between plus and minus this
+
+
+class Levels(NamedTuple):
+    """For each of L levels, int64: resolution; offset, the first of its rows, -1 while it has none; rows, how many; place, where
+    its map begins in maps, -1 where dense. maps int32: brick of each 4³ vertices, x fastest.
+    """
+
+    resolution: np.ndarray
+    offset: np.ndarray
+    rows: np.ndarray
+    place: np.ndarray
+    maps: np.ndarray
+
+    @property
+    def total(self) -> int:
+        """Rows of the whole table."""
+        return int(self.rows.sum())
+
+
+def bricks_along(resolution: int) -> int:
+    """Bricks of a level along each axis."""
+    return resolution // BRICK + 1
+
+
+def is_dense(resolution: int) -> bool:
+    """Whether a level of this resolution has a row for every vertex."""
+    return resolution <= DENSE_UP_TO
+
+
+def make_levels(resolutions: tuple[int, ...], bricks: tuple[np.ndarray | None, ...]) -> Levels:
+    """The levels with these bricks: int32 sorted flat numbers of the bricks present; None for a level that has no rows yet; empty
+    for a dense one."""
+    offset, rows, place, maps = [], [], [], []
+    for resolution, present in zip(resolutions, bricks, strict=True):
+        offset.append(-1 if present is None else sum(rows))
+        place.append(-1 if is_dense(resolution) else sum(part.size for part in maps))
+        if present is None:
+            rows.append(0)
+        elif is_dense(resolution):
+            rows.append(-(-((resolution + 1) ** 3) // ROWS_OF_BRICK) * ROWS_OF_BRICK)
+        else:
+            rows.append((len(present) + 1) * ROWS_OF_BRICK)
+            numbers = np.zeros(bricks_along(resolution) ** 3, np.int32)
+            numbers[present] = np.arange(1, len(present) + 1, dtype=np.int32)
+            maps.append(numbers)
+    whole = (np.array(values, np.int64) for values in (resolutions, offset, rows, place))
+    return Levels(*whole, np.concatenate(maps) if maps else np.zeros(1, np.int32))
+
+
+def bricks_near(occupied: np.ndarray, resolution: int) -> np.ndarray:
+    """int32, sorted: the bricks of a level with vertices of cells that touch `occupied` bool [R, R, R], grown by a cell."""
+    side, count = occupied.shape[0], bricks_along(resolution)
+    needed = occupied
+    for axis in range(3):
+        # vertex v is needed by cell c of the occupancy grid where c - 1 <= v side / resolution <= c + 2, rounded outwards
+        first = np.floor((np.arange(count) * BRICK - 1) * side / resolution).astype(int) - 1
+        last = np.ceil((np.arange(count) * BRICK + BRICK) * side / resolution).astype(int) + 1
+        sums = np.zeros([n + (i == axis) for i, n in enumerate(needed.shape)], np.int32)
+        np.cumsum(needed, axis, out=sums[tuple(slice(i == axis, None) for i in range(3))])
+        low, high = np.clip(first, 0, side), np.clip(last, 0, side)
+        needed = np.take(sums, high, axis) > np.take(sums, low, axis)
+    return np.flatnonzero(needed).astype(np.int32)
+
+
+def moved_rows(old: Levels, new: Levels, old_bricks: tuple, new_bricks: tuple) -> np.ndarray:
+    """int64 [E new]: the row of the old table that each row of the new one was; -1 where there was none."""
+    source = np.full(new.total, -1, np.int64)
+    for level in range(len(new.resolution)):
+        before, now = old_bricks[level], new_bricks[level]
+        if before is None or now is None:
+            continue
+        first, target = old.offset[level], new.offset[level]
+        if old.place[level] < 0:
+            source[target : target + new.rows[level]] = first + np.arange(new.rows[level])
+            continue
+        _, in_old, in_new = np.intersect1d(before, now, assume_unique=True, return_indices=True)
+        rows = np.arange(ROWS_OF_BRICK)
+        to = (target + (in_new + 1)[:, None] * ROWS_OF_BRICK + rows).ravel()
+        source[to] = (first + (in_old + 1)[:, None] * ROWS_OF_BRICK + rows).ravel()
+    return source
+
+
+def absent_rows(levels: Levels) -> list[slice]:
+    """The rows of the bricks 0: zero for ever."""
+    return [
+        slice(int(start), int(start) + ROWS_OF_BRICK)
+        for start, place in zip(levels.offset, levels.place, strict=True)
+        if start >= 0 and place >= 0
+    ]

@@ -1,0 +1,172 @@
+"""The multi-resolution field as a training.method.Method.
+
+field      the definition, in JAX              levels     rows of the feature table
+state      what is trained, in plain arrays    occupancy  where samples are taken
+settings   what a config means for a dataset   hull       where anything can be, by the photographs
+engine     the interface of an engine; jax_engine, fused: the two that there are
+saving     checkpoints
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from training import exposure
+from training.config import TrainConfig
+from training.dataset import RayDataset
+from training.devices import agree, here
+from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
+from training.multires.engines import make_engine
+from training.multires.field import initial_parameters, inputs_of, split_parameters
+from training.multires.fused.workers import Workers
+from training.multires.hull import box_around, hull_codes
+from training.multires.levels import INITIAL, absent_rows, bricks_near, is_dense, make_levels, moved_rows
+from training.multires.occupancy import boxes_meeting, is_on, visited
+from training.multires.saving import restored, saved
+from training.multires.settings import plan_of, settings_of
+from training.multires.state import State, Trainable
+from training.view_mlp import init_view_mlp
+
+VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
+WHOLE_EVERY, FADED_WHOLE = 100, 3  # steps, before it settles, between visits to every cell; what codes lose then
+VIEW_BIAS = -2.0  # the view MLP starts near zero, so that diffuse colour settles first
+SAMPLES_AT_FIRST = 64.0  # a ray, until a step has counted them
+
+
+class MultiresMethod:
+    """The multi-resolution field behind training.method.Method."""
+
+    def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
+        self.config, self.dataset = config, dataset
+        self.plan, self.settings = plan_of(config, dataset), settings_of(config, dataset)
+        self.engine = make_engine(config.engine, dataset, self.plan, self.settings, config.seed)
+
+    def start(self, key: jax.Array) -> State:
+        own, plan = self.config.multires, self.plan
+        workers = Workers()
+        box = box_around(self.dataset, own.occupancy, own.ndc_depth, workers)
+        codes = hull_codes(self.dataset, box, own.occupancy, plan.least_views, workers)
+        view_mlp = init_view_mlp(key)
+        view_mlp = view_mlp._replace(biases=(*view_mlp.biases[:2], view_mlp.biases[2] + VIEW_BIAS))
+        random = np.random.default_rng((self.config.seed, 0))
+        parameters = initial_parameters(len(plan.resolutions), view_mlp, random, own.view_octaves)
+        blank = (Trainable(np.zeros((0, 4), np.float32), np.zeros_like(parameters)) for _ in range(2))
+        state = State(
+            box=box, bricks=tuple(None for _ in plan.resolutions), codes=codes,
+            values=Trainable(np.zeros((0, 4), np.float32), parameters), first=next(blank), second=next(blank),
+            updates=0, samples_per_ray=SAMPLES_AT_FIRST, step_cells=plan.step_cells(0.0, own.occupancy),
+            gains=np.ones((self.dataset.views, 3), np.float32) if plan.gains else None,
+        )  # fmt: skip
+        return self._with_levels(state, 0, 0.0)
+
+    def step(self, state: State, step: int, progress: float | None = None) -> tuple[State, dict[str, Any]]:
+        if progress is None:
+            progress = step / max(self.config.steps, 1)
+        if step > 0:
+            self._visit(state, step)
+            state = self._with_levels(state, step, progress)
+        state.step_cells = self.plan.step_cells(progress, self.settings.resolution)
+        if self.plan.gains and exposure.due(step):
+            state.gains = self._fitted_gains(state, step)
+        return state, self.engine.step(state, step, progress)
+
+    def render(self, state: State, rays: Rays) -> RenderOutput:
+        return self.engine.render(state, rays)
+
+    def query(self, state: State, points: jax.Array) -> FieldOutput:
+        """The field at points [N, 3]; see training.method.Method. Density is 0 where the occupancy grid is off."""
+        box, side = state.box, self.settings.resolution
+        places = (np.asarray(points, np.float64) - box.origin) / box.cell
+        inside = ((places >= 0) & (places < box.dims)).all(-1)
+        x, y, z = np.clip(places.astype(np.int64), 0, side - 1).T
+        on = inside & is_on(state.codes[z, y, x])
+        values = np.zeros((len(places), 8), np.float32)
+        values[on] = self.engine.values_at(state, (places[on] / side).astype(np.float32))
+        density = values[:, 0] / np.float32(box.cell[0] * side)
+        return FieldOutput(jnp.asarray(density), jnp.asarray(values[:, 1:4]), jnp.asarray(values[:, 4:]))
+
+    def may_hold(self, state: State, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Whether the boxes meet a cell that is on; see training.method.Method."""
+        box = state.box
+        return boxes_meeting(is_on(state.codes), (low - box.origin) / box.cell, (high - box.origin) / box.cell)
+
+    def grain(self, state: State) -> np.ndarray:
+        """The sides of a cell of the finest level; see training.method.Method."""
+        return state.box.cell * (self.settings.resolution / self.plan.resolutions[-1])
+
+    def view_mlp(self, state: State) -> ViewMlpParams | None:
+        if not self.settings.has_view_mlp:
+            return None
+        parameters = jnp.asarray(here(state.values.parameters))
+        return split_parameters(parameters, inputs_of(len(self.plan.resolutions)))[-1]
+
+    def gains(self, state: State) -> np.ndarray | None:
+        return state.gains
+
+    def save(self, state: State) -> dict[str, np.ndarray]:
+        return saved(state, self.plan.resolutions)
+
+    def restore(self, arrays: Mapping[str, np.ndarray]) -> State:
+        views = self.dataset.views if self.plan.gains else None
+        return self.engine.adopt(restored(arrays, self.plan.resolutions, self.settings.resolution, views))
+
+    def _visit(self, state: State, step: int) -> None:
+        """Renews the occupancy grid where it is due before a step."""
+        if step < VISITS_FROM or step % VISIT_EVERY[step >= SETTLED]:
+            return
+        whole = step < SETTLED and step % WHOLE_EVERY == 0
+        random = np.random.default_rng((self.config.seed, step, 1))
+
+        def density_at(points: np.ndarray) -> np.ndarray:
+            return self.engine.values_at(state, points)[:, 0]
+
+        state.codes = agree(visited(state.codes, density_at, random, whole=whole, faded=FADED_WHOLE if whole else 1))
+
+    def _with_levels(self, state: State, step: int, progress: float) -> State:
+        """The state with rows for the levels that have joined by then. Whenever one joins, sparse levels keep the bricks that
+        are still near content."""
+        resolutions = self.plan.resolutions
+        due = [progress >= join for join in self.plan.joins]
+        if all(had is not None or not now for had, now in zip(state.bricks, due, strict=True)):
+            return state
+        occupied = is_on(state.codes)
+        bricks = tuple(
+            None if not now else np.zeros(0, np.int32) if is_dense(resolution) else bricks_near(occupied, resolution)
+            for resolution, now in zip(resolutions, due, strict=True)
+        )
+        before, after = make_levels(resolutions, state.bricks), make_levels(resolutions, bricks)
+        source = moved_rows(before, after, state.bricks, bricks)
+        new = source < 0
+        random = np.random.default_rng((self.config.seed, step, 2))
+        for name in ("values", "first", "second"):
+            part: Trainable = getattr(state, name)
+            table = np.asarray(here(part.table))[source] if len(part.table) else np.zeros((len(source), 4), np.float32)
+            table[new] = 0.0
+            if name == "values":
+                table[new] = random.uniform(-INITIAL, INITIAL, (int(new.sum()), 4))
+                for rows in absent_rows(after):
+                    table[rows] = 0.0
+            setattr(state, name, part._replace(table=table))
+        state.bricks = bricks
+        return self.engine.adopt(state)
+
+    def _fitted_gains(self, state: State, step: int) -> np.ndarray:
+        """The photographs' gains [V, 3] by what the field shows of some of their rays now; the same in every process."""
+        gains, dataset = state.gains, self.dataset
+        assert gains is not None
+        drawn = exposure.drawn(np.asarray(here(dataset.first)), dataset.count, (self.config.seed, step))
+        ids = drawn.ravel().astype(np.int32)
+        shown = self.engine.render(state, dataset.local().geometry_at(jnp.asarray(ids)))
+        opacity = np.asarray(shown.alpha)[:, None]
+        look = np.asarray(shown.rgb) - (1.0 - opacity) * np.asarray(dataset.background, np.float32)
+        pixels = dataset.pixels_here(ids)
+        found = exposure.fitted(
+            gains, look.reshape(*drawn.shape, 3), opacity.reshape(drawn.shape), pixels.reshape(*drawn.shape, -1),
+            auto=self.config.exposure == "auto",
+        )  # fmt: skip
+        return np.asarray(agree(found))

@@ -1,0 +1,84 @@
+"""The occupancy grid: which cells of the unit cube samples are taken in.
+
+Notation: R³ cells [z, y, x], each with a code, uint8. NEVER: nothing can be there, by the photographs' alpha or because too few
+photographs see it. Otherwise the number of visits that the cell stays on: a visit takes the density at a random point of the
+cell and sets
+
+    code <- max(code - 1, code of the density),
+
+where the code of a density is how many visits its optical depth over STEP of the cube's side takes to fall below THRESHOLD at a
+rate of DECAY a visit (instant-ngp, Müller et al. 2022, appendix E, in logarithms).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+NEVER = 255
+DECAY, THRESHOLD, LONGEST = 0.8, 0.01, 40  # LONGEST: visits that the densest cell stays on
+STEP = 1 / 512  # of the cube's side
+INITIAL = 5  # visits that a cell of the hull stays on
+TOGETHER = 512  # cells in a row of which all or none are visited
+SHARE = 4  # a visit takes one in so many
+POINTS = 1 << 20  # of which densities are asked at once
+
+
+def is_on(codes: np.ndarray) -> np.ndarray:
+    """bool [R, R, R]: where samples are taken."""
+    return (codes > 0) & (codes < NEVER)
+
+
+def code_of(density: np.ndarray) -> np.ndarray:
+    """uint8 codes of densities per side of the cube."""
+    with np.errstate(divide="ignore"):
+        visits = np.ceil(np.log(density * np.float32(STEP / THRESHOLD)) / -np.log(DECAY))
+    return np.clip(visits, 0, LONGEST).astype(np.uint8)
+
+
+def visited(
+    codes: np.ndarray, density_at: Callable[[np.ndarray], np.ndarray], random: np.random.Generator, *, whole: bool, faded: int = 1
+) -> np.ndarray:  # fmt: skip
+    """Codes after a visit to a random SHARE of the cells, or to the whole grid.
+
+    density_at: of points float32 [N, 3] of the unit cube. faded: what codes lose.
+    """
+    flat, side = codes.ravel().copy(), codes.shape[0]
+    for cells in _picked(flat, random, whole):
+        z, rest = np.divmod(cells, side * side)
+        y, x = np.divmod(rest, side)
+        points = (np.stack([x, y, z], -1).astype(np.float32) + random.random((len(cells), 3), np.float32)) / np.float32(
+            side
+        )
+        old = flat[cells]
+        flat[cells] = np.maximum(np.maximum(old, faded) - np.uint8(faded), code_of(density_at(points)))
+    return flat.reshape(codes.shape)
+
+
+def _picked(flat: np.ndarray, random: np.random.Generator, whole: bool) -> Iterator[np.ndarray]:
+    """Cells int [N] to visit, in order, some at a time."""
+    cells = np.flatnonzero(flat != NEVER)
+    if not whole:
+        groups = -(-len(cells) // TOGETHER)
+        chosen = np.flatnonzero(np.arange(groups) % SHARE == random.integers(SHARE))
+        places = (chosen[:, None] * TOGETHER + np.arange(TOGETHER)).ravel()
+        cells = cells[places[places < len(cells)]]
+    for start in range(0, len(cells), POINTS):
+        yield cells[start : start + POINTS]
+
+
+def boxes_meeting(occupied: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """bool [N]: which boxes, low to high [N, 3] in cells (x, y, z), meet a cell that is on; by a summed-area table."""
+    table = np.zeros([n + 1 for n in occupied.shape], np.int32)
+    sums = table[1:, 1:, 1:]
+    sums[...] = occupied
+    for axis in range(3):
+        np.cumsum(sums, axis, out=sums)
+    most = np.array(occupied.shape[::-1])
+    a, b = np.clip(np.floor(low).astype(int), 0, most), np.clip(np.floor(high).astype(int) + 1, 0, most)
+    count = np.zeros(len(low), np.int64)
+    for corner in range(8):  # inclusion and exclusion over the box's corners
+        x, y, z = ((a if corner >> axis & 1 else b)[:, axis] for axis in range(3))
+        count += (-1) ** bin(corner).count("1") * table[z, y, x]
+    return count > 0

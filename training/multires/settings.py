@@ -1,0 +1,140 @@
+"""What a config means for one dataset: the constants of a step, and what happens between steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from training.config import TrainConfig
+from training.dataset import RayDataset
+from training.exposure import is_fitted
+from training.multires.config import settings_for
+
+ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
+COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
+SAMPLES, MOST_SAMPLES = 65_536, 262_144  # of a step
+LARGEST_RAW = 12.0  # of density, before its exponential
+LEAST_LIGHT = 1e-3  # a ray ends where its transmittance falls below this
+SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
+NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
+FEWEST_RAYS, MOST_RAYS, RAYS_TOGETHER = 256, 131_072, 64  # of a step; a multiple of the last
+
+
+class Settings(NamedTuple):
+    """Numbers that a step treats as constants.
+
+    resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances in
+    sides of the cube. sparsity: weight of the loss summed over lengths of rays in world units; sparsity_scale: its scale. rates: of
+    table, decoder, view MLP. octaves: of the view direction; has_view_mlp.
+    """
+
+    resolution: int
+    background: tuple[float, float, float]
+    random_background: bool
+    distortion: float
+    sparsity: float
+    sparsity_scale: float
+    rates: tuple[float, float, float]
+    final_rate_factor: float
+    warmup_steps: int
+    octaves: int
+    has_view_mlp: bool
+
+    def rates_at(self, updates: int, progress: float) -> tuple[float, float, float]:
+        """Adam's rates with warm-up, decay and bias correction, after so many updates."""
+        beta1, beta2 = ADAM_BETAS
+        warm = min(1.0, (updates + 1) / max(self.warmup_steps, 1))
+        scale = (
+            warm * self.final_rate_factor**progress * np.sqrt(1 - beta2 ** (updates + 1)) / (1 - beta1 ** (updates + 1))
+        )
+        table, decoder, view = (float(rate * scale) for rate in self.rates)
+        return table, decoder, view
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What happens between steps.
+
+    resolutions: of the levels. joins: share of the run after which each joins. samples: of a step. steps_across, steps_from: see
+    MultiresConfig. least_views: as there. gains: of the photographs are fitted (training.exposure).
+    """
+
+    resolutions: tuple[int, ...]
+    joins: tuple[float, ...]
+    samples: int
+    steps_across: tuple[int, ...]
+    steps_from: tuple[float, ...]
+    least_views: int
+    gains: bool
+
+    def step_cells(self, progress: float, resolution: int) -> float:
+        """Distance between samples, in cells of an occupancy grid of this resolution."""
+        across = self.steps_across[sum(progress >= start for start in self.steps_from)]
+        return resolution / across
+
+    def rays(self, samples_per_ray: float) -> int:
+        """Rays that fill a step."""
+        rays = int(np.clip(self.samples / max(samples_per_ray, 1.0), FEWEST_RAYS, MOST_RAYS))
+        return rays // RAYS_TOGETHER * RAYS_TOGETHER
+
+
+def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
+    """The plan of a run."""
+    own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
+    resolutions = own.resolutions or resolutions_for(longest_side(dataset))
+    middle, fine = by_kind.fine_from
+    joins = tuple(0.0 if resolution < 256 else middle if resolution < 512 else fine for resolution in resolutions)
+    return Plan(
+        resolutions=resolutions,
+        joins=joins,
+        samples=own.samples_per_step or samples_for(longest_side(dataset)),
+        steps_across=own.steps_across,
+        steps_from=own.steps_from,
+        least_views=min(by_kind.least_views, dataset.views),
+        gains=is_fitted(config.exposure, rendered=dataset.facts.rendered),
+    )
+
+
+def longest_side(dataset: RayDataset) -> int:
+    """Pixels along the longer side of the largest photograph."""
+    width = np.asarray(dataset.width, np.int64)
+    height = np.diff(np.asarray(dataset.first, np.int64), append=dataset.count) // width * dataset.facts.row_step
+    return int(max(width.max(), height.max()))
+
+
+def resolutions_for(pixels: int) -> tuple[int, ...]:
+    """Powers of two from COARSEST to about as many as a photograph has pixels along its longer side."""
+    finest = int(np.clip(1 << round(np.log2(pixels * 1.25)), 64, FINEST))
+    return tuple(COARSEST << i for i in range(int(np.log2(finest / COARSEST)) + 1))
+
+
+def samples_for(pixels: int) -> int:
+    """Samples of a step: more pixels need more steps and larger ones."""
+    return int(np.clip(SAMPLES * (pixels / 256) ** 2, SAMPLES, MOST_SAMPLES))
+
+
+def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
+    """The constants of a run's steps."""
+    own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
+    return Settings(
+        resolution=own.occupancy,
+        background=dataset.background,
+        random_background=own.random_background or dataset.kind != "object" or dataset.facts.cut_out,
+        distortion=by_kind.distortion_weight,
+        sparsity=config.sparsity_weight * by_kind.sparsity_factor * SPARSITY_SAMPLES / _ray_length(dataset),
+        sparsity_scale=config.sparsity_scale,
+        rates=(own.table_rate, own.decoder_rate, own.view_rate),
+        final_rate_factor=own.final_rate_factor,
+        warmup_steps=own.warmup_steps,
+        octaves=own.view_octaves,
+        has_view_mlp=own.view_dependence,
+    )
+
+
+def _ray_length(dataset: RayDataset) -> float:
+    """Over which the paper would spread its coarse samples of a ray, in world units."""
+    if dataset.facts.disparity:  # even in 1/t: as far apart as at distance 1 (the cameras', by the readers)
+        return 1.0 / dataset.near
+    return NDC_DEPTH if dataset.ndc else dataset.far - dataset.near

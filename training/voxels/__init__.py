@@ -1,1 +1,0 @@
-"""The fast field: a sparse voxel grid optimised directly, with empty space skipped (see training.voxels.method)."""
