@@ -15,8 +15,9 @@ from console import Notice, UserError
 from tests.training.test_captures import circle, write_transforms
 from tests.training.test_training import MINUTE
 from training.commands.train import main
+from training.config import PRESETS
 from training.loop import train
-from training.scenes import load_scene
+from training.scenes import SceneOptions, load_scene
 from training.scenes.scene import few_line
 
 
@@ -68,3 +69,14 @@ def test_photographs_that_show_nothing_at_all_are_refused_before_training(
     with pytest.raises(UserError, match="every pixel is transparent"):
         train(scene, tmp_path / "run", dataclasses.replace(MINUTE, method="multires", engine="jax"))
     assert not (tmp_path / "run").exists()
+
+
+def test_a_field_that_no_ray_meets_does_not_end_as_a_success(procedural_path: Path, tmp_path: Path) -> None:
+    scene = Path(shutil.copytree(procedural_path, tmp_path / "scene"))
+    for picture in (scene / "train").glob("*.png"):
+        corner = Image.new("RGBA", (48, 48))
+        corner.paste((255, 0, 0, 255), (0, 0, 8, 8))
+        corner.save(picture)
+    middle = SceneOptions(aabb=(-0.2, -0.2, -0.2, 0.2, 0.2, 0.2))
+    with pytest.raises(UserError, match=r"the field is empty .*--aabb"):
+        train(scene, tmp_path / "run", dataclasses.replace(PRESETS["quick"], steps=8, log_every=4), middle)
