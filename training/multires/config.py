@@ -35,7 +35,7 @@ class MultiresConfig:
     """Samples along the cube's side: at first, and after each of steps_from."""
     steps_from: tuple[float, ...] = (0.15, 0.85)
     """When samples lie closer, as fractions of all steps."""
-    view_octaves: int = 4
+    view_octaves: int = 1
     """Octaves of the view direction that the view MLP sees, at most 4."""
     view_dependence: bool = True
     """If false, train a diffuse model without a view MLP."""

@@ -25,9 +25,9 @@ FEWEST_RAYS, MOST_RAYS, RAYS_TOGETHER = 256, 131_072, 64  # of a step; a multipl
 class Settings(NamedTuple):
     """Numbers that a step treats as constants.
 
-    resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances in
-    sides of the cube. sparsity: weight of the loss summed over lengths of rays in world units; sparsity_scale: its scale. rates: of
-    table, decoder, view MLP. octaves: of the view direction; has_view_mlp.
+    resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances
+    in sides of the cube. sparsity: weight of the loss summed over lengths of rays in world units; sparsity_scale: its scale.
+    rates: of table, decoder, view MLP. octaves: of the view direction; has_view_mlp.
     """
 
     resolution: int
