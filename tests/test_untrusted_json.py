@@ -159,8 +159,7 @@ def test_more_than_anybody_writes_is_not_parsed() -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [("batch_size", -1), ("log_every", 0), ("seed", 10**20), ("steps", -5), ("minutes", float("nan")), ("nerf.width", 0),
-     ("voxels.step_voxels", 0.0),
-     ("voxels.last_step_voxels", 0.01), ("voxels.last_step_voxels", 2.0),
+     ("multires.occupancy", 0), ("multires.view_octaves", -1), ("multires.steps_from", [0.1, float("nan")]),
      ("nerf.first_rate", -1.0), ("checkpoint_every", 0), ("nerf.depth", 2.5), ("method", "magic")],
 )  # fmt: skip
 def test_settings_that_make_no_sense_are_refused_by_name(name: str, value: object) -> None:

@@ -1,4 +1,4 @@
-"""The small interface that every trainable model stands behind: the paper's MLPs and the fast voxel field alike.
+"""The small interface that every trainable model stands behind: the paper's MLPs and the multi-resolution field alike.
 
 The loop (training.loop) knows only this; so do the baker and `snerg-eval`, through training.run.load_run.
 Shapes: N rays or points. Directions are unit length unless NDC; viewdirs are unit, in the training frame,

@@ -13,7 +13,7 @@ from training.run import Run
 def train_command(run: Run, out: Path, preset: str, option: str) -> str:
     """How to train what a row needs, from the photographs of `run`; and with which option of the report to give it then.
 
-    A voxel field without the sparsity loss is one of the same settings but that; all else are presets of the paper's.
+    A multi-resolution field without the sparsity loss is one of the same settings but that; all else are presets of the paper's.
     """
     folder = out / "runs" / preset
     words = ["snerg-train", str(run.scene.path), "--out", str(folder), *_training(run, preset), *_reading(run)]

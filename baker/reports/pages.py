@@ -138,7 +138,7 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
             ]
         )
     headings = ["", "PSNR (dB)", "SSIM", "LPIPS", "against the field (dB)", "MB", "time", *THEIRS, "*release:* PSNR"]
-    own = NO_SUCH_FIELD if table["field"].startswith("voxel field") else ""
+    own = NO_SUCH_FIELD if table["field"].startswith(("multi-resolution field", "voxel field")) else ""
     means = [_plain_label(row) for row in rows if row.get("paper") and published.only_means(row["row"])]
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. {own}".strip(), "",

@@ -12,8 +12,8 @@ import pytest
 
 from training.config import QUICK
 from training.dataset import make_dataset
-from training.methods import make_method
 from training.multires.config import MultiresConfig
+from training.multires.method import MultiresMethod
 from training.profile_report import PARTS, Profile, Times
 from training.profile_step import main, profile
 from training.scenes import Scene
@@ -34,7 +34,7 @@ def test_shares_are_of_the_time_that_counts() -> None:
 
 @pytest.mark.parametrize("engine", ["fused", "jax"])
 def test_profiling_trains_on_with_the_very_steps_of_training(procedural_scene: Scene, engine: str) -> None:
-    method = make_method(dataclasses.replace(TINY, engine=engine), make_dataset(procedural_scene))
+    method = MultiresMethod(dataclasses.replace(TINY, engine=engine), make_dataset(procedural_scene))
     trained, profiled = (method.start(jax.random.PRNGKey(0)) for _ in range(2))
     measured = profile(method, profiled, 0, 2)
     for step in range(3):

@@ -8,11 +8,12 @@ from training.config import PRESETS as CONFIGS
 from training.dataset import make_dataset
 from training.multires.settings import plan_of
 from training.scenes import Scene
+from training.scenes.presets import PresetName
 from training.speed import PRESETS, whole_runs
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_samples_are_those_of_the_plan(preset: str, procedural_scene: Scene) -> None:
+def test_samples_are_those_of_the_plan(preset: PresetName, procedural_scene: Scene) -> None:
     config, dataset = CONFIGS[preset], make_dataset(procedural_scene)
     camera = procedural_scene.splits["train"][0].camera
     side = max(camera.width, camera.height)

@@ -101,14 +101,17 @@ def cells_of(state: State) -> Cells:
     )  # fmt: skip
 
 
+Optimised = tuple[Trainable, Trainable, Trainable]  # values, and Adam's first and second moments of them
+
+
 def update(
-    values: Trainable, first: Trainable, second: Trainable, cells: Cells, maps: jax.Array, absent: jax.Array, dataset: RayDataset,
-    key: jax.Array, step: jax.Array, rates: jax.Array, *, constants: Constants,
-) -> tuple[Trainable, Trainable, Trainable, dict[str, jax.Array]]:  # fmt: skip
+    optimised: Optimised, cells: Cells, maps: jax.Array, absent: jax.Array, dataset: RayDataset, key: jax.Array, step: jax.Array,
+    rates: jax.Array, *, constants: Constants,
+) -> tuple[Optimised, dict[str, jax.Array]]:  # fmt: skip
     """One step. rates [3]: Adam's, of table, decoder and view MLP. absent bool [E]: rows that never learn."""
     samples, target = draw(cells, dataset, key, step, constants)
-    gradient, metrics = loss_and_gradient(values, maps, split(samples, dataset.mesh), target, constants)
-    return *adam(values, first, second, gradient, absent, rates, constants), metrics
+    gradient, metrics = loss_and_gradient(optimised[0], maps, split(samples, dataset.mesh), target, constants)
+    return adam(optimised, gradient, absent, rates, constants), metrics
 
 
 def draw(
@@ -151,11 +154,10 @@ def loss_and_gradient(
 
 
 def adam(
-    values: Trainable, first: Trainable, second: Trainable, gradient: Trainable, absent: jax.Array, rates: jax.Array,
-    constants: Constants,
-) -> tuple[Trainable, Trainable, Trainable]:  # fmt: skip
+    optimised: Optimised, gradient: Trainable, absent: jax.Array, rates: jax.Array, constants: Constants
+) -> Optimised:  # fmt: skip
     """Adam; a feature without a gradient is left alone, moments included (DVGO's masked Adam)."""
-    keep1, keep2 = ADAM_BETAS
+    (values, first, second), (keep1, keep2) = optimised, ADAM_BETAS
     inputs = inputs_of(len(constants.levels))
     decoder = decoder_size(inputs)
     of_parameters = jnp.where(jnp.arange(gradient.parameters.size) < decoder, rates[1], rates[2])
@@ -177,9 +179,7 @@ def adam(
 @lru_cache
 def compiled_update(mesh: Mesh) -> Callable[..., Any]:
     """`update`, jitted for the devices of a mesh; the trainable values and their moments are given away."""
-    return jax.jit(
-        update, static_argnames="constants", donate_argnums=(0, 1, 2), out_shardings=NamedSharding(mesh, WHOLE)
-    )
+    return jax.jit(update, static_argnames="constants", donate_argnums=0, out_shardings=NamedSharding(mesh, WHOLE))
 
 
 class JaxEngine:
@@ -201,11 +201,11 @@ class JaxEngine:
         mesh, (cells, maps, absent, _) = self.dataset.mesh, self._derived(state)
         dataset = self.dataset.in_average_look(state.gains)
         rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
-        *parts, metrics = compiled_update(mesh)(
-            state.values, state.first, state.second, *put_whole((cells, maps, absent), mesh), dataset, self.key,
+        optimised, metrics = compiled_update(mesh)(
+            (state.values, state.first, state.second), *put_whole((cells, maps, absent), mesh), dataset, self.key,
             np.int32(step), rates, constants=self._constants(state),
         )  # fmt: skip
-        state.values, state.first, state.second = parts
+        state.values, state.first, state.second = optimised
         state.updates += 1
         return metrics
 
@@ -218,7 +218,7 @@ class JaxEngine:
         yield "gradient", gradient
         rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
         state.values, state.first, state.second = compiled(adam)(
-            state.values, state.first, state.second, gradient, absent, rates, constants=constants
+            (state.values, state.first, state.second), gradient, absent, rates, constants=constants
         )
         state.updates += 1
         jax.block_until_ready(state.values)

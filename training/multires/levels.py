@@ -63,8 +63,8 @@ def make_levels(resolutions: tuple[int, ...], bricks: tuple[np.ndarray | None, .
             numbers = np.zeros(bricks_along(resolution) ** 3, np.int32)
             numbers[present] = np.arange(1, len(present) + 1, dtype=np.int32)
             maps.append(numbers)
-    whole = (np.array(values, np.int64) for values in (resolutions, offset, rows, place))
-    return Levels(*whole, np.concatenate(maps) if maps else np.zeros(1, np.int32))
+    fields = [np.array(values, np.int64) for values in (resolutions, offset, rows, place)]
+    return Levels(fields[0], fields[1], fields[2], fields[3], np.concatenate(maps) if maps else np.zeros(1, np.int32))
 
 
 def bricks_near(occupied: np.ndarray, resolution: int) -> np.ndarray:

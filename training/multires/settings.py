@@ -7,14 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from console import UserError
+from scenepack.constants import VIEW_FREQUENCIES
 from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.exposure import is_fitted
-from training.multires.config import settings_for
+from training.multires.config import MultiresConfig, settings_for
 
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
 COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
 SAMPLES, MOST_SAMPLES = 65_536, 262_144  # of a step
+COARSE_STEPS = 256  # samples along the cube's side, at first
 LARGEST_RAW = 12.0  # of density, before its exponential
 LEAST_LIGHT = 1e-3  # a ray ends where its transmittance falls below this
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
@@ -25,9 +28,9 @@ FEWEST_RAYS, MOST_RAYS, RAYS_TOGETHER = 256, 131_072, 64  # of a step; a multipl
 class Settings(NamedTuple):
     """Numbers that a step treats as constants.
 
-    resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances in
-    sides of the cube. sparsity: weight of the loss summed over lengths of rays in world units; sparsity_scale: its scale. rates: of
-    table, decoder, view MLP. octaves: of the view direction; has_view_mlp.
+    resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances
+    in sides of the cube. sparsity: weight of the loss summed over lengths of rays in world units; sparsity_scale: its scale.
+    rates: of table, decoder, view MLP. octaves: of the view direction; has_view_mlp.
     """
 
     resolution: int
@@ -84,17 +87,39 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
     """The plan of a run."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
     resolutions = own.resolutions or resolutions_for(longest_side(dataset))
+    steps_across = own.steps_across or tuple(max(n * resolutions[-1], COARSE_STEPS) for n in (0, 1, 2))
+    _require_sensible(own, resolutions, steps_across)
     middle, fine = by_kind.fine_from
     joins = tuple(0.0 if resolution < 256 else middle if resolution < 512 else fine for resolution in resolutions)
     return Plan(
         resolutions=resolutions,
         joins=joins,
         samples=own.samples_per_step or samples_for(longest_side(dataset)),
-        steps_across=own.steps_across,
+        steps_across=steps_across,
         steps_from=own.steps_from,
         least_views=min(by_kind.least_views, dataset.views),
         gains=is_fitted(config.exposure, rendered=dataset.facts.rendered),
     )
+
+
+def _require_sensible(own: MultiresConfig, resolutions: tuple[int, ...], steps_across: tuple[int, ...]) -> None:
+    """UserError where settings do not fit together."""
+    for option, fits, expected, found in (
+        ("occupancy", own.occupancy % 8 == 0 and 8 <= own.occupancy <= 512, "a multiple of 8, at most 512", own.occupancy),
+        ("view-octaves", own.view_octaves <= VIEW_FREQUENCIES, f"at most {VIEW_FREQUENCIES}", own.view_octaves),
+        ("ndc-depth", 0.1 <= own.ndc_depth <= 100, "0.1 to 100", own.ndc_depth),
+        ("resolutions", min(resolutions) >= 4 and max(resolutions) <= 1024, "4 to 1024", list(resolutions)),
+        (
+            "steps-across", len(steps_across) == len(own.steps_from) + 1,
+            f"one more than --multires.steps-from, {len(own.steps_from) + 1}", list(steps_across),
+        ),
+        (
+            "steps-across", min(steps_across) >= own.occupancy, f"as many as the occupancy grid has cells, {own.occupancy}",
+            list(steps_across),
+        ),
+    ):  # fmt: skip
+        if not fits:
+            raise UserError("makes no sense", where=f"--multires.{option}", expected=expected, found=found)
 
 
 def longest_side(dataset: RayDataset) -> int:

@@ -266,14 +266,14 @@ def test_reports_of_several_scenes_stand_side_by_side_with_their_mean(
 
 def test_the_command_for_a_row_reads_the_photographs_as_the_run_did(tmp_path: Path) -> None:
     options = SceneOptions(4, True, True, (-1.0, -1.0, -0.5, 1.0, 1.0, 1.5), (0.0, 0.0, 1.0))
-    scene, config = SimpleNamespace(path=Path("my scene")), dataclasses.replace(PRESETS["fast"], steps=500)
+    scene, config = SimpleNamespace(path=Path("my scene")), dataclasses.replace(PRESETS["full"], steps=500)
     run: Any = SimpleNamespace(scene=scene, options=options, config=config)
     words = train_command(run, tmp_path, "diffuse", "--baselines")
     assert words.startswith(
         f"snerg-train 'my scene' --out {tmp_path}/runs/diffuse --preset diffuse --downscale 4 --spherify --masks"
     )
     assert "--aabb=-1,-1,-0.5,1,1,1.5 --up=0,0,1; then add --baselines" in words
-    assert "--preset fast --steps 500 --sparsity-weight 0" in train_command(run, tmp_path, "no-sparsity", "--against")
+    assert "--preset quick --steps 500 --sparsity-weight 0" in train_command(run, tmp_path, "no-sparsity", "--against")
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -18,7 +18,7 @@ from training.dataset import make_dataset
 from training.marching.march import MarchSizes, march
 from training.marching.rays import GridRays
 from training.multires.config import MultiresConfig
-from training.multires.field import Target, decoder_size, inputs_of
+from training.multires.field import Target, decoder_size, inputs_of, seen_inputs
 from training.multires.jax_engine import Constants, JaxEngine, Lists, adam, cells_of, loss_and_gradient
 from training.multires.levels import make_levels
 from training.multires.method import MultiresMethod
@@ -75,7 +75,7 @@ class Trained:
         rays = GridRays(*(jnp.asarray(a) for a in (b.origins, b.directions, b.start, b.end, b.length, b.length)))
         segments = 4 * state.codes.shape[0]
         sizes = MarchSizes(segments, ROOM, ROOM, segments * 4)
-        samples = march(cells, rays, jnp.asarray(b.phase), sizes, state.step_cells)
+        samples = march(cells, rays, jnp.asarray(b.phase), sizes, state.step_cells)  # type: ignore[arg-type]
         assert np.asarray(samples.complete).all()
         constants = Constants(levels, Lists(sizes, len(b.phase)), state.step_cells, self.method.settings)
         lengths = b.length * np.float32(state.step_cells / (state.box.cell[0] * self.method.settings.resolution))
@@ -84,7 +84,10 @@ class Trained:
         compiled = jax.jit(loss_and_gradient, static_argnames="constants")
         values = Trainable(*(jnp.asarray(a) for a in state.values))
         gradient, metrics = compiled(values, maps, samples, target, constants=constants)
-        gradient = gradient._replace(table=jnp.where(absent[:, None], 0.0, gradient.table))
+        used = np.ones(gradient.parameters.shape, bool)  # by Adam: see training.multires.jax_engine.adam
+        decoder = decoder_size(inputs_of(len(levels)))
+        used[decoder : decoder + 34 * 16] = np.repeat(seen_inputs(self.method.settings.octaves), 16)
+        gradient = Trainable(jnp.where(absent[:, None], 0.0, gradient.table), jnp.where(used, gradient.parameters, 0.0))
         return constants, metrics, gradient
 
 
@@ -116,14 +119,15 @@ def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
     constants, *_ = trained.jax()
     state = trained.state
     _, metrics, gradient = trained.fused()
-    before = [Trainable(*(a.copy() for a in part)) for part in (state.values, state.first, state.second)]
+    first, second, third = (Trainable(*(a.copy() for a in p)) for p in (state.values, state.first, state.second))
+    before = first, second, third
     rates = np.array(trained.method.settings.rates_at(state.updates, 0.3), np.float32)
     absent = np.zeros(len(gradient.table), bool)
-    expected = adam(*before, gradient, jnp.asarray(absent), jnp.asarray(rates), constants)
+    expected = adam(before, gradient, jnp.asarray(absent), jnp.asarray(rates), constants)
     summed, marks = trained.engine._accumulators(state)
     rays = np.float32(metrics["rays"])
     summed[:], marks[:] = gradient.table * rays, 1
-    trained.engine._adam(state, summed, marks, gradient.parameters * rays, rays, 0.3)
+    trained.engine._adam(state, summed, marks, gradient.parameters * rays, metrics["rays"], 0.3)
     try:
         for ours, theirs in zip((state.values, state.first, state.second), expected, strict=True):
             for one, other in zip(ours, theirs, strict=True):

@@ -22,17 +22,30 @@ from training.multires.fused.network import SAMPLES as TOGETHER
 from training.multires.fused.network import activate, add_gradient, decode
 from training.multires.fused.vectors import FEATURES
 from training.multires.fused.view_mlp import DISTORTION, SAMPLES, SPARSITY, shade_chunk
+from training.multires.levels import Levels
 
 CHUNK = 128  # rays
 FIRST_WAVE, LATER_WAVES, LONGEST_WAVE = 4, 3, 8  # samples of each ray: more where few rays are left, to fill blocks
 
 
+class Field(NamedTuple):
+    """levels and table: of features. parameters: of decoder and view MLP, as the loops have them. turned: what their gradients'
+    products read. inputs: I."""
+
+    levels: Levels
+    table: np.ndarray
+    parameters: np.ndarray
+    turned: np.ndarray
+    inputs: int
+
+
 class Numbers(NamedTuple):
     """What a step treats as constants.
 
-    step: distance between samples, in cells. reference: world units of a side of the cube. distortion: weight by distances in cells.
-    sparsity: weight by lengths in world units, and its scale. shaded_below: T at which the view MLP, if has_view_mlp, counts.
-    octaves: of the direction that it sees. first_view: where its parameters begin; first_turned: in what gradients' products read.
+    step: distance between samples, in cells. reference: world units of a side of the cube. distortion: weight by distances in
+    cells. sparsity: weight by lengths in world units, and its scale. shaded_below: T at which the view MLP, if has_view_mlp,
+    counts. octaves: of the direction that it sees. first_view: where its parameters begin; first_turned: in what the gradients'
+    products read.
     """
 
     step: float
@@ -52,9 +65,10 @@ class Numbers(NamedTuple):
 class Scratch(NamedTuple):
     """Memory of one worker for `room` samples.
 
-    Of each sample: its ray int32 (-1: padding), place x, y, z in the unit cube, t, density, weight, light, T behind it (0: it does not
-    count), and pull, dL/dweight of the distortion loss; x [., I], hidden [., 64], raw [., 8], slopes [., 8]. Then what encoding and
-    decoding need. Of each ray: behind, k of its next sample, alive, depth, sums [., 8] (unused, colours, features) and their slopes.
+    Of each sample: its ray int32 (-1: padding), place x, y, z in the unit cube, t, density, weight, light, T behind it (0: it
+    does not count), and pull, dL/dweight of the distortion loss; x [., I], hidden [., 64], raw [., 8], slopes [., 8]. Then what
+    encoding and decoding need. Of each ray: behind, k of its next sample, alive, depth, sums [., 8] (unused, colours, features)
+    and their slopes.
     """
 
     ray: np.ndarray
@@ -132,20 +146,17 @@ def _pad(scratch, count):
 
 
 @njit(nogil=True, cache=True)
-def evaluate(levels, table, parameters, inputs, largest_raw, scratch, begin, end):
+def evaluate(field, largest_raw, scratch, begin, end):
     """Features, raw values and activations of samples begin … end - 1, whole blocks."""
     for first in range(begin, end, TOGETHER):
         some = min(TOGETHER, end - first)
-        encode(
-            levels, table, scratch.xs, scratch.ys, scratch.zs, first, some, inputs, scratch.ids, scratch.corner_weights,
-            scratch.cells, scratch.x,
-        )  # fmt: skip
-        decode(scratch.x, scratch.hidden, scratch.raw, first, some, inputs, parameters)
+        encode(field, scratch, first, some)
+        decode(field, scratch, first, some)
         activate(scratch.raw, scratch.density, first, some, largest_raw)
 
 
 @njit(nogil=True, cache=True)
-def forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch):
+def forward(low, high, grid, field, batch, numbers, scratch):
     """Samples of rays low … high - 1 and what the rays gather: sums, behind, depth. The number of samples, with
     padding; -1 where the room does not suffice."""
     for r in range(high - low):
@@ -159,7 +170,7 @@ def forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, 
         if count < 0 or count == begin:
             return min(count, begin)
         end = _pad(scratch, count)
-        evaluate(levels, table, parameters, inputs, numbers.largest_raw, scratch, begin, end)
+        evaluate(field, numbers.largest_raw, scratch, begin, end)
         for n in range(begin, count):
             r = scratch.ray[n]
             before = scratch.behind[r]
@@ -267,37 +278,30 @@ def _list_rays(count, scratch, shading):
 
 
 @njit(nogil=True, cache=True)
-def train_chunk(
-    chunk, part, grid, levels, table, parameters, turned, inputs, batch, numbers, scratch, shading, output
-):  # fmt: skip
+def train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, output):
     """Samples, loss and gradients of one chunk into `output`."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
     metrics, gradient = output.metrics[chunk], output.gradient[part]
     metrics[:] = 0.0
-    count = forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch)
+    count = forward(low, high, grid, field, batch, numbers, scratch)
     output.counts[chunk] = count
     if count <= 0:
         return
-    shade_chunk(
-        low, _list_rays(count, scratch, shading), batch, parameters, numbers.first_view, turned, numbers.first_turned, numbers,
-        scratch.behind, scratch.sums, shading, scratch.ray_slopes, metrics, gradient,
-    )  # fmt: skip
+    listed = _list_rays(count, scratch, shading)
+    shade_chunk(low, listed, batch, field, numbers, scratch, shading, metrics, gradient)
     _pull_together(low, count, batch, numbers, scratch, metrics)
     _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics)
     base, place, table_room = chunk * (scratch.ray.size - BLOCK), 0, output.xs.size
     for first in range(0, count, TOGETHER):
         some = min(TOGETHER, count - first)
-        add_gradient(
-            scratch.x, scratch.hidden, scratch.slopes, first, some, inputs, parameters, turned, scratch.hidden_slopes,
-            scratch.x_slopes, gradient,
-        )  # fmt: skip
+        add_gradient(field, scratch, first, some, gradient)
         for n in range(first, first + some):
             if scratch.light[n] == 0:
                 continue
             to = base + place
             output.xs[to], output.ys[to], output.zs[to] = scratch.xs[n], scratch.ys[n], scratch.zs[n]
-            for level in range(levels.resolution.size):
-                at, source = (level * table_room + to) * FEATURES, (n - first) * inputs + level * FEATURES
+            for level in range(field.levels.resolution.size):
+                at, source = (level * table_room + to) * FEATURES, (n - first) * field.inputs + level * FEATURES
                 for f in range(FEATURES):
                     output.slopes[at + f] = scratch.x_slopes[source + f]
             place += 1
@@ -305,10 +309,10 @@ def train_chunk(
 
 
 @njit(nogil=True, cache=True)
-def gather_chunk(chunk, grid, levels, table, parameters, inputs, batch, numbers, scratch, gathered):
+def gather_chunk(chunk, grid, field, batch, numbers, scratch, gathered):
     """gathered [N, 9] of a chunk's rays: see training.multires.field.composite. Whether the room sufficed."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
-    if forward(low, high, grid, levels, table, parameters, inputs, batch, numbers, scratch) < 0:
+    if forward(low, high, grid, field, batch, numbers, scratch) < 0:
         return False
     for r in range(high - low):
         for c in range(7):
@@ -318,7 +322,7 @@ def gather_chunk(chunk, grid, levels, table, parameters, inputs, batch, numbers,
 
 
 @njit(nogil=True, cache=True)
-def query_points(levels, table, parameters, inputs, largest_raw, points, values, low, high, scratch):
+def query_points(field, largest_raw, points, values, low, high, scratch):
     """values [N, 8] of points low … high - 1 [N, 3] of the unit cube: density per side of it, colours and features."""
     step = scratch.ray.size // TOGETHER * TOGETHER
     for first in range(low, high, step):
@@ -330,7 +334,7 @@ def query_points(levels, table, parameters, inputs, largest_raw, points, values,
                 points[first + n, 2],
             )
         end = _pad(scratch, count)
-        evaluate(levels, table, parameters, inputs, largest_raw, scratch, 0, end)
+        evaluate(field, largest_raw, scratch, 0, end)
         for n in range(count):
             values[first + n, 0] = scratch.density[n]
             for c in range(1, OUTPUTS):

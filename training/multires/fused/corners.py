@@ -96,9 +96,10 @@ def _prefetch(table, ids, out):
 
 
 @njit(nogil=True, cache=True)
-def encode(levels, table, xs, ys, zs, first, samples, inputs, ids, weights, cells, x):
-    """x [., inputs]: the features of so many samples from `first`, whole blocks; ids, weights [2, L, 8, BLOCK] are scratch."""
-    half, blocks = ids.size // 2, samples // BLOCK
+def encode(field, scratch, first, samples):
+    """scratch.x [., inputs]: the features of so many samples from `first`, whole blocks; see training.multires.fused.chunk."""
+    levels, table, ids, weights, cells = field.levels, field.table, scratch.ids, scratch.corner_weights, scratch.cells
+    xs, ys, zs, half, blocks = scratch.xs, scratch.ys, scratch.zs, scratch.ids.size // 2, samples // BLOCK
     _prepare(levels, table, xs, ys, zs, first, ids, weights, 0, cells)
     for block in range(blocks):
         start, own = first + block * BLOCK, (block & 1) * half
@@ -109,17 +110,19 @@ def encode(levels, table, xs, ys, zs, first, samples, inputs, ids, weights, cell
                 continue
             corner = own + level * CORNERS
             for s in range(BLOCK):
-                to = (start + s) * inputs + level * FEATURES
-                blend_row(table, ids, weights, corner + s, BLOCK, x, to)
+                to = (start + s) * field.inputs + level * FEATURES
+                blend_row(table, ids, weights, corner + s, BLOCK, scratch.x, to)
 
 
 @njit(nogil=True, cache=True)
-def scatter(levels, level, counts, room, xs, ys, zs, slopes, low, high, gradient, marks):
-    """Adds slopes [chunks * room, 4] of a level's features to the gradient of its vertices, in the samples' order.
+def scatter(levels, level, output, low, high, gradient, marks):
+    """Adds the slopes of a level's features to the gradient of its vertices, in the samples' order.
 
-    Chunk c has counts[c] samples from c * room. Only vertices whose z is in [low, high) receive anything, so that several
+    output: of training.multires.fused.chunk. Only vertices whose z is in [low, high) receive anything, so that several
     workers may share a level and each row's sum still runs in one order. marks uint8: set for each 64 rows that change.
     """
+    counts, xs, ys, zs, slopes = output.counts, output.xs, output.ys, output.zs, output.slopes
+    room, level_start = xs.size // counts.size, level * xs.size
     ids, weights = np.empty(2 * CORNERS, np.int32), np.empty(2 * CORNERS, np.float32)
     px, py, pz = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
     picked, planes, cells = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(3 * BLOCK, np.int32)
@@ -145,7 +148,7 @@ def scatter(levels, level, counts, room, xs, ys, zs, slopes, low, high, gradient
             if block > 0:  # its rows were asked for a block ago
                 start, corner = (block - 1) * BLOCK, (1 - (block & 1)) * CORNERS
                 for s in range(min(BLOCK, count - start)):
-                    cell, at = planes[start + s], picked[start + s] * FEATURES
+                    cell, at = planes[start + s], (level_start + picked[start + s]) * FEATURES
                     for k in range(0 if cell >= low else 4, 8 if cell + 1 < high else 4):
                         n = ids[U(corner + k * BLOCK + s)]
                         add_to_row(gradient, n, weights[U(corner + k * BLOCK + s)], slopes, at)

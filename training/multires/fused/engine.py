@@ -4,6 +4,8 @@ A step: chunks of rays give gradients of features at their samples; then each le
 So a run repeats itself to the last bit whatever the number of threads, and goes on from a checkpoint alike.
 """
 
+# pyright: reportCallIssue=false, reportArgumentType=false
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -26,6 +28,7 @@ from training.multires.field import (
 from training.multires.fused.adam import EPSILON, NEW_1, NEW_2, move_marked
 from training.multires.fused.chunk import (
     CHUNK,
+    Field,
     Numbers,
     Output,
     Scratch,
@@ -127,19 +130,17 @@ class FusedEngine:
         """Samples, losses and gradients by sample of a batch."""
         chunks = -(-len(batch.start) // CHUNK)
         parts = -(-chunks // CHUNKS_TOGETHER)
-        grid, levels, table = *self._derived(state), state.values.table
-        parameters, numbers = self._packed(state), self._numbers(state)
-        turned = self._turned(parameters)
+        grid, numbers = self._derived(state)[0], self._numbers(state)
+        field = self._field(state)
         while True:
             room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
-            output = self._make_room(room, chunks, parts, len(levels.resolution))
+            output = self._make_room(room, chunks, parts, len(field.levels.resolution))
 
             def work(worker: int, part: int, output: Output = output) -> None:
                 for chunk in range(part * CHUNKS_TOGETHER, min((part + 1) * CHUNKS_TOGETHER, chunks)):
                     train_chunk(
-                        chunk, part, grid, levels, table, parameters, turned, self.inputs, batch, numbers,
-                        self.scratch[worker], self.shading[worker], output,
-                    )  # fmt: skip
+                        chunk, part, grid, field, batch, numbers, self.scratch[worker], self.shading[worker], output
+                    )
 
             self.workers.share(parts, work)
             if output.counts.min() >= 0:
@@ -150,18 +151,14 @@ class FusedEngine:
         """The gradient [E, 4] of the table, summed over rays, and the marks of the blocks that it is not zero in."""
         _, levels = self._derived(state)
         gradient, marks = self._accumulators(state)
-        room, slabs = len(output.xs) // len(output.counts), 1 if self.workers.count == 1 else self.workers.count
-        by_level = output.slopes.reshape(len(levels.resolution), -1)
+        slabs = self.workers.count
         joined = [int(level) for level in np.argsort(-levels.rows, kind="stable") if levels.offset[level] >= 0]
 
         def add(_: int, part: int) -> None:
             level, slab = joined[part // slabs], part % slabs
             planes = int(levels.resolution[level]) + 1
             low, high = planes * slab // slabs, planes * (slab + 1) // slabs
-            scatter(
-                levels, level, output.counts, room, output.xs, output.ys, output.zs, by_level[level], low, high, gradient,
-                marks,
-            )  # fmt: skip
+            scatter(levels, level, output, low, high, gradient, marks)
 
         self.workers.share(len(joined) * slabs, add)
         for rows in absent_rows(levels):
@@ -176,22 +173,12 @@ class FusedEngine:
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
         values = np.empty((len(points), 8), np.float32)
         points = np.ascontiguousarray(points, np.float32)
-        _, levels = self._derived(state)
-        self._make_scratch(CHUNK * SPARE[1], len(levels.resolution))
+        field = self._field(state)
+        self._make_scratch(CHUNK * SPARE[1], len(field.levels.resolution))
 
         def look(worker: int, part: int) -> None:
             low, high = part * POINTS_TOGETHER, min((part + 1) * POINTS_TOGETHER, len(points))
-            query_points(
-                levels,
-                *state.values,
-                self.inputs,
-                np.float32(LARGEST_RAW),
-                points,
-                values,
-                low,
-                high,
-                self.scratch[worker],
-            )
+            query_points(field, np.float32(LARGEST_RAW), points, values, low, high, self.scratch[worker])
 
         self.workers.share(-(-len(points) // POINTS_TOGETHER), look)
         return values
@@ -218,17 +205,15 @@ class FusedEngine:
 
     def _gather(self, state: State, batch: Batch) -> np.ndarray:
         gathered, chunks = np.empty((len(batch.start), 9), np.float32), -(-len(batch.start) // CHUNK)
-        grid, levels = self._derived(state)
+        grid, field = self._derived(state)[0], self._field(state)
         numbers, suffices = self._numbers(state), np.zeros(chunks, bool)
         room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
         while not suffices.all():
-            self._make_scratch(room, len(levels.resolution))
+            self._make_scratch(room, len(field.levels.resolution))
 
             def look(worker: int, chunk: int) -> None:
                 if not suffices[chunk]:
-                    suffices[chunk] = gather_chunk(
-                        chunk, grid, levels, *state.values, self.inputs, batch, numbers, self.scratch[worker], gathered
-                    )  # fmt: skip
+                    suffices[chunk] = gather_chunk(chunk, grid, field, batch, numbers, self.scratch[worker], gathered)
 
             self.workers.share(chunks, look)
             room *= 2
@@ -300,16 +285,14 @@ class FusedEngine:
             decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
         )  # fmt: skip
 
-    def _packed(self, state: State) -> np.ndarray:
-        """Parameters as the loops have them."""
+    def _field(self, state: State) -> Field:
+        """A state's values as the loops have them."""
         flat, decoder = state.values.parameters, decoder_size(self.inputs)
-        return np.concatenate([flat[:decoder], packed_view_mlp(flat[decoder:])])
-
-    def _turned(self, parameters: np.ndarray) -> np.ndarray:
-        """What the gradients' products read: w1^T, w0^T and zeros of the decoder, then what the view MLP's take."""
-        w0, b0, w1, *_ = split_parameters(parameters, self.inputs)
-        own = turned_view_mlp(parameters[decoder_size(self.inputs) :])
-        return np.concatenate([w1.T.ravel(), w0.T.ravel(), np.zeros_like(b0), own])
+        view_mlp = packed_view_mlp(flat[decoder:])
+        w0, b0, w1, *_ = split_parameters(flat, self.inputs)
+        turned = np.concatenate([w1.T.ravel(), w0.T.ravel(), np.zeros_like(b0), turned_view_mlp(view_mlp)])
+        parameters = np.concatenate([flat[:decoder], view_mlp])
+        return Field(self._derived(state)[1], state.values.table, parameters, turned, self.inputs)
 
     def _make_scratch(self, room: int, levels: int) -> None:
         room = -(-room // BLOCK) * BLOCK + BLOCK

@@ -20,28 +20,49 @@ from training.multires.fused.vectors import (
 )
 
 SAMPLES = 64  # that are decoded together: their activations stay in the first cache
+ANYTHING = np.float32(-np.inf)  # the least of an output that is not rectified
 LARGEST = np.float32(87.0)  # e^x of float32 stays finite and normal for |x| up to this
 _LOG2_E, _LN_2 = np.float32(1.4426950408889634), np.float32(0.6931471805599453)
 
 
 @njit(nogil=True, cache=True)
-def add_product(a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row, rows, columns):
-    """out [rows, columns] += a [rows, inner] b [inner, columns], flat arrays from their starts. Strides are in elements.
+def add_product(left, right, out, inner, rows, columns):
+    """out [rows, columns] += left [rows, inner] right [inner, columns]; rows and columns are multiples of 8, or rows of 4 and
+    columns of 16.
 
-    rows and columns are multiples of 8.
+    Matrices are tuples: left (array, start, stride of rows, stride of columns), right and out (array, start, stride of rows), in
+    elements of flat arrays.
     """
     wide = columns // 16 * 16
     for column in range(0, wide, 16):
         for row in range(0, rows, 4):
             add_product_4x16(
-                a, a_start + row * a_row, a_row, a_inner, b, b_start + column, b_inner, inner, out,
-                out_start + row * out_row + column, out_row,
+                (left[0], left[1] + row * left[2], left[2], left[3]), (right[0], right[1] + column, right[2]),
+                (out[0], out[1] + row * out[2] + column, out[2]), inner,
             )  # fmt: skip
     if wide < columns:
         for row in range(0, rows, 8):
             add_product_8x8(
-                a, a_start + row * a_row, a_row, a_inner, b, b_start + wide, b_inner, inner, out,
-                out_start + row * out_row + wide, out_row,
+                (left[0], left[1] + row * left[2], left[2], left[3]), (right[0], right[1] + wide, right[2]),
+                (out[0], out[1] + row * out[2] + wide, out[2]), inner,
+            )  # fmt: skip
+
+
+@njit(nogil=True, cache=True)
+def set_product(left, right, out, bias, inner, rows, columns):
+    """out = max(left right + bias, least), bias (array, start, least) of `columns` values; otherwise as add_product."""
+    wide = columns // 16 * 16
+    for column in range(0, wide, 16):
+        for row in range(0, rows, 4):
+            set_product_4x16(
+                (left[0], left[1] + row * left[2], left[2], left[3]), (right[0], right[1] + column, right[2]),
+                (out[0], out[1] + row * out[2] + column, out[2]), inner, (bias[0], bias[1] + column, bias[2]),
+            )  # fmt: skip
+    if wide < columns:
+        for row in range(0, rows, 8):
+            set_product_8x8(
+                (left[0], left[1] + row * left[2], left[2], left[3]), (right[0], right[1] + wide, right[2]),
+                (out[0], out[1] + row * out[2] + wide, out[2]), inner, (bias[0], bias[1] + wide, bias[2]),
             )  # fmt: skip
 
 
@@ -63,39 +84,17 @@ def exp_in_place(values):
 
 
 @njit(nogil=True, cache=True)
-def set_product(
-    a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row, bias, bias_start, least, rows, columns
-):  # fmt: skip
-    """out = max(a b + bias, least), bias [columns]; otherwise as add_product."""
-    wide = columns // 16 * 16
-    for column in range(0, wide, 16):
-        for row in range(0, rows, 4):
-            set_product_4x16(
-                a, a_start + row * a_row, a_row, a_inner, b, b_start + column, b_inner, inner, out,
-                out_start + row * out_row + column, out_row, bias, bias_start + column, least,
-            )  # fmt: skip
-    if wide < columns:
-        for row in range(0, rows, 8):
-            set_product_8x8(
-                a, a_start + row * a_row, a_row, a_inner, b, b_start + wide, b_inner, inner, out,
-                out_start + row * out_row + wide, out_row, bias, bias_start + wide, least,
-            )  # fmt: skip
-
-
-@njit(nogil=True, cache=True)
-def decode(x, hidden, raw, first, samples, inputs, parameters):
-    """Sets hidden and raw of so many samples from `first`."""
+def decode(field, scratch, first, samples):
+    """Sets hidden and raw of so many samples from `first`; field and scratch: see training.multires.fused.chunk."""
+    inputs, parameters, zero = field.inputs, field.parameters, np.float32(0.0)
     b0 = inputs * HIDDEN
     w1 = b0 + HIDDEN
     b1 = w1 + HIDDEN * OUTPUTS
-    h, o = first * HIDDEN, first * OUTPUTS
+    x, hidden = (scratch.x, first * inputs, inputs, 1), (scratch.hidden, first * HIDDEN, HIDDEN)
+    set_product(x, (parameters, 0, HIDDEN), hidden, (parameters, b0, zero), inputs, samples, HIDDEN)
     set_product(
-        x, first * inputs, inputs, 1, parameters, 0, HIDDEN, inputs, hidden, h, HIDDEN, parameters, b0, np.float32(0.0),
-        samples, HIDDEN,
-    )  # fmt: skip
-    set_product(
-        hidden, h, HIDDEN, 1, parameters, w1, OUTPUTS, HIDDEN, raw, o, OUTPUTS, parameters, b1, np.float32(-np.inf),
-        samples, OUTPUTS,
+        (scratch.hidden, first * HIDDEN, HIDDEN, 1), (parameters, w1, OUTPUTS), (scratch.raw, first * OUTPUTS, OUTPUTS),
+        (parameters, b1, ANYTHING), HIDDEN, samples, OUTPUTS,
     )  # fmt: skip
 
 
@@ -116,28 +115,35 @@ def activate(raw, density, first, samples, largest_raw):
 
 
 @njit(nogil=True, cache=True)
-def add_gradient(x, hidden, slopes, first, samples, inputs, parameters, turned, scratch, x_slopes, gradient):
-    """Adds dL/dparameters of so many samples from `first` to gradient, and sets x_slopes [samples, I] = dL/dx.
+def add_gradient(field, scratch, first, samples, gradient):
+    """Adds dL/dparameters of so many samples from `first` to gradient, and sets scratch.x_slopes [samples, I] = dL/dx.
 
-    slopes [n, 8]: dL/draw. turned: w1^T [8, 64], w0^T [64, I], then 64 zeros. scratch [SAMPLES, 64].
+    scratch.slopes [n, 8]: dL/draw. field.turned: w1^T [8, 64], w0^T [64, I], then 64 zeros.
     """
+    inputs, turned = field.inputs, field.turned
     b0 = inputs * HIDDEN
     w1 = b0 + HIDDEN
     b1 = w1 + HIDDEN * OUTPUTS
-    h, o, zeros, anything = first * HIDDEN, first * OUTPUTS, (OUTPUTS + inputs) * HIDDEN, np.float32(-np.inf)
-    add_product(hidden, h, 1, HIDDEN, slopes, o, OUTPUTS, samples, gradient, w1, OUTPUTS, HIDDEN, OUTPUTS)
+    h, o = first * HIDDEN, first * OUTPUTS
+    nothing = (turned, (OUTPUTS + inputs) * HIDDEN, ANYTHING)
+    slopes, at_hidden = scratch.slopes, scratch.hidden_slopes
+    add_product(
+        (scratch.hidden, h, 1, HIDDEN), (slopes, o, OUTPUTS), (gradient, w1, OUTPUTS), samples, HIDDEN, OUTPUTS
+    )  # fmt: skip
     add_sums(slopes[o : o + samples * OUTPUTS], samples, gradient, b1, OUTPUTS)
     set_product(
-        slopes, o, OUTPUTS, 1, turned, 0, HIDDEN, OUTPUTS, scratch, 0, HIDDEN, turned, zeros, anything, samples, HIDDEN
+        (slopes, o, OUTPUTS, 1), (turned, 0, HIDDEN), (at_hidden, 0, HIDDEN), nothing, OUTPUTS, samples, HIDDEN
     )  # fmt: skip
-    on, at_hidden = hidden[h : h + samples * HIDDEN], scratch[: samples * HIDDEN]
+    on = scratch.hidden[h : h + samples * HIDDEN]
     for i in range(on.size):
         at_hidden[i] = at_hidden[i] if on[i] > np.float32(0.0) else np.float32(0.0)
-    add_sums(scratch, samples, gradient, b0, HIDDEN)
-    add_product(x, first * inputs, 1, inputs, scratch, 0, HIDDEN, samples, gradient, 0, HIDDEN, inputs, HIDDEN)
+    add_sums(at_hidden, samples, gradient, b0, HIDDEN)
+    add_product(
+        (scratch.x, first * inputs, 1, inputs), (at_hidden, 0, HIDDEN), (gradient, 0, HIDDEN), samples, inputs, HIDDEN
+    )  # fmt: skip
     set_product(
-        scratch, 0, HIDDEN, 1, turned, OUTPUTS * HIDDEN, inputs, HIDDEN, x_slopes, 0, inputs, turned, zeros, anything,
-        samples, inputs,
+        (at_hidden, 0, HIDDEN, 1), (turned, OUTPUTS * HIDDEN, inputs), (scratch.x_slopes, 0, inputs), nothing, HIDDEN, samples,
+        inputs,
     )  # fmt: skip
 
 

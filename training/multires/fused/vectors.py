@@ -47,38 +47,43 @@ def _multiply_add(builder: ir.IRBuilder, a: Any, b: Any, c: Any) -> Any:
 def _tile_product(rows: int, lanes: int, adds: bool) -> Any:
     """An intrinsic that computes a tile [rows, lanes] of a matrix product, which stays in registers meanwhile.
 
-    adds: to what `out` holds; otherwise out becomes max(product + bias, least).
+    Matrices are tuples: left (array, start, stride of rows, stride of columns), right and out (array, start, stride of rows),
+    bias (array, start, least), in elements of flat arrays. adds: to what `out` holds; otherwise out becomes max(product + bias,
+    least).
     """
     vector = ir.VectorType(_FLOAT, lanes)
 
     def generate(context, builder, signature, arguments):
-        a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row, *rest = arguments
-        kinds = signature.args
-        a_data, b_data, out_data = (
-            _data(context, builder, kind, array) for kind, array in ((kinds[0], a), (kinds[4], b), (kinds[8], out))
+        left, right, out = (cgutils.unpack_tuple(builder, matrix) for matrix in arguments[:3])
+        left_data, right_data, out_data = (
+            _data(context, builder, kind[0], matrix[0])
+            for kind, matrix in zip(signature.args, (left, right, out), strict=False)
         )
-        targets, starts, sums = [], [], []
         if not adds:
-            bias = _vector_at(builder, _data(context, builder, kinds[11], rest[0]), rest[1], vector)
-            bias = builder.load(bias, align=4)
+            bias = cgutils.unpack_tuple(builder, arguments[4])
+            first = _vector_at(builder, _data(context, builder, signature.args[4][0], bias[0]), bias[1], vector)
+            begin = builder.load(first, align=4)
+        targets, starts, sums = [], [], []
         for row in range(rows):
             number = ir.Constant(_INT, row)
-            starts.append(builder.add(a_start, builder.mul(number, a_row)))
-            offset = builder.add(out_start, builder.mul(number, out_row))
+            starts.append(builder.add(left[1], builder.mul(number, left[2])))
+            offset = builder.add(out[1], builder.mul(number, out[2]))
             targets.append(_vector_at(builder, out_data, offset, vector))
             sums.append(cgutils.alloca_once(builder, vector))
-            builder.store(builder.load(targets[row], align=4) if adds else bias, sums[row])
-        with cgutils.for_range(builder, inner, intp=_INT) as loop:
-            from_b = builder.add(b_start, builder.mul(loop.index, b_inner))
-            right = builder.load(_vector_at(builder, b_data, from_b, vector), align=4)
-            along = builder.mul(loop.index, a_inner)
+            builder.store(builder.load(targets[row], align=4) if adds else begin, sums[row])
+        with cgutils.for_range(builder, arguments[3], intp=_INT) as loop:
+            place = builder.add(right[1], builder.mul(loop.index, right[2]))
+            values = builder.load(_vector_at(builder, right_data, place, vector), align=4)
+            along = builder.mul(loop.index, left[3])
             for start, total in zip(starts, sums, strict=True):
-                left = builder.load(builder.gep(a_data, [builder.add(start, along)]))
-                builder.store(_multiply_add(builder, _splat(builder, left, vector), right, builder.load(total)), total)
+                factor = builder.load(builder.gep(left_data, [builder.add(start, along)]))
+                builder.store(
+                    _multiply_add(builder, _splat(builder, factor, vector), values, builder.load(total)), total
+                )
         for target, total in zip(targets, sums, strict=True):
             value = builder.load(total)
             if not adds:
-                least = _splat(builder, rest[2], vector)
+                least = _splat(builder, bias[2], vector)
                 value = builder.select(builder.fcmp_ordered(">", value, least), value, least)
             builder.store(value, target, align=4)
         return context.get_dummy_value()
@@ -86,24 +91,16 @@ def _tile_product(rows: int, lanes: int, adds: bool) -> Any:
     if adds:
 
         @intrinsic
-        def add_product(
-            typing_context, a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row
-        ):
-            """out[r, l] += sum over i < inner of a[r, i] b[i, l]. Strides in elements: a_row, a_inner, b_inner, out_row."""
-            whole = types.int64
-            kinds = (a, whole, whole, whole, b, whole, whole, whole, out, whole, whole)
-            return types.void(*kinds), generate
+        def add_product(typing_context, left, right, out, inner):
+            """out[r, l] += sum over i < inner of left[r, i] right[i, l]."""
+            return types.void(left, right, out, types.int64), generate
 
         return add_product
 
     @intrinsic
-    def set_product(
-        typing_context, a, a_start, a_row, a_inner, b, b_start, b_inner, inner, out, out_start, out_row, bias, bias_start, least
-    ):  # fmt: skip
-        """out[r, l] = max(least, bias[l] + sum over i < inner of a[r, i] b[i, l]); strides as above."""
-        whole = types.int64
-        kinds = (a, whole, whole, whole, b, whole, whole, whole, out, whole, whole, bias, whole, types.float32)
-        return types.void(*kinds), generate
+    def set_product(typing_context, left, right, out, inner, bias):
+        """out[r, l] = max(least, bias[l] + sum over i < inner of left[r, i] right[i, l])."""
+        return types.void(left, right, out, types.int64, bias), generate
 
     return set_product
 

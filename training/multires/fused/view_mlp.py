@@ -2,7 +2,8 @@
 
 Notation: m rays that have samples, padded to whole tiles; inputs [m, INPUTS] are ordered for the products: colour (3),
 features (4), a zero, encoded direction (27), a zero. Parameters are laid out alike, flat: w0 [INPUTS, 16], b0, w1 [16, 16], b1,
-w2 [16, 8], b2 [8], of which the last two have three columns that count. PLACES says where each parameter of training.multires.field is.
+w2 [16, 8], b2 [8], of which the last two have three columns that count. PLACES says where each parameter of
+training.multires.field is.
 """
 
 # pyright: reportCallIssue=false
@@ -14,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from training.multires.fused.network import add_product, add_sums, set_product
+from training.multires.fused.network import ANYTHING, add_product, add_sums, set_product
 
 INPUTS, HIDDEN, OUTPUTS = 36, 16, 8
 DIRECTION = 8  # of the inputs: where the direction begins
@@ -32,7 +33,6 @@ METRICS = (
     6  # sums over rays: squared error, the same of clipped colours, distortion, sparsity, counts of rays and samples
 )
 COLOUR, SQUARED, DISTORTION, SPARSITY, RAYS, SAMPLES = range(METRICS)
-ANYTHING = np.float32(-np.inf)
 
 
 def _places() -> np.ndarray:
@@ -107,15 +107,12 @@ def _cut(slopes, hidden, count):
 
 
 @njit(nogil=True, cache=True)
-def shade_chunk(
-    low, count, batch, parameters, first, turned, first_turned, numbers, behind, sums, work, slopes, metrics, gradient
-):
+def shade_chunk(low, count, batch, field, numbers, scratch, work, metrics, gradient):
     """Adds errors of `count` rays, work.ray of the chunk from `low`, to metrics, and the view MLP's gradient to `gradient`.
 
-    sums [CHUNK, 8] of rays: unused, colour, features; behind: T behind them. slopes [CHUNK, 8] become dL/dbehind, dL/dsums.
-    first: where the view MLP's parameters begin in parameters and gradient; first_turned: in turned.
+    scratch.ray_slopes [CHUNK, 8] become dL/dbehind, then dL/dsums. See training.multires.fused.chunk.
     """
-    rows = (count + 7) // 8 * 8
+    rows, behind, sums, slopes = (count + 7) // 8 * 8, scratch.behind, scratch.sums, scratch.ray_slopes
     x, zero, one = work.inputs, np.float32(0.0), np.float32(1.0)
     for i in range(rows):
         r, at = work.ray[min(i, count - 1)], i * INPUTS
@@ -126,31 +123,16 @@ def shade_chunk(
         if numbers.has_view_mlp:
             _encode(batch.viewdirs, low + r, numbers.octaves, x, at + DIRECTION)
     if numbers.has_view_mlp:
-        w0, h0, h1 = first, work.hidden0, work.hidden1
+        w, first, h0, h1 = field.parameters, numbers.first_view, work.hidden0, work.hidden1
         set_product(
-            x, 0, INPUTS, 1, parameters, w0, HIDDEN, INPUTS, h0, 0, HIDDEN, parameters, first + B0, zero, rows, HIDDEN
-        )
+            (x, 0, INPUTS, 1), (w, first, HIDDEN), (h0, 0, HIDDEN), (w, first + B0, zero), INPUTS, rows, HIDDEN
+        )  # fmt: skip
         set_product(
-            h0,
-            0,
-            HIDDEN,
-            1,
-            parameters,
-            first + W1,
-            HIDDEN,
-            HIDDEN,
-            h1,
-            0,
-            HIDDEN,
-            parameters,
-            first + B1,
-            zero,
-            rows,
-            HIDDEN,
-        )
+            (h0, 0, HIDDEN, 1), (w, first + W1, HIDDEN), (h1, 0, HIDDEN), (w, first + B1, zero), HIDDEN, rows, HIDDEN
+        )  # fmt: skip
         set_product(
-            h1, 0, HIDDEN, 1, parameters, first + W2, OUTPUTS, HIDDEN, work.output, 0, OUTPUTS, parameters, first + B2, ANYTHING,
-            rows, OUTPUTS,
+            (h1, 0, HIDDEN, 1), (w, first + W2, OUTPUTS), (work.output, 0, OUTPUTS), (w, first + B2, ANYTHING), HIDDEN, rows,
+            OUTPUTS,
         )  # fmt: skip
     metrics[RAYS] += count
     work.slope2[: rows * OUTPUTS] = zero
@@ -170,7 +152,7 @@ def shade_chunk(
             slopes[r * 8 + 1 + c] = slope
             work.slope2[i * OUTPUTS + c] = slope * residual * (one - residual)
     if numbers.has_view_mlp:
-        _backward(rows, first, turned, first_turned, work, gradient)
+        _backward(rows, field, numbers, work, gradient)
     else:
         work.input_slopes[: rows * OUTPUTS] = zero
     for i in range(count):
@@ -184,25 +166,29 @@ def shade_chunk(
 
 
 @njit(nogil=True, cache=True)
-def _backward(rows, first, turned, first_turned, work, gradient):
+def _backward(rows, field, numbers, work, gradient):
     """From dL/doutput before the sigmoid: adds to the gradient of the parameters, and sets those of the first inputs."""
-    x, h0, h1, zeros = work.inputs, work.hidden0, work.hidden1, first_turned + ZEROS
+    x, h0, h1, turned = work.inputs, work.hidden0, work.hidden1, field.turned
     s0, s1, s2 = work.slope0, work.slope1, work.slope2
-    add_product(h1, 0, 1, HIDDEN, s2, 0, OUTPUTS, rows, gradient, first + W2, OUTPUTS, HIDDEN, OUTPUTS)
+    first, first_turned = numbers.first_view, numbers.first_turned
+    nothing = (turned, first_turned + ZEROS, ANYTHING)
+    add_product(
+        (h1, 0, 1, HIDDEN), (s2, 0, OUTPUTS), (gradient, first + W2, OUTPUTS), rows, HIDDEN, OUTPUTS
+    )  # fmt: skip
     add_sums(s2, rows, gradient, first + B2, OUTPUTS)
     set_product(
-        s2, 0, OUTPUTS, 1, turned, first_turned, HIDDEN, OUTPUTS, s1, 0, HIDDEN, turned, zeros, ANYTHING, rows, HIDDEN
-    )
+        (s2, 0, OUTPUTS, 1), (turned, first_turned, HIDDEN), (s1, 0, HIDDEN), nothing, OUTPUTS, rows, HIDDEN
+    )  # fmt: skip
     _cut(s1, h1, rows * HIDDEN)
-    add_product(h0, 0, 1, HIDDEN, s1, 0, HIDDEN, rows, gradient, first + W1, HIDDEN, HIDDEN, HIDDEN)
+    add_product((h0, 0, 1, HIDDEN), (s1, 0, HIDDEN), (gradient, first + W1, HIDDEN), rows, HIDDEN, HIDDEN)
     add_sums(s1, rows, gradient, first + B1, HIDDEN)
     set_product(
-        s1, 0, HIDDEN, 1, turned, first_turned + TURNED_W1, HIDDEN, HIDDEN, s0, 0, HIDDEN, turned, zeros, ANYTHING, rows, HIDDEN
+        (s1, 0, HIDDEN, 1), (turned, first_turned + TURNED_W1, HIDDEN), (s0, 0, HIDDEN), nothing, HIDDEN, rows, HIDDEN
     )  # fmt: skip
     _cut(s0, h0, rows * HIDDEN)
-    add_product(x, 0, 1, INPUTS, s0, 0, HIDDEN, rows, gradient, first, HIDDEN, INPUTS, HIDDEN)
+    add_product((x, 0, 1, INPUTS), (s0, 0, HIDDEN), (gradient, first, HIDDEN), rows, INPUTS, HIDDEN)
     add_sums(s0, rows, gradient, first + B0, HIDDEN)
     set_product(
-        s0, 0, HIDDEN, 1, turned, first_turned + TURNED_W0, OUTPUTS, HIDDEN, work.input_slopes, 0, OUTPUTS, turned, zeros, ANYTHING,
-        rows, OUTPUTS,
+        (s0, 0, HIDDEN, 1), (turned, first_turned + TURNED_W0, OUTPUTS), (work.input_slopes, 0, OUTPUTS), nothing, HIDDEN, rows,
+        OUTPUTS,
     )  # fmt: skip
