@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -92,7 +93,7 @@ def test_a_level_joins_with_new_rows_and_leaves_the_others_as_they_are(dataset: 
 def test_what_may_hold_density_is_where_queries_find_it(learnt: Learnt, dataset: RayDataset) -> None:
     low, high = dataset.aabb
     points = (low + np.random.default_rng(0).random((3000, 3)) * (high - low)).astype(np.float32)
-    density = np.asarray(learnt.method.query(learnt.state, points).density)
+    density = np.asarray(learnt.method.query(learnt.state, jnp.asarray(points)).density)
     held = learnt.method.may_hold(learnt.state, points - 1e-4, points + 1e-4)
     assert held[density > 0].all() and (density > 0).any() and not held.all()
     assert (learnt.method.grain(learnt.state) > 0).all()
@@ -184,7 +185,7 @@ def test_a_run_keeps_the_engine_that_suits_the_machine_it_began_on(
     assert chosen_engine("auto") == "jax"
     method = MultiresMethod(CONFIG, dataset)
     state = method.start(jax.random.key(0))
-    assert np.isfinite(np.asarray(method.query(state, np.zeros((4, 3), np.float32)).density)).all()
+    assert np.isfinite(np.asarray(method.query(state, jnp.zeros((4, 3))).density)).all()
     with pytest.raises(UserError, match="fused engine"):
         method.step(state, 0)
 
