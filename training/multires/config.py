@@ -56,7 +56,7 @@ class MultiresConfig:
     """Factor on the sparsity weight."""
     least_views: int | None = None
     """Where fewer training photographs look, nothing is."""
-    ndc_depth: float = 2.0
+    ndc_depth: float = 4.0
     """Depth of a cell relative to its width, in forward-facing scenes, where depth is known less precisely."""
     random_background: bool = True
     """Train what is cut out before random colours instead of the scene's own: mist of the background's colour costs nothing
