@@ -8,6 +8,7 @@ So a run repeats itself to the last bit whatever the number of threads, and goes
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -78,6 +79,7 @@ class FusedEngine:
         self.inputs = inputs_of(len(plan.resolutions))
         self.shading = [make_shading(CHUNK) for _ in range(self.workers.count)]
         self.scratch: list[Scratch] = []
+        self._one_caller = threading.Lock()  # of those below that use `scratch`: a bake asks from many threads
         self._output: Output | None = None
         self._spare = SPARE[0]
 
@@ -174,13 +176,14 @@ class FusedEngine:
         values = np.empty((len(points), 8), np.float32)
         points = np.ascontiguousarray(points, np.float32)
         field = self._field(state)
-        self._make_scratch(CHUNK * SPARE[1], len(field.levels.resolution))
 
         def look(worker: int, part: int) -> None:
             low, high = part * POINTS_TOGETHER, min((part + 1) * POINTS_TOGETHER, len(points))
             query_points(field, np.float32(LARGEST_RAW), points, values, low, high, self.scratch[worker])
 
-        self.workers.share(-(-len(points) // POINTS_TOGETHER), look)
+        with self._one_caller:
+            self._make_scratch(CHUNK * SPARE[1], len(field.levels.resolution))
+            self.workers.share(-(-len(points) // POINTS_TOGETHER), look)
         return values
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
@@ -209,13 +212,14 @@ class FusedEngine:
         numbers, suffices = self._numbers(state), np.zeros(chunks, bool)
         room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
         while not suffices.all():
-            self._make_scratch(room, len(field.levels.resolution))
 
             def look(worker: int, chunk: int) -> None:
                 if not suffices[chunk]:
                     suffices[chunk] = gather_chunk(chunk, grid, field, batch, numbers, self.scratch[worker], gathered)
 
-            self.workers.share(chunks, look)
+            with self._one_caller:
+                self._make_scratch(room, len(field.levels.resolution))
+                self.workers.share(chunks, look)
             room *= 2
         return gathered
 
