@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -212,6 +213,21 @@ def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> 
     for name in ("rgb", "features", "alpha"):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=2e-3)
     assert cells_of(state).occupied.sum() > 0
+
+
+def test_points_and_pictures_are_the_same_when_many_threads_ask_at_once(trained: Trained) -> None:
+    engine, state, dataset = trained.engine, trained.state, trained.method.dataset
+    sets = [np.random.default_rng(seed).random((20_000, 3), np.float32) for seed in range(8)]
+    rays = [dataset.geometry_at(jnp.arange(seed, dataset.count, 7)) for seed in range(4)]
+    alone = (
+        [engine.values_at(state, points) for points in sets],
+        [np.asarray(engine.render(state, r).rgb) for r in rays],
+    )
+    with ThreadPoolExecutor(4) as pool:
+        values = list(pool.map(lambda points: engine.values_at(state, points), sets))
+        pictures = list(pool.map(lambda some: np.asarray(engine.render(state, some).rgb), rays))
+    for together, expected in zip((*values, *pictures), (*alone[0], *alone[1]), strict=True):
+        np.testing.assert_array_equal(together, expected)
 
 
 @pytest.mark.parametrize("threads", [1, 3])
