@@ -71,7 +71,7 @@ def losses_of(run: Path) -> np.ndarray:
     return np.array(list(found.values()))
 
 
-@pytest.mark.parametrize("method", ["nerf", "multires"])
+@pytest.mark.parametrize("method", ["nerf"])
 @pytest.mark.parametrize("step", SHARED)
 def test_a_step_from_the_same_state_is_that_of_one_device(trained: dict[str, Path], method: str, step: int) -> None:
     """Adam's first moment holds the gradient; all else of the state, and the loss, must agree as well."""
@@ -91,7 +91,7 @@ def test_a_step_from_the_same_state_is_that_of_one_device(trained: dict[str, Pat
         assert moved >= 3, "the step did more than rounding can"
 
 
-@pytest.mark.parametrize("method", ["nerf", "multires"])
+@pytest.mark.parametrize("method", ["nerf"])
 def test_fifty_steps_drift_no_further_from_one_device_than_rounding_does(trained: dict[str, Path], method: str) -> None:
     """Sums in another order drift as training goes on, how far depends on the processor. So it is measured here: twins are
     trainings on one device whose numbers move by a rounding error before each step (train_both.twin).
@@ -107,7 +107,7 @@ def test_fifty_steps_drift_no_further_from_one_device_than_rounding_does(trained
     )
 
 
-@pytest.mark.parametrize("method", ["nerf", "multires"])
+@pytest.mark.parametrize("method", ["nerf"])
 def test_two_processes_leave_the_files_of_one(trained: dict[str, Path], method: str) -> None:
     names = [
         sorted(str(p.relative_to(trained[w])) for p in (trained[w] / method / "run").rglob("*")) for w in ("one", "two")

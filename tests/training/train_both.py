@@ -21,10 +21,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from training.config import PRESETS, TINY, TrainConfig
+from training.config import TINY, TrainConfig
 from training.devices import is_writer, join_processes
 from training.method import Method
-from training.multires.config import MultiresConfig
 
 EVERY = {"steps": 50, "log_every": 1, "checkpoint_every": 25, "validate_every": 0}
 # NeRF's endless last interval makes a ray opaque or clear by the sign of one density: the last bit of a sum would show.
@@ -36,15 +35,7 @@ NERF = dataclasses.replace(
         TINY.nerf, depth=2, width=16, skip_after=0, coarse_samples=8, fine_samples=8, warmup_steps=5, last_interval=0.5
     ),
 )
-MULTIRES = dataclasses.replace(
-    PRESETS["quick"],
-    **EVERY,
-    engine="jax",  # the one that many devices share; alone, a processor would take another
-    multires=MultiresConfig(
-        resolutions=(8, 256), occupancy=16, fine_from=(0.5, 0.5), samples_per_step=2048, steps_across=(16, 16, 16)
-    ),
-)
-CONFIGS: dict[str, TrainConfig] = {"nerf": NERF, "multires": MULTIRES}
+CONFIGS: dict[str, TrainConfig] = {"nerf": NERF}
 SHARED = (0, 1, 2, 3, 4, 25, 40)  # the level of 256 joins before step 25
 TWINS = 4
 
