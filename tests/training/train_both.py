@@ -36,7 +36,7 @@ NERF = dataclasses.replace(
     ),
 )
 CONFIGS: dict[str, TrainConfig] = {"nerf": NERF}
-SHARED = (0, 1, 2, 3, 4, 25, 40)  # the level of 256 joins before step 25
+SHARED = (0, 1, 2, 3, 4, 25, 40)
 TWINS = 4
 
 
