@@ -1,8 +1,7 @@
 """Views between photographs: where nobody photographed, and where people look from.
 
 What photographs do not tell apart looks the same in all of them, and may be a hole in the next view. So what no photograph
-shows is asked about from midway between neighbours, too: by training, which closes holes (training.voxels.holes), and
-by baking, which drops what nobody sees (baker.tuning.pruning).
+shows is asked about from midway between neighbours, too, before baking drops what nobody sees (baker.tuning.pruning).
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Rays through a sparse grid, whichever: the trainer's voxels (training.voxels) and a baked pack (baker.tuning.pack_layout)."""
+"""Rays through a sparse grid, whichever: the occupancy grid (training.multires) and a baked pack (baker.tuning.pack_layout)."""
