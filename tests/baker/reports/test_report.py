@@ -1,6 +1,6 @@
 """snerg-report: its figures are those of the commands it stands for, and those recorded; its pictures those of the packs.
 
-The field is that of tests/data/older/voxels, a checkpoint, so that its figures are the same on every machine but for rounding.
+The field is that of tests/data/older/multires, a checkpoint, so that its figures are the same on every machine but for rounding.
 tests/data/report.json holds what they were: SNERG_RECORD_REPORT=1 writes it anew. Look at each figure before you commit that.
 """
 
@@ -49,7 +49,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("runs")
     sparse, foggy = folder / "sparse", folder / "foggy"
     for path in (sparse, foggy):
-        shutil.copytree(DATA / "older/voxels", path)
+        shutil.copytree(DATA / "older/multires", path)
     description = json.loads((foggy / "config.json").read_text())
     description["config"]["sparsity_weight"] = 0.0
     (foggy / "config.json").write_text(json.dumps(description))

@@ -141,20 +141,22 @@ def turned_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def photographed(tmp_path_factory: pytest.TempPathFactory, shapes: Pack) -> str:
-    """A Blender scene of two photographs: pictures of the pack with noise on them."""
+    """A Blender scene of two photographs, from the published distance: pictures of the pack with noise on them."""
     folder, rng, fov = tmp_path_factory.mktemp("scene"), np.random.default_rng(0), 0.7
-    (folder / "test").mkdir()
     frames = []
     with OffscreenRenderer(shapes) as renderer:
         for i in range(2):
-            view = ViewCamera.orbit(shapes, 40.0 * i, 20.0, 3.0, float(np.degrees(fov)), (24, 24))
+            view = ViewCamera.orbit(shapes, 40.0 * i, 20.0, 4.03, float(np.degrees(fov)), (24, 24))
             seen = renderer.render(view).astype(int)
             noisy = np.clip(seen + rng.integers(-9, 10, seen.shape), 0, 255).astype(np.uint8)
-            Image.fromarray(noisy).save(folder / "test" / f"r_{i}.png")
             matrix = shapes.worldspace_T_opengl @ view.grid_T_camera
-            frames.append({"file_path": f"./test/r_{i}", "transform_matrix": matrix.tolist()})
+            frames.append((Image.fromarray(noisy), f"r_{i}", matrix.tolist()))
     for split in ("train", "test"):
-        (folder / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": fov, "frames": frames}))
+        (folder / split).mkdir()
+        for picture, name, _ in frames:
+            picture.save(folder / split / f"{name}.png")
+        listed = [{"file_path": f"./{split}/{name}", "transform_matrix": matrix} for _, name, matrix in frames]
+        (folder / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": fov, "frames": listed}))
     return str(folder)
 
 
