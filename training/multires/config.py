@@ -25,9 +25,8 @@ class MultiresConfig:
     512."""
     occupancy: int = 256
     """Cells of the occupancy grid along the cube; a multiple of 8."""
-    fine_from: tuple[float, float] | None = None
-    """When levels of 256 and of 512 cells join, as fractions of all steps. Here and below, None means: chosen by the kind of
-    scene."""
+    finest_from: float = 0.25
+    """When the finest level joins, as a fraction of all steps: coarse levels generalise, and cost less."""
     samples_per_step: int | None = None
     """Samples per step, without those in empty space. The number of rays adapts to it. None: from 65,536 for small photographs
     to 262,144 for those of 512 pixels and more."""
@@ -51,7 +50,8 @@ class MultiresConfig:
     warmup_steps: int = 20
     """Steps over which learning rates rise from zero."""
     distortion_weight: float | None = None
-    """Weight of the distortion loss of mip-NeRF 360, with distances relative to the cube; 0 for none."""
+    """Weight of the distortion loss of mip-NeRF 360, with distances relative to the cube; 0 for none. Here and below, None
+    means: chosen by the kind of scene."""
     sparsity_factor: float | None = None
     """Factor on the sparsity weight."""
     least_views: int | None = None
@@ -67,16 +67,15 @@ class MultiresConfig:
 class KindSettings:
     """The settings of MultiresConfig that the kind of scene decides where nobody else does; explained there."""
 
-    fine_from: tuple[float, float]
     distortion_weight: float
     sparsity_factor: float
     least_views: int
 
 
 BY_KIND: Mapping[Kind, KindSettings] = {
-    "object": KindSettings(fine_from=(0.0, 0.08), distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
-    "surroundings": KindSettings(fine_from=(0.05, 0.15), distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
-    "forward": KindSettings(fine_from=(0.05, 0.15), distortion_weight=0.003, sparsity_factor=0.2, least_views=3),
+    "object": KindSettings(distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
+    "surroundings": KindSettings(distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
+    "forward": KindSettings(distortion_weight=0.003, sparsity_factor=0.2, least_views=3),
 }
 
 

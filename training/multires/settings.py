@@ -89,11 +89,9 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
     resolutions = own.resolutions or resolutions_for(longest_side(dataset))
     steps_across = own.steps_across or tuple(max(n * resolutions[-1], COARSE_STEPS) for n in (0, 1, 2))
     _require_sensible(own, resolutions, steps_across)
-    middle, fine = by_kind.fine_from
-    joins = tuple(0.0 if resolution < 256 else middle if resolution < 512 else fine for resolution in resolutions)
     return Plan(
         resolutions=resolutions,
-        joins=joins,
+        joins=(0.0,) * (len(resolutions) - 1) + (own.finest_from if len(resolutions) > 1 else 0.0,),
         samples=own.samples_per_step or samples_for(longest_side(dataset)),
         steps_across=steps_across,
         steps_from=own.steps_from,

@@ -26,7 +26,7 @@ from training.multires.settings import plan_of
 from training.scenes import Scene
 
 SMALL = MultiresConfig(
-    resolutions=(8, 16, 128, 256), occupancy=32, samples_per_step=4096, steps_across=(32, 48, 64), fine_from=(0.2, 0.2)
+    resolutions=(8, 16, 128, 256), occupancy=32, samples_per_step=4096, steps_across=(32, 48, 64), finest_from=0.2
 )
 CONFIG = dataclasses.replace(QUICK, engine="fused", steps=300, multires=SMALL)
 SAVED, LAST = 250, 255  # steps: cells have been visited by then, and all levels have joined
