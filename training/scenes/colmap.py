@@ -7,34 +7,36 @@ the outliers; see training.scenes.space. Every 8th picture, by name, is held out
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from console import Notice, UserError
+import numpy as np
+
+from console import UserError
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
-from training.scenes.files import FileFinder, clean_name, few, is_hidden
-from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders, target_size
-from training.scenes.picture_cameras import camera_of_picture, tell_turned
+from training.scenes.files import FileFinder, clean_name, is_hidden
+from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders
+from training.scenes.messages import notice
+from training.scenes.photographs import moved, photograph_of, target_size, tell_turned
 from training.scenes.picture_formats import PICTURE_SUFFIXES
-from training.scenes.pictures import PictureLoader, picture_size
+from training.scenes.pictures import picture_size
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
 from training.scenes.scene import HELD_OUT_BY_NAME, Photograph, Scene, SceneOptions, hold_out
 from training.scenes.space import (
-    Frame,
     PointCloud,
     Space,
     depth_ranges,
     frame_about_focus,
     frame_forward,
-    poses_of,
     space_forward,
     space_of_capture,
 )
 from training.scenes.upright import OPTION, axes_of
 
 LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
+LEAST_SPREAD = 1e-9  # of cameras, in their own units
 
 
 def recognises(path: Path) -> bool:
@@ -52,13 +54,9 @@ def read(path: Path, options: SceneOptions) -> Scene:
     pictures = [picture for picture in listed if picture is not None]
     names = [clean_name(name) for name in found.names]
     masks = masks_of(path, factor, names) if options.masks else [None] * len(names)
-    photographs = []
-    for name, camera, picture, mask in zip(names, found.cameras, pictures, masks, strict=True):
-        camera, stored, as_stored = camera_of_picture(picture, lambda _, camera=camera: camera)
-        size = target_size(stored, factor, options.downscale)
-        photographs.append(
-            Photograph(name, camera.resized(*size), PictureLoader(picture, stored, size, mask, as_stored))
-        )
+    shrink = partial(target_size, factor=factor, downscale=options.downscale)
+    described = zip(names, pictures, found.cameras, masks, strict=True)
+    photographs = [photograph_of(name, picture, camera, shrink, mask) for name, picture, camera, mask in described]
     tell_turned(path, photographs)
     photographs, space = _placed(path, found, photographs, options)
     return Scene(path=path, kind="colmap", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
@@ -81,7 +79,7 @@ def reconstruction_of(path: Path) -> Reconstruction:
     best = max(read, key=lambda folder: len(read[folder].names))
     parts = ", ".join(f"{folder.name}: {len(read[folder].names)}" for folder in read)
     text = f"COLMAP split the capture into {len(folders)} parts; reading {best.name}, the largest (images: {parts})"
-    warnings.warn(Notice(f"{path / 'sparse'}: {text}"), stacklevel=3)
+    notice(path / "sparse", text)
     return read[best]
 
 
@@ -133,19 +131,20 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
     """UserError where no picture is there; a Notice of pictures that are gone, and of those that have no pose."""
     gone = [name for name, picture in zip(found.names, listed, strict=True) if picture is None]
     if len(gone) == len(listed):
-        raise UserError(
-            "picture not found", where=folder / gone[0], remedy="no image of the reconstruction has its picture"
-        )
+        remedy = "no image of the reconstruction has its picture"
+        raise UserError("picture not found", where=folder / gone[0], remedy=remedy)
     if gone:
-        text = f"{len(gone)} of {len(listed)} images of the reconstruction have no picture and are left out"
-        warnings.warn(Notice(f"{folder}: {text} ({few(gone)})"), stacklevel=3)
+        notice(
+            folder, f"{len(gone)} of {len(listed)} images of the reconstruction have no picture and are left out", gone
+        )
     known = {picture for picture in listed if picture is not None}
     stored = (p for p in folder.rglob("*") if p.suffix.lower() in PICTURE_SUFFIXES and p not in known)
     unposed = sorted(p.relative_to(folder).as_posix() for p in stored if not is_hidden(p))
     if unposed:
         total = len(known) + len(unposed)
-        text = f"{len(unposed)} of {total} pictures have no pose in the reconstruction and are left out"
-        warnings.warn(Notice(f"{folder}: {text} ({few(unposed)})"), stacklevel=3)
+        notice(
+            folder, f"{len(unposed)} of {total} pictures have no pose in the reconstruction and are left out", unposed
+        )
 
 
 # --- frame and space --------------------------------------------------------------------------------------------------
@@ -153,36 +152,57 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
 
 def _placed(
     path: Path, found: Reconstruction, photographs: list[Photograph], options: SceneOptions
-) -> tuple[list[Photograph], Space]:
+) -> tuple[tuple[Photograph, ...], Space]:
     """The photographs in the training frame, and what a Scene says of the space."""
     P, points = found.world_T_camera, PointCloud(found.points, found.tracks, found.seen)
     if points.suffices and not options.spherify and faces_forward(P):
         if options.up is not None:
             raise UserError("what is up cannot be told of a forward-facing scene", where=OPTION, found=str(path),
                             remedy="leave it out, or use --spherify")  # fmt: skip
-        placed = _moved(photographs, frame_forward(P, depth_ranges(P, points).min()))
+        placed = moved(photographs, frame_forward(P, depth_ranges(P, points).min()))
         try:
             space = space_forward([one.camera for one in placed], [one.name for one in placed])
-            text = "the cameras look forward; --spherify reads it as seen from all around"
-            warnings.warn(Notice(f"{path}: {text}"), stacklevel=3)
+            notice(path, "the cameras look forward; --spherify reads it as seen from all around")
             return placed, space
         except UserError as error:  # wide lenses, cameras that walk ahead
             text = f"the cameras look forward, but {error.found} sees too far aside for NDC"
-            warnings.warn(Notice(f"{path}: {text}; reading it as seen from all around"), stacklevel=3)
+            notice(path, f"{text}; reading it as seen from all around")
     frame = frame_about_focus(P)
     if options.up is not None:
         frame = frame.turned(axes_of(options.up))
-    placed = _moved(photographs, frame)
+    placed = moved(photographs, frame)
     if not points.suffices:
-        text = f"{len(found.points)} points say too little of where things are; the box is a guess, which --aabb mends"
-        warnings.warn(Notice(f"{path}: {text}"), stacklevel=3)
+        told = f"{len(found.points)} points say too little of where things are"
+        notice(path, f"{told}; the box is a guess, which --aabb mends")
     opaque = not options.masks and not may_be_transparent(placed)
     cameras = [photograph.camera for photograph in placed]
     return placed, space_of_capture(cameras, points.moved(frame) if points.suffices else None, opaque=opaque)
 
 
-def _moved(photographs: list[Photograph], frame: Frame) -> list[Photograph]:
-    """The photographs in the training frame."""
-    P = frame.poses(poses_of([photograph.camera for photograph in photographs]))
-    pairs = zip(photographs, P, strict=True)
-    return [replace(one, camera=replace(one.camera, world_T_camera=world_T_camera)) for one, world_T_camera in pairs]
+# --- points -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SparsePoints:
+    """places: float64 [M, 3] in the training frame. colours: uint8 [M, 3]. tracks [M]: how many photographs show each."""
+
+    places: np.ndarray
+    colours: np.ndarray
+    tracks: np.ndarray
+
+
+def sparse_points(scene: Scene) -> SparsePoints | None:
+    """The points behind a COLMAP scene that is not in NDC; None for others. UserError where the reconstruction is damaged."""
+    if scene.kind != "colmap" or scene.ndc:
+        return None
+    found = reconstruction_of(scene.path)
+    pose_of = {p.name: p.camera.world_T_camera for split in scene.splits.values() for p in split}
+    rows = [row for row, name in enumerate(found.names) if clean_name(name) in pose_of]
+    theirs = found.world_T_camera[rows]
+    ours = np.stack([pose_of[clean_name(found.names[row])] for row in rows])
+    # The reader turned, moved and scaled all cameras alike; so it is undone by what it did to them.
+    spread, wanted = (np.linalg.norm(P[:, :3, 3] - P[:, :3, 3].mean(0), axis=-1).mean() for P in (theirs, ours))
+    scale = wanted / spread if spread > LEAST_SPREAD else 1.0
+    R = ours[0, :3, :3] @ theirs[0, :3, :3].T
+    places = scale * (found.points - theirs[:, :3, 3].mean(0)) @ R.T + ours[:, :3, 3].mean(0)
+    return SparsePoints(places, found.colours, found.tracks)

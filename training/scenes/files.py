@@ -129,11 +129,6 @@ def find_masks(folder: Path, names: Sequence[str]) -> list[Path | None]:
     return found
 
 
-def few(names: Sequence[str], most: int = 3) -> str:
-    """The first of some names, for messages."""
-    return ", ".join(names[:most]) + (", …" if len(names) > most else "")
-
-
 def _only(files: list[Path], suffixes: Sequence[str]) -> Path | None:
     """The file with the first of the suffixes; None where two have it."""
     rank = [suffixes.index(p.suffix.lower()) if p.suffix.lower() in suffixes else len(suffixes) for p in files]

@@ -10,7 +10,7 @@ import os
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from console import UserError
 from console.contents import HEAD_BYTES, told
 from training.scenes.deep_pictures import ExrHeader, TiffTags, exr_header, tiff_tags
+from training.scenes.messages import times
 from training.scenes.picture_formats import READ, UNREAD_FORMATS
 
 warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
@@ -175,11 +176,6 @@ class _Bounded(io.BufferedReader):
 def _head(path: Path) -> bytes:
     with path.open("rb") as file:
         return file.read(HEAD_BYTES)
-
-
-def times(size: Sequence[int]) -> str:
-    """A size for messages."""
-    return f"{size[0]}x{size[1]}"
 
 
 def short_reason(error: Exception) -> str:

@@ -20,7 +20,8 @@ from PIL import Image
 from console import UserError
 from training.scenes.deep_pictures import ExrHeader, decoded_exr, decoded_png, decoded_tiff
 from training.scenes.mask_values import mask_values
-from training.scenes.picture_headers import LOSSY, SIDEWAYS, UNREADABLE, decodable, read_header, short_reason, times
+from training.scenes.messages import times
+from training.scenes.picture_headers import LOSSY, SIDEWAYS, UNREADABLE, decodable, read_header, short_reason
 
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
 MASK_SHAPE = 0.02  # how much a mask's width over its height may differ from its photograph's
@@ -106,18 +107,6 @@ def with_alpha(picture: np.ndarray) -> np.ndarray:
 def as_bytes(picture: np.ndarray) -> np.ndarray:
     """float32 in [0, 1] as uint8, rounded; what is uint8 stays."""
     return picture if picture.dtype == np.uint8 else np.rint(picture * 255.0).astype(np.uint8)
-
-
-def shrunk_size(width: int, height: int, downscale: int) -> tuple[int, int]:
-    """(width, height) after a downscale by an integer >= 1; fractions are floored and the area stretched to fit."""
-    if width // downscale < 1 or height // downscale < 1:
-        raise UserError(
-            "downscale leaves no picture",
-            where=f"--downscale {downscale}",
-            found=f"{width}x{height}",
-            remedy="use a smaller factor",
-        )
-    return width // downscale, height // downscale
 
 
 def shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from console import Notice, UserError
-from training.scenes.pictures import PictureLoader, as_bytes, times
+from training.scenes.messages import few, times
+from training.scenes.pictures import PictureLoader, as_bytes
 from training.scenes.scene import Camera, Photograph
 
 FILE_SHARE = 3  # pixels that take more than this part of the free memory, a third, go to a file
 ALIGNED = 64  # bytes: where arrays begin that JAX takes over on a processor without copying them
 DECODING = 24  # bytes for each pixel of a photograph while it is decoded
 ASSUMED_FREE = 4 << 30  # bytes, where the system does not tell
-MASKS_NAMED = 3  # in a notice
 TOGETHER = 1 << 24  # pixels that are looked at together
 
 
@@ -88,8 +88,8 @@ def notice_masks(where: Path | None, extremes: Mapping[str, tuple[int, int]]) ->
         ("show", sorted(name for name, (low, _) in extremes.items() if low == 255)),
     ):
         if names:
-            few = ", ".join(names[:MASKS_NAMED]) + (", …" if len(names) > MASKS_NAMED else "")
-            told = f"{len(names)} of {len(extremes)} masks {does if len(names) > 1 else does + 's'} everything ({few})"
+            does = does if len(names) > 1 else f"{does}s"
+            told = f"{len(names)} of {len(extremes)} masks {does} everything ({few(names)})"
             warnings.warn(Notice(told if where is None else f"{where}: {told}"), stacklevel=3)
 
 

@@ -12,8 +12,9 @@ from typing import Literal
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.scenes.files import few, find_masks, is_hidden
+from training.scenes.files import find_masks, is_hidden
 from training.scenes.film_containers import FILM_NAMES, FILMS, container_of
+from training.scenes.messages import few
 from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
 from training.scenes.picture_formats import READ as READ_PICTURES
 
