@@ -226,8 +226,8 @@ def _trained(
     from training.dataset import make_dataset
     from training.methods import make_method, settled
     from training.scenes import load_scene
-    from training.scenes.downscale import suggested_downscale
     from training.scenes.presets import PRESETS as KINDS
+    from training.scenes.read import suggested_downscale
 
     scene = load_scene(path, downscale=downscale or suggested_downscale(path, KINDS[preset].longest_side))
     config = settled(dataclasses.replace(PRESETS[preset], steps=steps))

@@ -94,7 +94,7 @@ def snerg_make(
     from training.run import is_run, read_description
     from training.scenes import SceneOptions, load_scene
     from training.scenes.box import OPTION, parse_box
-    from training.scenes.downscale import suggested_downscale
+    from training.scenes.read import suggested_downscale
     from training.scenes.upright import parse_up
 
     box, upwards = None if aabb is None else parse_box(aabb), None if up is None else parse_up(up)

@@ -5,15 +5,15 @@ Its numbers are coordinates of the training frame: what the reader made of the f
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from console import Notice, UserError
+from console import UserError
 from console.arguments import parse_numbers
-from training.scenes.rays import camera_rays
+from training.scenes.messages import notice
+from training.scenes.rays import camera_rays, pixel_grid
 from training.scenes.scene import Box, Camera, Scene
 
 OPTION = "--aabb"
@@ -45,22 +45,15 @@ def with_box(scene: Scene, box: Box) -> Scene:
     UserError for NDC scenes, whose box is all that the cameras see, and where no training photograph sees the box.
     """
     if scene.ndc:
-        raise UserError(
-            "a forward-facing scene has no box: in NDC, the box is everything that the cameras see",
-            where=OPTION,
-            remedy="leave it out, or use --spherify",
-        )
+        what = "a forward-facing scene has no box: in NDC, the box is everything that the cameras see"
+        raise UserError(what, where=OPTION, remedy="leave it out, or use --spherify")
     aabb = np.array(checked_box(box)).reshape(2, 3)
     eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
     farthest = np.linalg.norm(np.maximum(np.abs(eyes - aabb[0]), np.abs(eyes - aabb[1])), axis=-1).max()
     boxed = replace(scene, aabb=aabb, far=max(scene.far, float(farthest)))
     if not any(_meets(photograph.camera, boxed) for photograph in scene.splits["train"]):
-        raise UserError(
-            "no photograph sees this box",
-            where=OPTION,
-            expected=f"something about {box_text(scene.aabb)}",
-            found=box_text(aabb),
-        )
+        expected = f"something about {box_text(scene.aabb)}"
+        raise UserError("no photograph sees this box", where=OPTION, expected=expected, found=box_text(aabb))
     return boxed
 
 
@@ -72,15 +65,12 @@ def require_rays(scene: Scene) -> None:
     cameras = [photograph.camera for photograph in scene.splits["train"]]
     meeting = sum(_meets(camera, scene) for camera in cameras)
     if not meeting:
-        raise UserError(
-            "no photograph sees the box of the content",
-            where=scene.path,
-            found=f"{box_text(scene.aabb)} at {scene.near:.3g} to {scene.far:.3g} from the cameras",
-            remedy=f"check the camera poses, or name the box with {OPTION}",
-        )
+        found = f"{box_text(scene.aabb)} at {scene.near:.3g} to {scene.far:.3g} from the cameras"
+        raise UserError("no photograph sees the box of the content", where=scene.path, found=found,
+                        remedy=f"check the camera poses, or name the box with {OPTION}")  # fmt: skip
     if meeting < FEWEST_MEETING * len(cameras):
         text = f"{len(cameras) - meeting} of {len(cameras)} photographs see nothing of the box of the content"
-        warnings.warn(Notice(f"{scene.path}: {text} {box_text(scene.aabb)}; name another with {OPTION}"), stacklevel=2)
+        notice(scene.path, f"{text} {box_text(scene.aabb)}; name another with {OPTION}")
 
 
 def box_text(aabb: np.ndarray) -> str:
@@ -100,8 +90,7 @@ def box_line(scene: Scene, given: bool) -> str | None:
 
 def _meets(camera: Camera, scene: Scene) -> bool:
     """Whether any of some rays through the picture meets the scene's box between near and far."""
-    x, y = (side * np.linspace(0, 1, PROBES) for side in (camera.width, camera.height))
-    origins, directions = (v.reshape(-1, 3) for v in camera_rays(camera, *np.meshgrid(x, y)))
+    origins, directions = (v.reshape(-1, 3) for v in camera_rays(camera, *pixel_grid(camera, PROBES)))
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = (scene.aabb[:, None] - origins) / directions
     enter = np.nanmax(np.fmin(ends[0], ends[1]), axis=-1).clip(scene.near)

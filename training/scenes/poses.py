@@ -30,9 +30,8 @@ def pose(matrix: Any, where: str) -> np.ndarray:
     if not np.all(np.isfinite(world_T_camera)):
         raise UserError("the camera's matrix has values that are not finite", where=where)
     if np.abs(world_T_camera).max() > FARTHEST:
-        raise UserError(
-            "the camera's matrix has values that are too large", where=where, expected=f"at most {FARTHEST:g}"
-        )
+        what = "the camera's matrix has values that are too large"
+        raise UserError(what, where=where, expected=f"at most {FARTHEST:g}")
     lengths = np.linalg.norm(world_T_camera[:3, :3], axis=0)
     determinant = np.linalg.det(world_T_camera[:3, :3] / np.maximum(lengths, 1e-300))
     if lengths.min() < 1e-9 or abs(determinant) < 0.5:
@@ -62,13 +61,21 @@ def normalised(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v)
 
 
+def axes_along(z: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Axes [3, 3] (columns) of a frame whose z is that, and whose y is as near to `up` as that allows."""
+    z = normalised(z)
+    x = normalised(np.cross(up, z))
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def upright_axes(up: np.ndarray) -> np.ndarray:
+    """Axes [3, 3] (columns) of a frame whose z is `up`."""
+    return axes_along(up, np.eye(3)[np.argmin(np.abs(up))])
+
+
 def look_at(eye: np.ndarray, back: np.ndarray, up: np.ndarray) -> np.ndarray:
     """world_T_camera [4, 4] at `eye` whose z axis is `back` and whose y axis is as near to `up` as that allows."""
-    z = normalised(back)
-    x = normalised(np.cross(up, z))
-    result = np.eye(4)
-    result[:3] = np.stack([x, np.cross(z, x), z, eye], axis=1)
-    return result
+    return np.vstack([np.column_stack([axes_along(back, up), eye]), [0, 0, 0, 1]])
 
 
 def mean_pose(P: np.ndarray) -> np.ndarray:
@@ -76,33 +83,13 @@ def mean_pose(P: np.ndarray) -> np.ndarray:
     return look_at(P[:, :3, 3].mean(0), P[:, :3, 2].sum(0), P[:, :3, 1].sum(0))
 
 
-def similarity(rotation: np.ndarray, centre: np.ndarray, scale: float, P: np.ndarray) -> np.ndarray:
-    """Poses in a frame whose axes are the columns of `rotation` [3, 3], whose origin is `centre`, `scale` times as
-    big.
-    """
-    moved = P.copy()
-    moved[:, :3, :3] = rotation.T @ P[:, :3, :3]
-    moved[:, :3, 3] = scale * (P[:, :3, 3] - centre) @ rotation
-    return moved
-
-
-def focus_point(P: np.ndarray) -> np.ndarray:
-    """The point nearest to all optical axes, in the least squares sense [3]. LinAlgError where the axes are
-    parallel.
-    """
+def focus_point(P: np.ndarray) -> np.ndarray | None:
+    """The point [3] nearest to all optical axes, in the least squares sense; None where these are parallel."""
     across = np.eye(3) - P[:, :3, 2, None] * P[:, None, :3, 2]  # projects onto the plane across an axis
     system = across.mean(0)
     if np.linalg.cond(system) > 1e3:
-        raise np.linalg.LinAlgError("the optical axes are parallel")
+        return None
     return np.linalg.solve(system, (across @ P[:, :3, 3, None]).mean(0)[:, 0])
-
-
-def upright_axes(up: np.ndarray) -> np.ndarray:
-    """Axes [3, 3] (columns) of a frame whose z is `up`."""
-    z = normalised(up)
-    aside = np.eye(3)[np.argmin(np.abs(z))]
-    x = normalised(np.cross(aside, z))
-    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def faces_forward(P: np.ndarray) -> bool:

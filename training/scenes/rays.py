@@ -55,6 +55,12 @@ def undistort(u: np.ndarray, v: np.ndarray, distortion: tuple[float, ...]) -> tu
     return a, b
 
 
+def pixel_grid(camera: Camera, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """x and y [count, count] of pixel coordinates spread evenly over a picture, from edge to edge."""
+    x, y = (np.linspace(0.0, side, count) for side in (camera.width, camera.height))
+    return np.meshgrid(x, y)  # type: ignore[return-value]
+
+
 def camera_rays(camera: Camera, x: np.ndarray | None = None, y: np.ndarray | None = None):
     """origins, unit directions float64 [..., 3] through pixel coordinates x, y [...]; default: every
     pixel's centre [H, W].
@@ -68,12 +74,7 @@ def camera_rays(camera: Camera, x: np.ndarray | None = None, y: np.ndarray | Non
 
 
 def ndc_rays(
-    origins: np.ndarray,
-    directions: np.ndarray,
-    width: float,
-    height: float,
-    focal: float,
-    near: float = NDC_NEAR,
+    origins: np.ndarray, directions: np.ndarray, width: float, height: float, focal: float, near: float = NDC_NEAR
 ) -> tuple[np.ndarray, np.ndarray]:
     """NeRF's NDC warp (appendix C): rays [..., 3] so that t = 0 is the near plane z = -near and t = 1 is infinity.
 

@@ -1,24 +1,24 @@
-"""load_scene: recognises a folder's layout and reads it (docs/scenes.md).
+"""load_scene recognises a folder's layout and reads it (docs/scenes.md).
 
-A layout is a module with LOOKED_FOR (what to tell a user was looked for), recognises(path) and read(path,
-downscale).
+A layout is a module with LOOKED_FOR (for messages), recognises(path) and read(path, options).
 """
 
 from __future__ import annotations
 
 import math
 import os
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from console import UserError
+from console import Notice, UserError
 from training.scenes import colmap, llff, transforms
 from training.scenes.box import checked_box, with_box
 from training.scenes.picture_formats import PICTURE_SUFFIXES
-from training.scenes.rays import camera_rays
+from training.scenes.rays import camera_rays, pixel_grid
 from training.scenes.scene import Scene, SceneOptions
 from training.scenes.upright import OPTION as UP
 from training.scenes.upright import checked_up
@@ -31,16 +31,15 @@ LAYOUTS = (transforms, llff, colmap)  # COLMAP last: others keep its files besid
 
 
 def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: Any) -> Scene:
-    """Reads the posed photographs in a folder; pictures are decoded lazily.
+    """Reads the posed photographs in a folder; pictures are decoded when asked for.
 
-    options: see SceneOptions; changes: single ones of its fields, by name. Raises UserError, in one line, for whatever is
-    wrong with the folder, its descriptions or its pictures; left-out frames and guesses are told as a Notice.
+    changes: single fields of the options, by name. UserError for whatever is wrong with the folder, its descriptions or its
+    pictures; a Notice of frames that are left out, and of guesses.
     """
     path, options = Path(path), _checked(replace(options, **changes))
-    if not os.path.exists(path):  # Path.exists raises where a name is too long
-        raise UserError("no such folder", where=path, expected="a scene: a folder of photographs with camera poses")
-    if not path.is_dir():
-        raise UserError("not a folder", where=path, expected="a scene: a folder of photographs with camera poses")
+    if not os.path.isdir(path):  # Path.is_dir raises where a name is too long
+        what = "not a folder" if os.path.exists(path) else "no such folder"
+        raise UserError(what, where=path, expected="a scene: a folder of photographs with camera poses")
     if not any(path.iterdir()):
         raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
     for layout in LAYOUTS:
@@ -57,6 +56,23 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
         raise UserError("photographs without camera poses", where=path, expected="one of: " + _looked_for(),
                         remedy="snerg-make finds the poses of photographs and films")  # fmt: skip
     raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
+
+
+def suggested_downscale(scene: Path, longest_side: int | None) -> int:
+    """The smallest whole number that brings the photographs to `longest_side` pixels or fewer; 1 where that is None.
+
+    The reader knows what a downscale counts from: the pictures of an LLFF capture may be stored shrunk.
+    """
+    downscale = 1
+    while longest_side is not None:
+        with warnings.catch_warnings():  # what the reader has to say is said when training reads the scene
+            warnings.simplefilter("ignore", Notice)
+            camera = load_scene(scene, downscale=downscale).splits["train"][0].camera
+        longest = max(camera.width, camera.height)
+        if longest <= longest_side:
+            break
+        downscale = max(downscale + 1, math.ceil(downscale * longest / longest_side))
+    return downscale
 
 
 def has_poses(path: Path) -> bool:
@@ -86,13 +102,11 @@ def _require_finite(scene: Scene) -> None:
 
 
 def _require_rays(scene: Scene) -> None:
-    """UserError unless the pixels of a scene's cameras, here and there, have rays: numbers that make sense one by one may not
-    together."""
+    """UserError unless pixels of all cameras have rays: numbers that make sense one by one may not together."""
     for photograph in (one for photographs in scene.splits.values() for one in photographs):
         camera = photograph.camera
-        x, y = (side * np.linspace(0, 1, PROBES) for side in (camera.width, camera.height))
         with np.errstate(all="ignore"):
-            directions = camera_rays(camera, *np.meshgrid(x, y))[1]
+            directions = camera_rays(camera, *pixel_grid(camera, PROBES))[1]
         numbers = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
         sound = (np.abs(numbers) < MOST_OF_A_LENS).all() and min(camera.fx, camera.fy) >= LEAST_FOCAL
         if not sound or not np.isfinite(directions).all():
