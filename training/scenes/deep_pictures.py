@@ -106,7 +106,7 @@ def decoded_tiff(path: Path, tags: TiffTags) -> np.ndarray:
     if tags.extra == PREMULTIPLIED:
         rgb = _straight(rgb, alpha)
     rgb = np.broadcast_to(np.clip(rgb, 0, 1), (*values.shape[:2], 3))
-    return np.concatenate([rgb, alpha], axis=-1) if tags.has_alpha else np.ascontiguousarray(rgb)
+    return np.concatenate([rgb, alpha] if tags.has_alpha else [rgb], axis=-1)
 
 
 def decoded_png(path: Path) -> np.ndarray:
@@ -146,9 +146,14 @@ class ExrHeader:
     channels: int
 
     @property
+    def is_whole(self) -> bool:
+        """Whether the data window is the display window."""
+        return self.data_size == self.size and self.corner == (0, 0)
+
+    @property
     def has_alpha(self) -> bool:
         """Whether anything may be transparent: also what lies outside of the data window."""
-        return len(self.names) > 3 or self.data_size != self.size or self.corner != (0, 0)
+        return len(self.names) > 3 or not self.is_whole
 
 
 def exr_header(path: Path) -> ExrHeader:
@@ -181,15 +186,13 @@ def decoded_exr(path: Path, header: ExrHeader) -> np.ndarray:
         data = np.stack([_unit(channels[name].pixels) for name in header.names], axis=-1)
     if data.shape[1::-1] != header.data_size:
         raise ValueError("its pixels are not as many as its header says")
-    if data.shape[-1] == 4:
-        alpha = np.clip(data[..., 3:], 0, 1)
+    if header.has_alpha:
+        alpha = np.clip(data[..., 3:], 0, 1) if len(header.names) == 4 else np.ones_like(data[..., :1])
         data = np.concatenate([linear_to_srgb(_straight(data[..., :3], alpha)), alpha], axis=-1)
     else:
         data = linear_to_srgb(data)
-    if header.data_size == header.size and header.corner == (0, 0):
+    if header.is_whole:
         return data
-    if data.shape[-1] == 3:
-        data = np.concatenate([data, np.ones_like(data[..., :1])], axis=-1)
     (width, height), (x, y) = header.size, header.corner
     picture = np.zeros((height, width, 4), np.float32)
     left, top = max(x, 0), max(y, 0)

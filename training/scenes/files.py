@@ -12,10 +12,11 @@ one file alone:
 
 from __future__ import annotations
 
+import contextlib
 import os
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
@@ -70,53 +71,37 @@ class FileFinder:
 
     def find_all(self, names: Sequence[str]) -> list[Path | None]:
         """`find` of each; None as well for different names that lead to one file, unless it has that very name."""
-        found = [self.find(name) for name in names]
-        claims = Counter(
-            path for path, _ in {(path, clean_name(name)) for path, name in zip(found, names, strict=True)}
-        )
+        found = [(self.find(name), clean_name(name)) for name in names]
+        claims = Counter(path for path, _ in {*found})
         return [
-            path if path is None or claims[path] == 1 or path.as_posix().endswith("/" + clean_name(name)) else None
-            for path, name in zip(found, names, strict=True)
+            path if path is None or claims[path] == 1 or path.as_posix().endswith("/" + name) else None
+            for path, name in found
         ]
 
     def _find_in(self, root: Path, parts: Sequence[str]) -> Path | None:
         folders = [root]
         for part in parts[:-1]:
-            folders = [
-                child for folder in folders for child in self._list(folder).get(_key(part), ()) if child.is_dir()
-            ]
-        matches: list[Callable[[str], bool]] = [
-            lambda entry: entry == _key(parts[-1]),
-            lambda entry: (
-                without_suffix(entry) == without_suffix(_key(parts[-1])) and entry.endswith(tuple(self._suffixes))
-            ),
-        ]
-        for matches_name in matches:
-            files = [
-                path
-                for folder in folders
-                for key, paths in self._list(folder).items()
-                if matches_name(key)
-                for path in paths
-                if path.is_file()
-            ]
-            if files:
-                return _only(files, self._suffixes)
-        return None
+            below = [child for folder in folders for child in self._alike(folder, part)]
+            folders = [child for child in below if _key(child.name) == _key(part) and child.is_dir()]
+        alike = [path for folder in folders for path in self._alike(folder, parts[-1]) if path.is_file()]
+        same = [path for path in alike if _key(path.name) == _key(parts[-1])]
+        return self._first(same or [path for path in alike if path.suffix.lower() in self._suffixes])
 
-    def _list(self, folder: Path) -> dict[str, list[Path]]:
-        """The visible entries of a folder by the key of their names."""
+    def _alike(self, folder: Path, name: str) -> list[Path]:
+        """The visible entries of a folder that have a name, whatever their suffix."""
         if folder not in self._listings:
-            listing: dict[str, list[Path]] = {}
-            try:
-                entries = sorted(folder.iterdir())
-            except OSError:
-                entries = []
-            for entry in entries:
-                if not is_hidden(entry):
-                    listing.setdefault(_key(entry.name), []).append(entry)
-            self._listings[folder] = listing
-        return self._listings[folder]
+            listing = self._listings[folder] = {}
+            with contextlib.suppress(OSError):
+                for entry in sorted(folder.iterdir()):
+                    if not is_hidden(entry):
+                        listing.setdefault(without_suffix(_key(entry.name)), []).append(entry)
+        return self._listings[folder].get(without_suffix(_key(name)), [])
+
+    def _first(self, files: list[Path]) -> Path | None:
+        """The file whose suffix comes first; None where there is none, or several have it."""
+        ranks = [(*self._suffixes, path.suffix.lower()).index(path.suffix.lower()) for path in files]
+        best = [path for path, rank in zip(files, ranks, strict=True) if rank == min(ranks)]
+        return best[0] if len(best) == 1 else None
 
 
 def find_masks(folder: Path, names: Sequence[str]) -> list[Path | None]:
@@ -127,13 +112,6 @@ def find_masks(folder: Path, names: Sequence[str]) -> list[Path | None]:
         masks = finder.find_all([pattern.format(name=name, stem=without_suffix(name)) for name in names])
         found = [known or mask for known, mask in zip(found, masks, strict=True)]
     return found
-
-
-def _only(files: list[Path], suffixes: Sequence[str]) -> Path | None:
-    """The file with the first of the suffixes; None where two have it."""
-    rank = [suffixes.index(p.suffix.lower()) if p.suffix.lower() in suffixes else len(suffixes) for p in files]
-    best = [path for path, r in zip(files, rank, strict=True) if r == min(rank)]
-    return best[0] if len(best) == 1 else None
 
 
 def _key(name: str) -> str:

@@ -44,19 +44,17 @@ UNREADABLE = (
 
 @dataclass(frozen=True)
 class Header:
-    """What a picture's file says before its pixels are decoded.
+    """What a picture's file says before its pixels are decoded."""
 
-    format: Pillow's name, or "EXR". stored: the size as stored. orientation: EXIF's, 1 to 8. transparent: whether it has alpha at
-    all. mode: Pillow's. deep: what decodes it in place of Pillow, which would cut it down to 8 bits or not read it.
-    """
-
-    format: str
-    stored: tuple[int, int]
-    orientation: int
-    transparent: bool
-    mode: str
+    format: str  # Pillow's name, or "EXR"
+    stored: tuple[int, int]  # the size as stored
+    orientation: int  # EXIF's, 1 to 8
+    transparent: bool  # whether it has alpha at all
+    mode: str  # Pillow's
     exif: Image.Exif
-    deep: TiffTags | ExrHeader | bool = False
+    deep: TiffTags | ExrHeader | bool = (
+        False  # what decodes it in place of Pillow, which would cut it down or not read it
+    )
 
     @property
     def size(self) -> tuple[int, int]:
@@ -122,10 +120,9 @@ def opened(path: Path) -> Iterator[Image.Image]:
 def weigh(path: Path, size: tuple[int, int], words: float = 1) -> None:
     """OSError where a file is too small for so many pixels, each of so many four bytes."""
     width, height = size
-    if width < 1 or height < 1 or width * height * words > max(
-        MOST_PIXELS_PER_BYTE * os.path.getsize(path), UNDOUBTED_PIXELS
-    ):  # fmt: skip
-        raise OSError(f"its header claims {times(size)} pixels, more than {os.path.getsize(path)} bytes can hold")
+    held = os.path.getsize(path)
+    if width < 1 or height < 1 or width * height * words > max(MOST_PIXELS_PER_BYTE * held, UNDOUBTED_PIXELS):
+        raise OSError(f"its header claims {times(size)} pixels, more than {held} bytes can hold")
 
 
 def formats_of(path: Path) -> tuple[str, ...]:

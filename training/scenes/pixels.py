@@ -6,6 +6,7 @@ Notation: photographs lie end to end, row by row; of each, one row in `row_step`
 
 from __future__ import annotations
 
+import contextlib
 import os
 import tempfile
 import warnings
@@ -44,10 +45,9 @@ def load_pixels(
 ) -> np.ndarray:  # fmt: skip
     """Pixels uint8 [last - first, C] of photographs; their sizes may differ.
 
-    Only those photographs are decoded (in threads) that have a pixel in [first, last); beyond the last pixel all is 0. With 3
-    channels, alpha is left out. folder: where the file is made, if one is needed (else the temporary folder); it has no name
-    and is gone with the array. A notice names masks that hide or show everything. UserError where a picture fails to decode or is
-    not of its camera's size, or the disk is full.
+    Only photographs with a pixel in [first, last) are decoded, in threads; beyond the last pixel all is 0. With 3 channels, alpha
+    is left out. folder: where a file without a name is made, if one is needed. A notice names masks that hide or show everything.
+    UserError where a picture fails to decode or is not of its camera's size, or the disk is full.
     """
     if not photographs:
         raise UserError("no pictures to load", expected="at least one")
@@ -114,26 +114,22 @@ def without_alpha(pixels: np.ndarray) -> np.ndarray:
 
 def free_memory() -> int:
     """Bytes that this process may take, as far as the system tells."""
-    told = []
     try:
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
-        told.append(1024 * int(lines["MemAvailable"].split()[0]))
+        free = 1024 * int(lines["MemAvailable"].split()[0])
     except (OSError, KeyError, ValueError):
-        told.append(ASSUMED_FREE)
-    try:  # a container's limit
-        most, used = (Path("/sys/fs/cgroup", name).read_text() for name in ("memory.max", "memory.current"))
-        told.append(int(most) - int(used))
-    except (OSError, ValueError):
-        pass
-    return max(min(told), 0)
+        free = ASSUMED_FREE
+    with contextlib.suppress(OSError, ValueError):  # a container's limit
+        most, used = (int(Path("/sys/fs/cgroup", name).read_text()) for name in ("memory.max", "memory.current"))
+        free = min(free, most - used)
+    return max(free, 0)
 
 
 def _at_once(photographs: Sequence[Photograph]) -> int:
     """How many photographs are decoded at once: as many as processors can, and a quarter of the free memory holds."""
-    largest = max(c.width * c.height for c in (p.camera for p in photographs))
-    for photograph in photographs:
-        if isinstance(photograph.load, PictureLoader):
-            largest = max(largest, int(np.prod(photograph.load.source_size)))
+    sizes = [(p.camera.width, p.camera.height) for p in photographs]
+    sizes += [p.load.source_size for p in photographs if isinstance(p.load, PictureLoader)]
+    largest = max(width * height for width, height in sizes)
     return max(1, min(16, (os.cpu_count() or 1) + 2, free_memory() // 4 // (DECODING * largest)))
 
 
@@ -143,8 +139,7 @@ def _room(size: int, folder: Path | None) -> np.ndarray:
         room = np.zeros(size + ALIGNED, np.uint8)
         start = -room.ctypes.data % ALIGNED
         return room[start : start + size]
-    failure = OSError()
-    places = [*([folder] if folder else []), Path(tempfile.gettempdir())]
+    failure, places = OSError(), [*([folder] if folder else []), Path(tempfile.gettempdir())]
     for place in places:
         try:
             place.mkdir(parents=True, exist_ok=True)
@@ -153,13 +148,10 @@ def _room(size: int, folder: Path | None) -> np.ndarray:
                 return np.asarray(np.memmap(file, np.uint8, "r+", shape=(size,)))
         except OSError as error:
             failure = error
-    raise UserError(
-        "the photographs fit neither in memory nor on this disk",
-        where=" and ".join(map(str, places)),
-        expected=f"{size / 1e9:.1f} GB of free space",
-        found=failure.strerror or str(failure),
-        remedy="free some space there, name another folder by TMPDIR, or use --downscale 2",
-    ) from failure
+    remedy = "free some space there, name another folder by TMPDIR, or use --downscale 2"
+    raise UserError("the photographs fit neither in memory nor on this disk", where=" and ".join(map(str, places)),
+                    expected=f"{size / 1e9:.1f} GB of free space", found=failure.strerror or str(failure),
+                    remedy=remedy) from failure  # fmt: skip
 
 
 def _reserve(descriptor: int, size: int) -> None:

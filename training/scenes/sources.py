@@ -45,10 +45,9 @@ class Source:
     @property
     def masks(self) -> Path | None:
         """The folder of masks beside the photographs; None where there is none."""
-        if self.kind == "film":
-            return None
-        beside = [self.path / MASKS, *([self.path.parent / MASKS] if self.path.name == SUBFOLDER else [])]
-        return next((folder for folder in beside if folder.is_dir()), None)
+        beside = [self.path] + ([self.path.parent] if self.path.name == SUBFOLDER else [])
+        folders = (folder / MASKS for folder in beside if self.kind == "photographs")
+        return next((folder for folder in folders if folder.is_dir()), None)
 
     def mask_of(self, file: Path) -> Path | None:
         """The mask of a photograph, by its name within the source, or else by its own; None where there is none."""
@@ -66,10 +65,9 @@ class Source:
 def find_source(path: Path) -> Source | None:
     """The photographs or the film at `path`; None where there are none. A scene with poses is not looked for.
 
-    Photographs lie in the folder itself, or else in its `images`, or else in folders just below. A folder may hold one film
-    instead, also beside fewer than FEWEST pictures, such as its cover. Folders of masks are none of photographs. UserError
-    where it holds several films, or only pictures of formats that are not read; where such pictures lie further below, it may
-    be any folder, and is left to require_source.
+    Photographs lie in the folder itself, or else in its `images`, or else in folders just below, but those of masks. A folder may
+    hold one film instead, also beside fewer than FEWEST pictures, such as its cover. UserError where it holds several films, or
+    only pictures of formats that are not read, unless these lie further below: then it may be any folder.
     """
     if os.path.isfile(path):
         return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
@@ -80,17 +78,18 @@ def find_source(path: Path) -> Source | None:
     notes = [f"{_formats(unread)}, a format that is not read; {_remedies(unread)}"] if unread else []
     if len(found) < FEWEST and films:
         if len(films) > 1:
-            also = "no" if not found else f"only {len(found)}"
+            also = f"only {len(found)}" if found else "no"
             raise UserError(f"several films, and {also} photographs", where=path, expected="one film",
                             found=_named(films), remedy="name one of them")  # fmt: skip
         if found:
-            notes.append(f"{_readable(films[0].name)} is used, not {_counted(found)} beside it")
+            beside = _readable(found[0].name) if len(found) == 1 else f"the {len(found)} pictures"
+            notes.append(f"{_readable(films[0].name)} is used, not {beside} beside it")
         return Source("film", path, (films[0],), tuple(notes))
-    if not found:
-        if any(file.parent in (path, path / SUBFOLDER) for file in unread):
-            raise _none_is_read(path, unread)
-        return None
-    return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))), tuple(notes))
+    if found:
+        return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))), tuple(notes))
+    if any(file.parent in (path, path / SUBFOLDER) for file in unread):
+        raise _none_is_read(path, unread)
+    return None
 
 
 def require_source(path: Path) -> Source:
@@ -119,8 +118,7 @@ def require_source(path: Path) -> Source:
 
 def _pictures(path: Path) -> tuple[list[Path], list[Path]]:
     """Pictures in a folder, in its SUBFOLDER, or in folders just below: those of the first that has any, and those up to there
-    of formats that are not read. Cameras write IMG_1.DNG beside IMG_1.JPG: then it is none of the latter.
-    """
+    of formats that are not read, but for an IMG_1.DNG beside IMG_1.JPG."""
     found: list[Path] = []
     unread: list[Path] = []
     others = (folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS))
@@ -159,10 +157,6 @@ def _named(files: Sequence[Path]) -> str:
     return few([_readable(file.name) for file in files], _NAMED)
 
 
-def _counted(files: Sequence[Path]) -> str:
-    return _readable(files[0].name) if len(files) == 1 else f"the {len(files)} pictures"
-
-
 def _formats(files: Sequence[Path]) -> str:
     """How many there are of each format: "12 AVIF, 1 GIF pictures"."""
     counts = Counter(sorted(UNREAD_FORMATS[file.suffix.lower()].name for file in files))
@@ -170,6 +164,5 @@ def _formats(files: Sequence[Path]) -> str:
 
 
 def _remedies(files: Sequence[Path]) -> str:
-    return "; ".join(
-        dict.fromkeys(remedy for _, remedy in sorted(UNREAD_FORMATS[file.suffix.lower()] for file in files))
-    )
+    formats = sorted(UNREAD_FORMATS[file.suffix.lower()] for file in files)
+    return "; ".join(dict.fromkeys(remedy for _, remedy in formats))
