@@ -7,7 +7,7 @@ the outliers; see training.scenes.space. Every 8th picture, by name, is held out
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -99,24 +99,23 @@ def _choose_folder(path: Path, names: tuple[str, ...], options: SceneOptions) ->
     A folder that lacks most pictures, is of another size than it says, or (where wanted) has no masks, is passed over.
     """
     folders = picture_folders(path)
-    if options.masks and not any(masks_folder(path, factor).is_dir() for factor in folders):
+    masked = [factor for factor in folders if not options.masks or masks_folder(path, factor).is_dir()]
+    if not masked:
         raise UserError("no masks", where=masks_folder(path, min(folders)), expected="a folder of masks",
                         remedy="leave out --masks")  # fmt: skip
     if list(folders) == [1]:
         return folders[1], 1
-    found = {factor: FileFinder(folder).find_all(names) for factor, folder in folders.items()}
-    sizes = {
-        factor: next((picture_size(p) for p in pictures if p is not None), None) for factor, pictures in found.items()
-    }
+    found, sizes = {}, {}
+    for factor, folder in folders.items():
+        found[factor] = [picture for picture in FileFinder(folder).find_all(names) if picture is not None]
+        sizes[factor] = picture_size(found[factor][0]) if found[factor] else None
     usable = [
         factor
         for factor in sorted(folders)
-        if factor == 1
-        or (_fits(sizes[factor], sizes.get(1), factor) and sum(map(bool, found[factor])) > len(names) / 2)
+        if factor == 1 or (_fits(sizes[factor], sizes.get(1), factor) and len(found[factor]) > len(names) / 2)
     ]
-    if options.masks:
-        usable = [factor for factor in usable if masks_folder(path, factor).is_dir()] or usable
-    factor = choose_factor(path, usable or [min(folders)], options.downscale)
+    usable = [factor for factor in usable if factor in masked] or usable or [min(folders)]
+    factor = choose_factor(path, usable, options.downscale)
     return folders[factor], factor
 
 
@@ -134,17 +133,14 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
         remedy = "no image of the reconstruction has its picture"
         raise UserError("picture not found", where=folder / gone[0], remedy=remedy)
     if gone:
-        notice(
-            folder, f"{len(gone)} of {len(listed)} images of the reconstruction have no picture and are left out", gone
-        )
+        text = f"{len(gone)} of {len(listed)} images of the reconstruction have no picture"
+        notice(folder, f"{text} and are left out", gone)
     known = {picture for picture in listed if picture is not None}
     stored = (p for p in folder.rglob("*") if p.suffix.lower() in PICTURE_SUFFIXES and p not in known)
     unposed = sorted(p.relative_to(folder).as_posix() for p in stored if not is_hidden(p))
     if unposed:
-        total = len(known) + len(unposed)
-        notice(
-            folder, f"{len(unposed)} of {total} pictures have no pose in the reconstruction and are left out", unposed
-        )
+        text = f"{len(unposed)} of {len(known) + len(unposed)} pictures have no pose in the reconstruction"
+        notice(folder, f"{text} and are left out", unposed)
 
 
 # --- frame and space --------------------------------------------------------------------------------------------------
@@ -169,14 +165,14 @@ def _placed(
             notice(path, f"{text}; reading it as seen from all around")
     frame = frame_about_focus(P)
     if options.up is not None:
-        frame = frame.turned(axes_of(options.up))
+        frame = frame._replace(axes=frame.axes @ axes_of(options.up))
     placed = moved(photographs, frame)
-    if not points.suffices:
+    in_frame = replace(points, places=frame.points(points.places)) if points.suffices else None
+    if in_frame is None:
         told = f"{len(found.points)} points say too little of where things are"
         notice(path, f"{told}; the box is a guess, which --aabb mends")
     opaque = not options.masks and not may_be_transparent(placed)
-    cameras = [photograph.camera for photograph in placed]
-    return placed, space_of_capture(cameras, points.moved(frame) if points.suffices else None, opaque=opaque)
+    return placed, space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
 
 
 # --- points -----------------------------------------------------------------------------------------------------------

@@ -1,10 +1,8 @@
 """COLMAP's reconstruction on disk, binary or text, as plain arrays.
 
-Notation: N posed images, M points. COLMAP's cameras look along +z with y down, and their pixel centres lie at +0.5, as ours
-do; its poses are camera_T_world. The file formats are those of COLMAP's documentation, "Output Format". rigs and frames,
-which newer versions write beside, say nothing that images does not say as well.
-
-No count or length in a file is believed: what is read is what its bytes hold.
+Notation: N posed images, M points. COLMAP's cameras look along +z with y down; their pixel centres lie at +0.5, as ours do; its
+poses are camera_T_world. The file formats: COLMAP's documentation, "Output Format"; newer versions' rigs and frames say no more
+than images. No count or length in a file is believed: what is read is what its bytes hold.
 """
 
 from __future__ import annotations
@@ -44,18 +42,14 @@ KEYPOINTS = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """Posed images, sorted by name, and points, in COLMAP's own frame and units.
-
-    names [N], cameras [N] (OpenGL axes). points [M, 3]; colours uint8 [M, 3]; tracks [M]: how many images show each. seen: of
-    each image the rows of `points` that it shows.
-    """
+    """Posed images, sorted by name, and points, in COLMAP's own frame and units."""
 
     names: tuple[str, ...]
-    cameras: tuple[Camera, ...]
-    points: np.ndarray
-    colours: np.ndarray
-    tracks: np.ndarray
-    seen: tuple[np.ndarray, ...]
+    cameras: tuple[Camera, ...]  # OpenGL axes
+    points: np.ndarray  # [M, 3]
+    colours: np.ndarray  # uint8 [M, 3]
+    tracks: np.ndarray  # [M]: how many images show each
+    seen: tuple[np.ndarray, ...]  # of each image the rows of `points` that it shows
 
     @property
     def world_T_camera(self) -> np.ndarray:
@@ -69,13 +63,11 @@ class Reconstruction:
 
 
 class _Image(NamedTuple):
-    """quaternion (w, x, y, z) and translation: of camera_T_world. shown: ids of points."""
-
     name: str
     camera: int
-    quaternion: np.ndarray
-    translation: np.ndarray
-    shown: np.ndarray
+    quaternion: np.ndarray  # w, x, y, z of camera_T_world
+    translation: np.ndarray  # of camera_T_world
+    shown: np.ndarray  # ids of points
 
 
 def model_suffix(folder: Path) -> str | None:
@@ -84,9 +76,8 @@ def model_suffix(folder: Path) -> str | None:
 
 
 def read_reconstruction(folder: Path) -> Reconstruction:
-    """What cameras, images and points3D (which may be missing) in `folder` say. UserError where a file is missing or damaged, a
-    lens model is none that we can undistort, or nothing has a pose.
-    """
+    """What cameras, images and points3D (which may be missing) say. UserError where a file is missing or damaged, a lens model is
+    none that we can undistort, or nothing has a pose."""
     suffix = model_suffix(folder) or SUFFIXES[0]
     files = [folder / f"{part}{suffix}" for part in PARTS]
     for file in files[:2]:

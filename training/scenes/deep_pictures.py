@@ -32,9 +32,9 @@ MAIN_LAYERS = ("", "combined", "rgba", "beauty")  # an OpenEXR's that are the pi
 
 @dataclass(frozen=True)
 class TiffTags:
-    """What the first picture of a TIFF says of itself. size: as stored, (width, height). tile: the same of its tiles."""
+    """What the first picture of a TIFF says of itself."""
 
-    size: tuple[int, int]
+    size: tuple[int, int]  # as stored, (width, height)
     tile: tuple[int, int]
     bits: int
     sample_format: int
@@ -134,16 +134,14 @@ def _straight(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ExrHeader:
-    """size: of the display window, which is the picture. width, height: of the data window. names: of the red, green, blue (the
-    same for grey) and alpha channels. part: which has them. channels: how many all parts have.
-    """
+    """What an OpenEXR says of its picture, which is its display window."""
 
-    size: tuple[int, int]
-    data_size: tuple[int, int]
+    size: tuple[int, int]  # of the display window
+    data_size: tuple[int, int]  # of the data window
     corner: tuple[int, int]  # of the data window within the display window
-    names: tuple[str, ...]
-    part: int
-    channels: int
+    names: tuple[str, ...]  # of the red, green, blue (the same for grey) and alpha channels
+    part: int  # which has them
+    channels: int  # how many all parts have
 
     @property
     def is_whole(self) -> bool:

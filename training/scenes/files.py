@@ -35,7 +35,8 @@ def clean_name(name: str) -> str:
 
 def without_suffix(name: str) -> str:
     """A name without its suffix, where that is one of a picture: r_0.5 has none."""
-    return name[: -len(suffix)] if (suffix := _suffix(name)) else name
+    suffix = PurePosixPath(name).suffix
+    return name.removesuffix(suffix) if suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_FORMATS) else name
 
 
 def is_hidden(path: Path) -> bool:
@@ -116,8 +117,3 @@ def find_masks(folder: Path, names: Sequence[str]) -> list[Path | None]:
 
 def _key(name: str) -> str:
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
-
-
-def _suffix(name: str) -> str:
-    suffix = PurePosixPath(name).suffix
-    return suffix if suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_FORMATS) else ""

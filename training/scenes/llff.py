@@ -32,7 +32,11 @@ def recognises(path: Path) -> bool:
 def read(path: Path, options: SceneOptions) -> Scene:
     """Reads poses, chooses the folder of pictures that suits the downscale, checks their headers."""
     P, (height, width), focal, bounds = read_poses_bounds(path / "poses_bounds.npy")
-    sources, factor = choose_pictures(path, options.downscale)
+    folders = picture_folders(path)
+    factor = choose_factor(path, list(folders), options.downscale)
+    sources = visible_files(folders[factor])
+    if not sources:
+        raise UserError("no pictures", where=folders[factor], expected="PNG, JPEG or another format that is read")
     if len(sources) != len(P):
         expected = f"{len(P)} pictures"
         raise UserError("pictures and poses disagree", where=sources[0].parent, expected=expected, found=len(sources))
@@ -115,16 +119,6 @@ def choose_factor(path: Path, usable: list[int], downscale: int) -> int:
     name = "images" if min(usable) == 1 else f"images_{min(usable)}"
     notice(path, f"no pictures as large as --downscale {downscale} asks for; using {name}")
     return min(usable)
-
-
-def choose_pictures(path: Path, downscale: int) -> tuple[list[Path], int]:
-    """The pictures of images_K with the largest K up to the downscale, sorted, and K (1 for images)."""
-    folders = picture_folders(path)
-    factor = choose_factor(path, list(folders), downscale)
-    pictures = visible_files(folders[factor])
-    if not pictures:
-        raise UserError("no pictures", where=folders[factor], expected="PNG, JPEG or another format that is read")
-    return pictures, factor
 
 
 def masks_folder(path: Path, factor: int) -> Path:

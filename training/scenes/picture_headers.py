@@ -88,10 +88,9 @@ def read_header(path: Path) -> Header:
             if tags is None or not tags.deep:
                 raise
             return Header("TIFF", tags.size, tags.orientation, tags.has_alpha, "F", Image.Exif(), tags)
-    except UnidentifiedImageError as error:
-        raise UserError("not a readable picture", where=path, expected=READ, found=kind) from error
     except UNREADABLE as error:
-        raise UserError("not a readable picture", where=path, expected=READ, found=short_reason(error)) from error
+        found = kind if isinstance(error, UnidentifiedImageError) else short_reason(error)
+        raise UserError("not a readable picture", where=path, expected=READ, found=found) from error
 
 
 def _pillow_header(path: Path, tags: TiffTags | None) -> Header:

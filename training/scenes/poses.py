@@ -18,36 +18,37 @@ LAST_ROW = 1e-3  # how far the last row of a matrix may be from 0, 0, 0, 1
 
 def pose(matrix: Any, where: str) -> np.ndarray:
     """A checked world_T_camera from nested lists [4, 4] or [3, 4]; its axes are made unit length."""
+
+    def wrong(what: str, **facts: str) -> UserError:
+        return UserError(f"the camera's matrix {what}", where=where, **facts)
+
     try:
         world_T_camera = np.array(matrix, dtype=np.float64)
     except (TypeError, ValueError):
-        raise UserError("the camera's matrix has values that are not numbers", where=where, expected="4x4") from None
+        raise wrong("has values that are not numbers", expected="4x4") from None
     if world_T_camera.shape == (3, 4):
         world_T_camera = np.vstack([world_T_camera, [0, 0, 0, 1]])
     if world_T_camera.shape != (4, 4):
         shape = "x".join(map(str, world_T_camera.shape)) or "nothing"
-        raise UserError("the camera's matrix has another shape", where=where, expected="4x4", found=shape)
+        raise wrong("has another shape", expected="4x4", found=shape)
     if not np.all(np.isfinite(world_T_camera)):
-        raise UserError("the camera's matrix has values that are not finite", where=where)
+        raise wrong("has values that are not finite")
     if np.abs(world_T_camera).max() > FARTHEST:
-        what = "the camera's matrix has values that are too large"
-        raise UserError(what, where=where, expected=f"at most {FARTHEST:g}")
+        raise wrong("has values that are too large", expected=f"at most {FARTHEST:g}")
     lengths = np.linalg.norm(world_T_camera[:3, :3], axis=0)
     determinant = np.linalg.det(world_T_camera[:3, :3] / np.maximum(lengths, 1e-300))
     if lengths.min() < 1e-9 or abs(determinant) < 0.5:
-        raise UserError("the camera's matrix is not a rotation and a position", where=where, found="dependent axes")
+        raise wrong("is not a rotation and a position", found="dependent axes")
     if np.abs(world_T_camera[3] - (0, 0, 0, 1)).max() > LAST_ROW:
-        raise UserError("the camera's matrix has another last row", where=where, expected="0, 0, 0, 1",
-                        found=", ".join(f"{value:g}" for value in world_T_camera[3]),
-                        remedy="write camera-to-world matrices row by row")  # fmt: skip
+        found = ", ".join(f"{value:g}" for value in world_T_camera[3])
+        remedy = "write camera-to-world matrices row by row"
+        raise wrong("has another last row", expected="0, 0, 0, 1", found=found, remedy=remedy)
     if determinant < 0:
-        raise UserError("the camera's matrix mirrors the world", where=where, expected="a rotation, determinant 1",
-                        found=f"determinant {determinant:.3g}",
-                        remedy="export with right-handed axes: x right, y up, z back")  # fmt: skip
+        raise wrong("mirrors the world", expected="a rotation, determinant 1", found=f"determinant {determinant:.3g}",
+                    remedy="export with right-handed axes: x right, y up, z back")  # fmt: skip
     world_T_camera[:3, :3] /= lengths
     if np.abs(world_T_camera[:3, :3].T @ world_T_camera[:3, :3] - np.eye(3)).max() > MOST_SHEAR:
-        raise UserError("the camera's matrix is not a rotation and a position", where=where,
-                        expected="axes at right angles")  # fmt: skip
+        raise wrong("is not a rotation and a position", expected="axes at right angles")
     return world_T_camera
 
 

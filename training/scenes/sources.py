@@ -27,15 +27,10 @@ _NAMED = 4  # files that a message names
 
 @dataclass(frozen=True)
 class Source:
-    """path: the folder or the film, as it was named. files: the pictures in the order of their names; or the one film.
-
-    notes: what else lies there and is not used, a line each.
-    """
-
     kind: Literal["photographs", "film"]
-    path: Path
-    files: tuple[Path, ...]
-    notes: tuple[str, ...] = ()
+    path: Path  # the folder or the film, as it was named
+    files: tuple[Path, ...]  # the pictures in the order of their names; or the one film
+    notes: tuple[str, ...] = ()  # what else lies there and is not used, a line each
 
     @property
     def folder(self) -> Path:

@@ -15,7 +15,7 @@ The focus is the point nearest to all optical axes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -68,28 +68,19 @@ class Frame(NamedTuple):
         """Points [M, 3] in the training frame."""
         return self.scale * (places - self.centre) @ self.axes
 
-    def turned(self, axes: np.ndarray) -> Frame:
-        """The frame whose axes are the columns of `axes` [3, 3] in this one."""
-        return self._replace(axes=self.axes @ axes)
-
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Sparse points: places [M, 3]; weights [M], in how many photographs each was found; seen: of each photograph, the rows of
-    the points it shows."""
+    """Sparse points."""
 
-    places: np.ndarray
-    weights: np.ndarray
-    seen: Sequence[np.ndarray]
+    places: np.ndarray  # [M, 3]
+    weights: np.ndarray  # [M]: in how many photographs each was found
+    seen: Sequence[np.ndarray]  # of each photograph, the rows of the points it shows
 
     @property
     def suffices(self) -> bool:
         """Whether there are enough to tell where things are."""
         return len(self.places) >= FEWEST_POINTS and sum(map(len, self.seen)) >= FEWEST_POINTS
-
-    def moved(self, frame: Frame) -> PointCloud:
-        """The same points in a training frame."""
-        return replace(self, places=frame.points(self.places))
 
 
 class Space(NamedTuple):
