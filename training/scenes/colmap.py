@@ -15,15 +15,15 @@ import numpy as np
 
 from console import UserError
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
-from training.scenes.files import FileFinder, clean_name, is_hidden
+from training.scenes.files import PICTURE_SUFFIXES, FileFinder, clean_name, is_hidden
 from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders
 from training.scenes.messages import notice
 from training.scenes.photographs import moved, photograph_of, target_size, tell_turned
-from training.scenes.picture_formats import PICTURE_SUFFIXES
 from training.scenes.pictures import picture_size
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
 from training.scenes.scene import HELD_OUT_BY_NAME, Photograph, Scene, SceneOptions, hold_out
+from training.scenes.scene_options import UP, axes_of
 from training.scenes.space import (
     PointCloud,
     Space,
@@ -33,7 +33,6 @@ from training.scenes.space import (
     space_forward,
     space_of_capture,
 )
-from training.scenes.upright import OPTION, axes_of
 
 LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
 LEAST_SPREAD = 1e-9  # of cameras, in their own units
@@ -65,11 +64,8 @@ def read(path: Path, options: SceneOptions) -> Scene:
 
 def reconstruction_of(path: Path) -> Reconstruction:
     """The largest of the reconstructions that COLMAP wrote into a scene's folder. UserError where all are damaged."""
-    folders = _model_folders(path)
-    if len(folders) == 1:
-        return read_reconstruction(folders[0])
     read, errors = {}, []
-    for folder in folders:
+    for folder in _model_folders(path):
         try:
             read[folder] = read_reconstruction(folder)
         except UserError as error:
@@ -77,9 +73,10 @@ def reconstruction_of(path: Path) -> Reconstruction:
     if not read:
         raise errors[0]
     best = max(read, key=lambda folder: len(read[folder].names))
-    parts = ", ".join(f"{folder.name}: {len(read[folder].names)}" for folder in read)
-    text = f"COLMAP split the capture into {len(folders)} parts; reading {best.name}, the largest (images: {parts})"
-    notice(path / "sparse", text)
+    if (count := len(read) + len(errors)) > 1:
+        parts = ", ".join(f"{folder.name}: {len(read[folder].names)}" for folder in read)
+        text = f"COLMAP split the capture into {count} parts; reading {best.name}, the largest (images: {parts})"
+        notice(path / "sparse", text)
     return read[best]
 
 
@@ -153,7 +150,7 @@ def _placed(
     P, points = found.world_T_camera, PointCloud(found.points, found.tracks, found.seen)
     if points.suffices and not options.spherify and faces_forward(P):
         if options.up is not None:
-            raise UserError("what is up cannot be told of a forward-facing scene", where=OPTION, found=str(path),
+            raise UserError("what is up cannot be told of a forward-facing scene", where=UP, found=str(path),
                             remedy="leave it out, or use --spherify")  # fmt: skip
         placed = moved(photographs, frame_forward(P, depth_ranges(P, points).min()))
         try:

@@ -165,14 +165,16 @@ def exr_header(path: Path) -> ExrHeader:
         found = "subsampled colours" if subsampled else ", ".join(name for each in channels for name in each)[:120]
         raise UserError("an OpenEXR without a picture", where=path, expected="one layer with channels R, G, B or Y",
                         found=found or "none", remedy="export the picture alone")  # fmt: skip
-    (left, top), (right, bottom) = (map(int, corner) for corner in headers[part]["displayWindow"])
-    (left_data, top_data), (right_data, bottom_data) = (map(int, corner) for corner in headers[part]["dataWindow"])
-    return ExrHeader(
-        size=(right - left + 1, bottom - top + 1),
-        data_size=(right_data - left_data + 1, bottom_data - top_data + 1),
-        corner=(left_data - left, top_data - top),
-        names=names, part=part, channels=sum(map(len, channels)),
-    )  # fmt: skip
+    (left, top), (width, height) = _window(headers[part]["displayWindow"])
+    (left_data, top_data), data_size = _window(headers[part]["dataWindow"])
+    corner = (left_data - left, top_data - top)
+    return ExrHeader((width, height), data_size, corner, names, part, sum(map(len, channels)))
+
+
+def _window(corners: Any) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The first corner and the size of a window, whose last corner lies within it."""
+    (left, top), (right, bottom) = (map(int, corner) for corner in corners)
+    return (left, top), (right - left + 1, bottom - top + 1)
 
 
 def decoded_exr(path: Path, header: ExrHeader) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Finding the files that a scene's description names, also where the disk spells them otherwise.
+"""Files of a scene: which are photographs, and where those are that a description names, however the disk spells them.
 
 Descriptions travel between systems and programs: a backslash for a slash, another case, composed or decomposed accents, a
 missing, extra or changed suffix, a folder too many or too few in front. A file is found by the strictest rule that leads to
@@ -16,11 +16,41 @@ import contextlib
 import os
 import unicodedata
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
-from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
+READ = "PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC or OpenEXR"
 
+
+class UnreadFormat(NamedTuple):
+    """A format of photographs that is not read."""
+
+    name: str
+    remedy: str  # what to do with them
+
+
+PICTURE_SUFFIXES = (
+    ".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif", ".hif", ".exr",
+)  # fmt: skip
+RAW = {
+    "dng": "DNG", "cr2": "Canon CR2", "cr3": "Canon CR3", "crw": "Canon CRW", "nef": "Nikon NEF", "nrw": "Nikon NRW",
+    "arw": "Sony ARW", "sr2": "Sony SR2", "srf": "Sony SRF", "raf": "Fujifilm RAF", "orf": "Olympus ORF",
+    "rw2": "Panasonic RW2", "pef": "Pentax PEF", "srw": "Samsung SRW", "x3f": "Sigma X3F", "3fr": "Hasselblad 3FR",
+    "iiq": "Phase One IIQ", "rwl": "Leica RWL", "gpr": "GoPro GPR", "fff": "Hasselblad FFF", "erf": "Epson ERF",
+    "kdc": "Kodak KDC", "dcr": "Kodak DCR", "mos": "Leaf MOS", "mrw": "Minolta MRW", "raw": "camera raw",
+}  # fmt: skip
+UNREAD = {  # names by suffix, by what to do with them
+    "export them as JPEG, PNG or 16 bit TIFF": {suffix: f"{name} (raw)" for suffix, name in RAW.items()},
+    "convert them to OpenEXR": {"hdr": "Radiance HDR"},
+    "convert them to JPEG or PNG": {
+        "gif": "GIF", "jxl": "JPEG XL", "jp2": "JPEG 2000", "j2k": "JPEG 2000", "jpx": "JPEG 2000", "jpf": "JPEG 2000",
+        "jxr": "JPEG XR", "psd": "Photoshop", "psb": "Photoshop", "xcf": "GIMP", "svg": "SVG", "ico": "ICO", "tga": "Targa",
+        "dds": "DDS", "ppm": "Netpbm", "pgm": "Netpbm", "pnm": "Netpbm", "pbm": "Netpbm", "pfm": "PFM", "qoi": "QOI",
+        "ktx2": "KTX", "insp": "Insta360 panorama",
+    },
+}  # fmt: skip
+UNREAD_FORMATS = {f".{s}": UnreadFormat(name, remedy) for remedy, names in UNREAD.items() for s, name in names.items()}
 MASK_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 # What systems leave beside files, but for names that begin with a dot: Windows, macOS, network disks.
 SYSTEM_FILES = ("thumbs.db", "ehthumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "__macosx", "icon\r",
@@ -44,7 +74,7 @@ def is_hidden(path: Path) -> bool:
     return path.name.startswith(".") or path.name.lower() in SYSTEM_FILES
 
 
-def visible_files(folder: Path, suffixes: Sequence[str] = PICTURE_SUFFIXES) -> list[Path]:
+def visible_files(folder: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> list[Path]:
     """The files directly in a folder with one of the suffixes, sorted by name; without those that systems hide."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in suffixes and not is_hidden(p) and p.is_file())
 

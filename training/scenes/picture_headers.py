@@ -21,8 +21,8 @@ from PIL.JpegImagePlugin import JpegImageFile
 from console import UserError
 from console.contents import HEAD_BYTES, told
 from training.scenes.deep_pictures import ExrHeader, TiffTags, exr_header, tiff_tags
+from training.scenes.files import READ, UNREAD_FORMATS
 from training.scenes.messages import times
-from training.scenes.picture_formats import READ, UNREAD_FORMATS
 
 warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
@@ -52,9 +52,7 @@ class Header:
     transparent: bool  # whether it has alpha at all
     mode: str  # Pillow's
     exif: Image.Exif
-    deep: TiffTags | ExrHeader | bool = (
-        False  # what decodes it in place of Pillow, which would cut it down or not read it
-    )
+    deep: TiffTags | ExrHeader | bool = False  # what decodes it in place of Pillow, which cannot or would cut it down
 
     @property
     def size(self) -> tuple[int, int]:

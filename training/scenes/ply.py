@@ -47,14 +47,13 @@ def read_ply(path: Path) -> np.ndarray:
             rows = np.array(words, np.float64).reshape(-1, len(names))
         except ValueError:
             raise _damaged(path, "a line that is no list of numbers") from None
-        table = {name: rows[:, column] for column, name in enumerate(names)}
+        places = rows[:, [names.index(axis) for axis in "xyz"]]
     else:
         dtype = np.dtype([(f"{i}", ORDERS[form] + TYPES[line[1]]) for i, line in enumerate(properties)])
         if count * dtype.itemsize > len(data) - body:
             raise _damaged(path, "it ends too early")
         rows = np.frombuffer(data, dtype, count, body)
-        table = {name: rows[f"{i}"].astype(np.float64) for i, name in enumerate(names)}
-    places = np.stack([table[axis] for axis in "xyz"], axis=-1).reshape(-1, 3)
+        places = np.stack([rows[f"{names.index(axis)}"].astype(np.float64) for axis in "xyz"], axis=-1)
     return places[np.isfinite(places).all(-1)]
 
 

@@ -16,12 +16,10 @@ import numpy as np
 
 from console import Notice, UserError
 from training.scenes import colmap, llff, transforms
-from training.scenes.box import checked_box, with_box
-from training.scenes.picture_formats import PICTURE_SUFFIXES
+from training.scenes.files import PICTURE_SUFFIXES
 from training.scenes.rays import camera_rays, pixel_grid
 from training.scenes.scene import Scene, SceneOptions
-from training.scenes.upright import OPTION as UP
-from training.scenes.upright import checked_up
+from training.scenes.scene_options import UP, checked_box, checked_up, with_box
 
 MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some pixels have no ray
 LEAST_FOCAL = 1e-3  # pixels; below, squares of the picture's own coordinates leave the range of floats

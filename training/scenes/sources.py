@@ -12,11 +12,10 @@ from typing import Literal
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.scenes.files import find_masks, is_hidden
+from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS, find_masks, is_hidden, visible_files
+from training.scenes.files import READ as READ_PICTURES
 from training.scenes.film_containers import FILM_NAMES, FILMS, container_of
 from training.scenes.messages import few
-from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
-from training.scenes.picture_formats import READ as READ_PICTURES
 
 FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can come
 READ = f"a folder of photographs ({READ_PICTURES}), at least {FEWEST} or with camera poses, or a film ({FILM_NAMES})"
@@ -116,12 +115,11 @@ def _pictures(path: Path) -> tuple[list[Path], list[Path]]:
     of formats that are not read, but for an IMG_1.DNG beside IMG_1.JPG."""
     found: list[Path] = []
     unread: list[Path] = []
-    others = (folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS))
-    below = [folder for folder in others if not is_hidden(folder)]
-    for folders in ([path], [path / SUBFOLDER], below):
-        files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if not is_hidden(file)]
-        found = [file for file in files if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file()]
-        unread += [file for file in files if file.suffix.lower() in UNREAD_FORMATS and file.is_file()]
+    below = [folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS)]
+    for folders in ([path], [path / SUBFOLDER], [folder for folder in below if not is_hidden(folder)]):
+        there = [folder for folder in folders if folder.is_dir()]
+        found = [file for folder in there for file in visible_files(folder)]
+        unread += [file for folder in there for file in visible_files(folder, UNREAD_FORMATS)]
         if found:
             break
     stems = {file.with_suffix("") for file in found}

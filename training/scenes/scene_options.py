@@ -1,6 +1,6 @@
-"""The box that holds the content, where the user names it (--aabb) in place of the reader's own.
+"""What the user says of a scene in place of its files: the box that holds the content (--aabb), and what is up (--up).
 
-Its numbers are coordinates of the training frame: what the reader made of the folder's poses (docs/scenes.md).
+Both are told in the training frame as it is without --up (docs/scenes.md): the frame that the window shows.
 """
 
 from __future__ import annotations
@@ -13,28 +13,30 @@ import numpy as np
 from console import UserError
 from console.arguments import parse_numbers
 from training.scenes.messages import notice
+from training.scenes.poses import normalised
 from training.scenes.rays import camera_rays, pixel_grid
-from training.scenes.scene import Box, Camera, Scene
+from training.scenes.scene import Box, Camera, Direction, Scene
 
-OPTION = "--aabb"
+AABB, UP = "--aabb", "--up"
 PROBES = 17  # pixels along each side of a picture whose rays are tried
 FEWEST_MEETING = 0.5  # share of the photographs that see the box, else a user is told
+SHORTEST = 1e-6  # of a direction
 
 
 def parse_box(text: str) -> Box:
     """ "x0,y0,z0,x1,y1,z1" as six numbers. UserError for anything else."""
-    return checked_box(parse_numbers(text, 6, OPTION))
+    return checked_box(parse_numbers(text, 6, AABB))
 
 
 def checked_box(values: Sequence[float]) -> Box:
     """Six finite numbers, the low corner before the high one. UserError for anything else."""
     numbers = np.array(values, np.float64)
     if numbers.shape != (6,) or not np.isfinite(numbers).all():
-        raise UserError("is not a box", where=OPTION, expected="x0,y0,z0,x1,y1,z1", found=values)
-    if not (numbers[:3] < numbers[3:]).all():
-        axis = "xyz"[int(np.argmin(numbers[:3] < numbers[3:]))]
-        found = f"{axis}0 = {numbers['xyz'.index(axis)]:g}, {axis}1 = {numbers['xyz'.index(axis) + 3]:g}"
-        raise UserError("the box is empty", where=OPTION, expected=f"{axis}0 below {axis}1", found=found)
+        raise UserError("is not a box", where=AABB, expected="x0,y0,z0,x1,y1,z1", found=values)
+    for axis, low, high in zip("xyz", numbers[:3], numbers[3:], strict=True):
+        if low >= high:
+            found = f"{axis}0 = {low:g}, {axis}1 = {high:g}"
+            raise UserError("the box is empty", where=AABB, expected=f"{axis}0 below {axis}1", found=found)
     x0, y0, z0, x1, y1, z1 = map(float, numbers)
     return x0, y0, z0, x1, y1, z1
 
@@ -46,14 +48,14 @@ def with_box(scene: Scene, box: Box) -> Scene:
     """
     if scene.ndc:
         what = "a forward-facing scene has no box: in NDC, the box is everything that the cameras see"
-        raise UserError(what, where=OPTION, remedy="leave it out, or use --spherify")
+        raise UserError(what, where=AABB, remedy="leave it out, or use --spherify")
     aabb = np.array(checked_box(box)).reshape(2, 3)
     eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
     farthest = np.linalg.norm(np.maximum(np.abs(eyes - aabb[0]), np.abs(eyes - aabb[1])), axis=-1).max()
     boxed = replace(scene, aabb=aabb, far=max(scene.far, float(farthest)))
     if not any(_meets(photograph.camera, boxed) for photograph in scene.splits["train"]):
         expected = f"something about {box_text(scene.aabb)}"
-        raise UserError("no photograph sees this box", where=OPTION, expected=expected, found=box_text(aabb))
+        raise UserError("no photograph sees this box", where=AABB, expected=expected, found=box_text(aabb))
     return boxed
 
 
@@ -67,10 +69,10 @@ def require_rays(scene: Scene) -> None:
     if not meeting:
         found = f"{box_text(scene.aabb)} at {scene.near:.3g} to {scene.far:.3g} from the cameras"
         raise UserError("no photograph sees the box of the content", where=scene.path, found=found,
-                        remedy=f"check the camera poses, or name the box with {OPTION}")  # fmt: skip
+                        remedy=f"check the camera poses, or name the box with {AABB}")  # fmt: skip
     if meeting < FEWEST_MEETING * len(cameras):
         text = f"{len(cameras) - meeting} of {len(cameras)} photographs see nothing of the box of the content"
-        notice(scene.path, f"{text} {box_text(scene.aabb)}; name another with {OPTION}")
+        notice(scene.path, f"{text} {box_text(scene.aabb)}; name another with {AABB}")
 
 
 def box_text(aabb: np.ndarray) -> str:
@@ -96,3 +98,36 @@ def _meets(camera: Camera, scene: Scene) -> bool:
     enter = np.nanmax(np.fmin(ends[0], ends[1]), axis=-1).clip(scene.near)
     leave = np.nanmin(np.fmax(ends[0], ends[1]), axis=-1).clip(max=scene.far)
     return bool((enter < leave).any())
+
+
+def parse_up(text: str) -> Direction:
+    """ "x,y,z" as a direction. UserError for anything else."""
+    return checked_up(parse_numbers(text, 3, UP))
+
+
+def checked_up(values: Sequence[float]) -> Direction:
+    """Three finite numbers, not all 0. UserError for anything else."""
+    try:
+        numbers = np.array(values, np.float64)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all() or np.linalg.norm(numbers) < SHORTEST:
+        raise UserError("is no direction", where=UP, expected="x,y,z, not all 0", found=str(values)[:60])
+    x, y, z = map(float, numbers)
+    return x, y, z
+
+
+def axes_of(up: Direction) -> np.ndarray:
+    """Axes [3, 3] (columns), in the frame without the option, of the frame whose z is `up`: turned there the shortest way."""
+    z = normalised(np.array(checked_up(up)))
+    if z[2] < -1 + SHORTEST:
+        return np.diag([1.0, -1.0, -1.0])
+    x, y, height = z
+    across = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # Rodrigues' formula, about (-y, x, 0)
+    return np.eye(3) + across + across @ across / (1.0 + height)
+
+
+def composed(before: Direction | None, up: np.ndarray) -> Direction:
+    """The option for what is up in the frame that another value of it has led to."""
+    x, y, z = (float(f"{value:.5g}") for value in (up if before is None else axes_of(before) @ up))
+    return x, y, z
