@@ -1,8 +1,7 @@
 """COLMAP scenes: sparse/N with cameras, images and points3D, and the pictures in images or images_K.
 
-COLMAP chooses frame and unit by itself. A forward-facing capture is put where LLFF's are (depths come from the points
-that each image shows), any other where those of transforms.json are. Near, far and box come from the points, without
-the outliers; see training.scenes.space. Every 8th picture, by name, is held out.
+COLMAP chooses frame and unit by itself. A forward-facing capture is put where LLFF's are (depths come from the points that each
+image shows), any other where those of transforms.json are. Near, far and box come from the points; see training.scenes.space.
 """
 
 from __future__ import annotations
@@ -87,14 +86,9 @@ def _model_folders(path: Path) -> list[Path]:
     return folders or [folder for folder in (sparse,) if model_suffix(folder)]
 
 
-# --- pictures ---------------------------------------------------------------------------------------------------------
-
-
 def _choose_folder(path: Path, names: tuple[str, ...], options: SceneOptions) -> tuple[Path, int]:
-    """The folder of pictures images_K with the largest K up to the downscale, and K (1 for images).
-
-    A folder that lacks most pictures, is of another size than it says, or (where wanted) has no masks, is passed over.
-    """
+    """The folder of pictures images_K with the largest K up to the downscale, and K (1 for images). One that lacks most pictures,
+    is of another size than it says, or (where wanted) has no masks, is passed over."""
     folders = picture_folders(path)
     masked = [factor for factor in folders if not options.masks or masks_folder(path, factor).is_dir()]
     if not masked:
@@ -140,9 +134,6 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
         notice(folder, f"{text} and are left out", unposed)
 
 
-# --- frame and space --------------------------------------------------------------------------------------------------
-
-
 def _placed(
     path: Path, found: Reconstruction, photographs: list[Photograph], options: SceneOptions
 ) -> tuple[tuple[Photograph, ...], Space]:
@@ -154,7 +145,7 @@ def _placed(
                             remedy="leave it out, or use --spherify")  # fmt: skip
         placed = moved(photographs, frame_forward(P, depth_ranges(P, points).min()))
         try:
-            space = space_forward([one.camera for one in placed], [one.name for one in placed])
+            space = space_forward(placed)
             notice(path, "the cameras look forward; --spherify reads it as seen from all around")
             return placed, space
         except UserError as error:  # wide lenses, cameras that walk ahead
@@ -170,9 +161,6 @@ def _placed(
         notice(path, f"{told}; the box is a guess, which --aabb mends")
     opaque = not options.masks and not may_be_transparent(placed)
     return placed, space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
-
-
-# --- points -----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -270,13 +270,7 @@ def _numbers(words: list[bytes], file: Path, count: int | None = None) -> np.nda
     return numbers
 
 
-READERS = {
-    ".bin": (_lenses, _images, _points),
-    ".txt": (_lenses_of_text, _images_of_text, _points_of_text),
-}
-
-
-# --- both -------------------------------------------------------------------------------------------------------------
+READERS = {".bin": (_lenses, _images, _points), ".txt": (_lenses_of_text, _images_of_text, _points_of_text)}
 
 
 def _name(name: bytes, file: Path) -> str:

@@ -1,8 +1,7 @@
 """Files of a scene: which are photographs, and where those are that a description names, however the disk spells them.
 
-Descriptions travel between systems and programs: a backslash for a slash, another case, composed or decomposed accents, a
-missing, extra or changed suffix, a folder too many or too few in front. A file is found by the strictest rule that leads to
-one file alone:
+Descriptions travel between systems and programs, which change slashes, case, accents, suffixes and the folders in front. A file
+is found by the strictest rule that leads to one file alone:
 
     1. the name as it stands
     2. the same name in normal form: "/" between parts, no "." parts, Unicode composed (NFC), case folded
@@ -20,7 +19,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-READ = "PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC or OpenEXR"
+READ_PICTURES = "PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC or OpenEXR"
 
 
 class UnreadFormat(NamedTuple):
@@ -92,13 +91,9 @@ class FileFinder:
         for root in self._roots:
             if os.path.isfile(root / name):  # Path.is_file raises where no file could have such a name
                 return root / name
-        cleaned = clean_name(name)
-        parts = cleaned.split("/") if cleaned else []
-        for start in range(len(parts)):
-            for root in self._roots:
-                if (found := self._find_in(root, parts[start:])) is not None:
-                    return found
-        return None
+        parts = [part for part in clean_name(name).split("/") if part]
+        tries = (self._find_in(root, parts[start:]) for start in range(len(parts)) for root in self._roots)
+        return next((found for found in tries if found is not None), None)
 
     def find_all(self, names: Sequence[str]) -> list[Path | None]:
         """`find` of each; None as well for different names that lead to one file, unless it has that very name."""

@@ -1,8 +1,7 @@
 """LLFF scenes: poses_bounds.npy and images[_K]; forward-facing ones in NDC, 360 degree captures spherified.
 
-A row of poses_bounds.npy holds 17 numbers: a 3 x 5 matrix, row-major, of the camera-to-world axes down, right, back,
-its position, and (height, width, focal length) of the full-size pictures; then the nearest and farthest depth that
-it sees. Rows are in the order of the pictures' sorted names.
+A row of poses_bounds.npy holds 17 numbers: a 3 x 5 matrix, row-major, of the camera-to-world axes down, right, back, position,
+and (height, width, focal length) of the full-size pictures; then nearest and farthest depth. Rows are sorted by pictures' names.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from console import UserError
 from training.scenes.files import find_masks, visible_files
 from training.scenes.messages import notice
 from training.scenes.photographs import photograph_of, target_size, tell_turned
-from training.scenes.poses import faces_forward, poses
+from training.scenes.poses import faces_forward, pose
 from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Scene, SceneOptions, hold_out
 from training.scenes.space import frame_forward, frame_of_sphere, space_forward, space_of_bounds
 
@@ -46,13 +45,14 @@ def read(path: Path, options: SceneOptions) -> Scene:
         notice(path, "the cameras look all around; reading it with --spherify")
         spherified = True
     frame = frame_of_sphere(P) if spherified else frame_forward(P, bounds.min())
-    cameras = [Camera(pose, width, height, focal, focal, width / 2, height / 2) for pose in frame.poses(P)]
+    cameras = [
+        Camera(world_T_camera, width, height, focal, focal, width / 2, height / 2) for world_T_camera in frame.poses(P)
+    ]
     shrink = partial(target_size, factor=factor, downscale=options.downscale)
     described = zip(sources, cameras, masks, strict=True)
     photographs = [photograph_of(source.stem, source, camera, shrink, mask) for source, camera, mask in described]
     tell_turned(path, photographs)
-    cameras, names = ([getattr(one, key) for one in photographs] for key in ("camera", "name"))
-    space = space_of_bounds(cameras, bounds * frame.scale) if spherified else space_forward(cameras, names)
+    space = space_of_bounds(photographs, bounds * frame.scale) if spherified else space_forward(photographs)
     return Scene(path=path, kind="llff", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
                  **space._asdict())  # fmt: skip
 
@@ -63,8 +63,7 @@ def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, n
     if not np.isfinite(rows).all():
         row = int(np.argwhere(~np.isfinite(rows))[0, 0])
         raise UserError("a pose or depth is not finite", where=path, found=f"row {row}")
-    matrices = rows[:, :15].reshape(-1, 3, 5)
-    down, right, back, position, hwf = np.moveaxis(matrices, -1, 0)
+    down, right, back, position, hwf = np.moveaxis(rows[:, :15].reshape(-1, 3, 5), -1, 0)
     bounds = rows[:, 15:]
     sound = (np.rint(hwf[:, :2]) >= 1) & (hwf[:, 2:] > 0) & (bounds[:, :1] > 0) & (bounds[:, 1:] > bounds[:, :1])
     if not sound.all():
@@ -72,7 +71,8 @@ def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, n
     if np.ptp(hwf, axis=0).max() > 1e-6 * hwf.max():
         raise UserError("the poses name different cameras", where=path, expected="one size and focal length")
     height, width, focal = hwf[0]
-    P = poses(np.stack([right, -down, back, position], axis=-1), f"{path} row")
+    matrices = np.stack([right, -down, back, position], axis=-1)
+    P = np.stack([pose(matrix, f"{path} row {row}") for row, matrix in enumerate(matrices)])
     return P, (round(height), round(width)), float(focal), bounds
 
 
@@ -126,13 +126,13 @@ def masks_folder(path: Path, factor: int) -> Path:
     return path / ("masks" if factor == 1 else f"masks_{factor}")
 
 
-def masks_of(path: Path, factor: int, names: list[str]) -> list[Path]:
+def masks_of(path: Path, factor: int, names: list[str]) -> list[Path | None]:
     """The masks of pictures by their names within images_K. UserError where one has none."""
     folder = masks_folder(path, factor)
     if not folder.is_dir():
         raise UserError("no masks", where=folder, expected="a folder of masks", remedy="leave out --masks")
-    found = find_masks(folder, names)
-    for name, mask in zip(names, found, strict=True):
-        if mask is None:
-            raise UserError("a picture without a mask", where=folder, expected=name, remedy="leave out --masks")
-    return [mask for mask in found if mask is not None]
+    masks = find_masks(folder, names)
+    if None in masks:
+        without = names[masks.index(None)]
+        raise UserError("a picture without a mask", where=folder, expected=without, remedy="leave out --masks")
+    return masks

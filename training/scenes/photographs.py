@@ -21,10 +21,8 @@ def photograph_of(
     mask: Path | None, shape: Size | None = None,
 ) -> Photograph:  # fmt: skip
     """described: the camera, or what it is for a picture of a size. shrink: the size to train on, for the stored one. shape: a
-    size whose shape the picture must have, too.
-
-    Pictures are turned as EXIF says, unless the camera fits them only as they are stored. UserError where it fits neither.
-    """
+    size whose shape the picture must have, too. Pictures are turned as EXIF says, unless the camera fits them only as they are
+    stored. UserError where it fits neither."""
     upright = picture_size(picture)
     for as_stored in [False, True] if is_turned(picture) else [False]:
         stored = picture_size(picture, as_stored)
@@ -34,8 +32,7 @@ def photograph_of(
             return Photograph(name, camera.resized(*size), PictureLoader(picture, stored, size, mask, as_stored))
     camera = described if isinstance(described, Camera) else described(upright)
     expected = (camera.width, camera.height)
-    if shape is not None and _same_shape(upright, expected):
-        expected = shape
+    expected = shape if shape is not None and _same_shape(upright, expected) else expected
     raise UserError("the picture is of another size", where=picture, expected=f"the shape of {times(expected)}",
                     found=times(upright))  # fmt: skip
 

@@ -20,8 +20,8 @@ from PIL.JpegImagePlugin import JpegImageFile
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.scenes.deep_pictures import ExrHeader, TiffTags, exr_header, tiff_tags
-from training.scenes.files import READ, UNREAD_FORMATS
+from training.scenes.deep_pictures import ORIENTATION, ExrHeader, TiffTags, exr_header, tiff_tags
+from training.scenes.files import READ_PICTURES, UNREAD_FORMATS
 from training.scenes.messages import times
 
 warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
@@ -33,8 +33,7 @@ LOSSY = ("JPEG", "MPO", "WEBP", "HEIF", "AVIF")
 MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 # A JPEG goes over all its pixels once for each scan, which may have 30 bytes: cameras write 1, other programs 10 to 64.
 MOST_SCANS, SCAN = 100, b"\xff\xda"
-ORIENTATION = 0x0112  # in EXIF
-SIDEWAYS = (5, 6, 7, 8)  # its values that swap width and height
+SIDEWAYS = (5, 6, 7, 8)  # values of ORIENTATION, EXIF's as well, that swap width and height
 # What Pillow, imagecodecs and OpenEXR raise for damaged files; they were not written with one error in mind.
 UNREADABLE = (
     OSError, SyntaxError, ValueError, AssertionError, LookupError, TypeError, ArithmeticError, AttributeError, EOFError,
@@ -66,7 +65,9 @@ def read_header(path: Path) -> Header:
     if not os.path.isfile(path):  # also where the system would not even look for such a name
         raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
     if (unread := UNREAD_FORMATS.get(path.suffix.lower())) is not None:
-        raise UserError(f"{unread.name} pictures are not read", where=path, expected=READ, remedy=unread.remedy)
+        raise UserError(
+            f"{unread.name} pictures are not read", where=path, expected=READ_PICTURES, remedy=unread.remedy
+        )
     try:
         with _Bounded(io.FileIO(path)) as file:
             kind = told(file.read(HEAD_BYTES))
@@ -88,7 +89,7 @@ def read_header(path: Path) -> Header:
             return Header("TIFF", tags.size, tags.orientation, tags.has_alpha, "F", Image.Exif(), tags)
     except UNREADABLE as error:
         found = kind if isinstance(error, UnidentifiedImageError) else short_reason(error)
-        raise UserError("not a readable picture", where=path, expected=READ, found=found) from error
+        raise UserError("not a readable picture", where=path, expected=READ_PICTURES, found=found) from error
 
 
 def _pillow_header(path: Path, tags: TiffTags | None) -> Header:

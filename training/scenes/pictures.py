@@ -197,11 +197,9 @@ class PictureLoader:
 
 
 def read_mask(path: Path, photograph: Path, as_stored: bool = False) -> np.ndarray:
-    """The values of a mask (training.scenes.mask_values), float32 [H, W] of its photograph's size.
-
-    A mask of another size is resampled, if it has the same shape. One without an EXIF orientation of its own, whose shape is that
-    of the photograph as stored, is turned along with it. UserError where it has another shape.
-    """
+    """The values of a mask (training.scenes.mask_values), float32 [H, W] of its photograph's size. A mask of another size is
+    resampled, if it has the same shape. One without an EXIF orientation of its own, whose shape is that of the photograph as
+    stored, is turned along with it. UserError where it has another shape."""
     header, own = read_header(photograph), read_header(path)
     width, height = header.stored if as_stored else header.size
     values = mask_values(decoded(path, as_stored), lossy=own.format in LOSSY)

@@ -1,12 +1,10 @@
 """The pixels of many photographs as one array of bytes: in memory, or in a file where they would take too much of it.
 
-Notation: photographs lie end to end, row by row; of each, one row in `row_step` is taken, from the first on. C channels: 3, or
-4 with alpha.
+Notation: photographs lie end to end, row by row; of each, one row in `row_step` is taken. C channels: 3, or 4 with alpha.
 """
 
 from __future__ import annotations
 
-import contextlib
 import os
 import tempfile
 import warnings
@@ -17,14 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from console import Notice, UserError
+from training.memory import aligned, free_memory
 from training.scenes.messages import few, times
 from training.scenes.pictures import PictureLoader, as_bytes
 from training.scenes.scene import Camera, Photograph
 
 FILE_SHARE = 3  # pixels that take more than this part of the free memory, a third, go to a file
-ALIGNED = 64  # bytes: where arrays begin that JAX takes over on a processor without copying them
 DECODING = 24  # bytes for each pixel of a photograph while it is decoded
-ASSUMED_FREE = 4 << 30  # bytes, where the system does not tell
 TOGETHER = 1 << 24  # pixels that are looked at together
 
 
@@ -43,7 +40,7 @@ def load_pixels(
     photographs: Sequence[Photograph], first: int = 0, last: int | None = None, *,
     channels: int = 4, row_step: int = 1, folder: Path | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """Pixels uint8 [last - first, C] of photographs; their sizes may differ.
+    """Pixels uint8 [last - first, C] of photographs of any sizes.
 
     Only photographs with a pixel in [first, last) are decoded, in threads; beyond the last pixel all is 0. With 3 channels, alpha
     is left out. folder: where a file without a name is made, if one is needed. A notice names masks that hide or show everything.
@@ -54,7 +51,7 @@ def load_pixels(
     sizes = pixel_counts([p.camera for p in photographs], row_step)
     starts = np.cumsum(sizes) - sizes
     last = int(sizes.sum()) if last is None else last
-    pixels = _room((last - first) * channels, folder).reshape(-1, channels)
+    pixels = _zeros((last - first) * channels, folder).reshape(-1, channels)
     masks: dict[str, tuple[int, int]] = {}
 
     def decode(index: int) -> None:
@@ -83,10 +80,9 @@ def load_pixels(
 
 def notice_masks(where: Path | None, extremes: Mapping[str, tuple[int, int]]) -> None:
     """Says which masks hide or show everything, of the smallest and largest values of all by name."""
-    for does, names in (
-        ("hide", sorted(name for name, (_, high) in extremes.items() if high == 0)),
-        ("show", sorted(name for name, (low, _) in extremes.items() if low == 255)),
-    ):
+    hiding = sorted(name for name, (_, high) in extremes.items() if high == 0)
+    showing = sorted(name for name, (low, _) in extremes.items() if low == 255)
+    for does, names in (("hide", hiding), ("show", showing)):
         if names:
             does = does if len(names) > 1 else f"{does}s"
             told = f"{len(names)} of {len(extremes)} masks {does} everything ({few(names)})"
@@ -112,19 +108,6 @@ def without_alpha(pixels: np.ndarray) -> np.ndarray:
     return flat[: 3 * len(pixels)].reshape(-1, 3)
 
 
-def free_memory() -> int:
-    """Bytes that this process may take, as far as the system tells."""
-    try:
-        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
-        free = 1024 * int(lines["MemAvailable"].split()[0])
-    except (OSError, KeyError, ValueError):
-        free = ASSUMED_FREE
-    with contextlib.suppress(OSError, ValueError):  # a container's limit
-        most, used = (int(Path("/sys/fs/cgroup", name).read_text()) for name in ("memory.max", "memory.current"))
-        free = min(free, most - used)
-    return max(free, 0)
-
-
 def _at_once(photographs: Sequence[Photograph]) -> int:
     """How many photographs are decoded at once: as many as processors can, and a quarter of the free memory holds."""
     sizes = [(p.camera.width, p.camera.height) for p in photographs]
@@ -133,12 +116,10 @@ def _at_once(photographs: Sequence[Photograph]) -> int:
     return max(1, min(16, (os.cpu_count() or 1) + 2, free_memory() // 4 // (DECODING * largest)))
 
 
-def _room(size: int, folder: Path | None) -> np.ndarray:
+def _zeros(size: int, folder: Path | None) -> np.ndarray:
     """uint8 [size] zeros, in memory or in a file without a name."""
     if size <= free_memory() // FILE_SHARE:
-        room = np.zeros(size + ALIGNED, np.uint8)
-        start = -room.ctypes.data % ALIGNED
-        return room[start : start + size]
+        return aligned((size,), np.uint8)
     failure, places = OSError(), [*([folder] if folder else []), Path(tempfile.gettempdir())]
     for place in places:
         try:

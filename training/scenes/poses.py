@@ -52,11 +52,6 @@ def pose(matrix: Any, where: str) -> np.ndarray:
     return world_T_camera
 
 
-def poses(matrices: Any, where: str) -> np.ndarray:
-    """`pose` of each: [N, 4, 4]."""
-    return np.stack([pose(matrix, f"{where} {index}") for index, matrix in enumerate(matrices)])
-
-
 def normalised(v: np.ndarray) -> np.ndarray:
     """v / |v|."""
     return v / np.linalg.norm(v)

@@ -29,11 +29,8 @@ LAYOUTS = (transforms, llff, colmap)  # COLMAP last: others keep its files besid
 
 
 def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: Any) -> Scene:
-    """Reads the posed photographs in a folder; pictures are decoded when asked for.
-
-    changes: single fields of the options, by name. UserError for whatever is wrong with the folder, its descriptions or its
-    pictures; a Notice of frames that are left out, and of guesses.
-    """
+    """Reads the posed photographs in a folder; pictures are decoded when asked for. changes: single options. UserError for
+    whatever is wrong with the folder, its descriptions or its pictures; a Notice of what is left out, and of guesses."""
     path, options = Path(path), _checked(replace(options, **changes))
     if not os.path.isdir(path):  # Path.is_dir raises where a name is too long
         what = "not a folder" if os.path.exists(path) else "no such folder"
@@ -47,8 +44,7 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
                                 expected="a COLMAP scene, or photographs without poses", remedy="leave it out")  # fmt: skip
             with np.errstate(all="ignore"):  # what comes of numbers without a meaning is looked at below
                 scene = layout.read(path, options)
-            _require_finite(scene)
-            _require_rays(scene)
+            _require_sound(scene)
             return scene if options.aabb is None else with_box(scene, options.aabb)
     if any(file.suffix.lower() in PICTURE_SUFFIXES for folder in (path, path / "images") for file in folder.glob("*")):
         raise UserError("photographs without camera poses", where=path, expected="one of: " + _looked_for(),
@@ -57,11 +53,8 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
 
 
 def suggested_downscale(scene: Path, longest_side: int | None) -> int:
-    """The smallest whole number that brings the photographs to `longest_side` pixels or fewer; 1 where that is None.
-
-    The reader knows what a downscale counts from: the pictures of an LLFF capture may be stored shrunk.
-    """
-    downscale = 1
+    """The smallest whole number that brings the photographs to `longest_side` pixels or fewer; 1 where that is None."""
+    downscale = 1  # the reader knows of which size: the pictures of an LLFF capture may be stored shrunk
     while longest_side is not None:
         with warnings.catch_warnings():  # what the reader has to say is said when training reads the scene
             warnings.simplefilter("ignore", Notice)
@@ -87,9 +80,10 @@ def _checked(options: SceneOptions) -> SceneOptions:
                    up=None if options.up is None else checked_up(options.up))  # fmt: skip
 
 
-def _require_finite(scene: Scene) -> None:
-    """UserError where the poses are such that no cameras and no box come of them."""
-    for photograph in (p for split in scene.splits.values() for p in split):
+def _require_sound(scene: Scene) -> None:
+    """UserError where no cameras, box or rays come of what was read: numbers that make sense one by one may not together."""
+    photographs = [photograph for split in scene.splits.values() for photograph in split]
+    for photograph in photographs:
         if not np.isfinite(photograph.camera.world_T_camera).all():
             raise UserError("the camera cannot be placed", where=f"{scene.path}: {photograph.name}",
                             expected="cameras at some distance from one another", remedy="check the poses")  # fmt: skip
@@ -97,11 +91,7 @@ def _require_finite(scene: Scene) -> None:
     if not np.isfinite(numbers).all() or (scene.aabb[0] >= scene.aabb[1]).any() or not 0 <= scene.near < scene.far:
         raise UserError("the poses say nothing of where things are", where=scene.path, expected="a box and a range of depths",
                         found=f"{scene.near:.3g} to {scene.far:.3g}", remedy="check the poses")  # fmt: skip
-
-
-def _require_rays(scene: Scene) -> None:
-    """UserError unless pixels of all cameras have rays: numbers that make sense one by one may not together."""
-    for photograph in (one for photographs in scene.splits.values() for one in photographs):
+    for photograph in photographs:
         camera = photograph.camera
         with np.errstate(all="ignore"):
             directions = camera_rays(camera, *pixel_grid(camera, PROBES))[1]

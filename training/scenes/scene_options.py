@@ -42,10 +42,8 @@ def checked_box(values: Sequence[float]) -> Box:
 
 
 def with_box(scene: Scene, box: Box) -> Scene:
-    """The scene with that box, its far end moved out to reach all of it.
-
-    UserError for NDC scenes, whose box is all that the cameras see, and where no training photograph sees the box.
-    """
+    """The scene with that box, its far end moved out to reach all of it. UserError for NDC scenes, whose box is all that the
+    cameras see, and where no training photograph sees the box."""
     if scene.ndc:
         what = "a forward-facing scene has no box: in NDC, the box is everything that the cameras see"
         raise UserError(what, where=AABB, remedy="leave it out, or use --spherify")

@@ -12,8 +12,14 @@ from typing import Literal
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS, find_masks, is_hidden, visible_files
-from training.scenes.files import READ as READ_PICTURES
+from training.scenes.files import (
+    PICTURE_SUFFIXES,
+    READ_PICTURES,
+    UNREAD_FORMATS,
+    find_masks,
+    is_hidden,
+    visible_files,
+)  # fmt: skip
 from training.scenes.film_containers import FILM_NAMES, FILMS, container_of
 from training.scenes.messages import few
 
@@ -21,7 +27,6 @@ FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can c
 READ = f"a folder of photographs ({READ_PICTURES}), at least {FEWEST} or with camera poses, or a film ({FILM_NAMES})"
 SUBFOLDER = "images"  # where other programs keep a scene's pictures
 MASKS = "masks"  # beside the photographs, or beside the folder SUBFOLDER that they are in
-_NAMED = 4  # files that a message names
 
 
 @dataclass(frozen=True)
@@ -147,7 +152,7 @@ def _readable(name: str) -> str:
 
 
 def _named(files: Sequence[Path]) -> str:
-    return few([_readable(file.name) for file in files], _NAMED)
+    return few([_readable(file.name) for file in files], most=4)
 
 
 def _formats(files: Sequence[Path]) -> str:

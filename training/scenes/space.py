@@ -24,7 +24,7 @@ from console import UserError
 from scenepack.constants import NDC_NEAR
 from training.scenes.poses import axes_along, focus_point, mean_pose, upright_axes
 from training.scenes.rays import camera_rays, ndc_rays, pixel_grid
-from training.scenes.scene import Camera
+from training.scenes.scene import Camera, Photograph
 
 # docs/format.md, "Coordinate frames": the pack's grid frame (y up) to a training frame whose z is up, and to NDC.
 WORLDSPACE_T_OPENGL = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
@@ -149,10 +149,8 @@ def frame_forward(P: np.ndarray, nearest: float) -> Frame:
 
 
 def space_of_object(cameras: Sequence[Camera], *, opaque: bool) -> Space:
-    """Of an object in its frame_of_object: the published bounds, or what training cameras frame about the origin.
-
-    Cameras that look outwards may stand in a room, unless it was cut out: then they are wrong, and see nothing of the box.
-    """
+    """Of an object in its frame_of_object: the published bounds, or what training cameras frame about the origin. Cameras that
+    look outwards may stand indoors, unless the object was cut out: then they are wrong, and see nothing of the box."""
     origin, P = np.zeros(3), poses_of(cameras)
     inwards = looks_inwards(P)
     if _published_bounds_suit(cameras, origin) or not (inwards or opaque):
@@ -166,8 +164,9 @@ def space_of_object(cameras: Sequence[Camera], *, opaque: bool) -> Space:
     return Space(near, float(distances.max()) + reach, cube(half), disparity=False)
 
 
-def space_of_bounds(cameras: Sequence[Camera], bounds: np.ndarray) -> Space:
+def space_of_bounds(photographs: Sequence[Photograph], bounds: np.ndarray) -> Space:
     """Of a 360° capture in its frame_of_sphere, with each photograph's nearest and farthest depth [N, 2]."""
+    cameras = [photograph.camera for photograph in photographs]
     corners = [np.hypot(c.width / c.fx, c.height / c.fy) / 2 for c in cameras]
     framed = (np.linalg.norm(poses_of(cameras)[:, :3, 3], axis=-1) * corners).max()
     near = float(np.clip(0.9 * bounds.min(), 0.05, NEAR_360))
@@ -177,11 +176,9 @@ def space_of_bounds(cameras: Sequence[Camera], bounds: np.ndarray) -> Space:
 def space_of_capture(
     cameras: Sequence[Camera], points: PointCloud | None, *, opaque: bool, file_box: np.ndarray | None = None
 ) -> Space:
-    """Of a capture in its frame_about_focus. points: in that frame; None where there are too few to tell.
-
-    opaque: photographs are trained up to their corners. file_box: what the file names, in that frame; it counts where no
-    points tell, if it holds the focus, and as far as HALF_SIDE where cameras look inwards.
-    """
+    """Of a capture in its frame_about_focus. points: in that frame; None where there are too few to tell. opaque: photographs are
+    trained up to their corners. file_box: what the file names, in that frame; it counts where no points tell, if it holds the
+    focus, and as far as HALF_SIDE where cameras look inwards."""
     P = poses_of(cameras)
     inwards = looks_inwards(P)
     reach = HALF_SIDE if inwards else FARTHEST
@@ -196,11 +193,12 @@ def space_of_capture(
     return Space(NEAR, FAR, cube(HALF_SIDE if opaque else min(HALF_SIDE, framed)))
 
 
-def space_forward(cameras: Sequence[Camera], names: Sequence[str]) -> Space:
+def space_forward(photographs: Sequence[Photograph]) -> Space:
     """Of a forward-facing capture, in NDC. UserError where a photograph sees what the warp cannot show."""
-    ndc_camera = (cameras[0].width, cameras[0].height, cameras[0].fx)
+    camera = photographs[0].camera
+    ndc_camera = (camera.width, camera.height, camera.fx)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for camera, name in zip(cameras, names, strict=True):  # the corners of all views bound what any of them sees
+    for name, camera in ((one.name, one.camera) for one in photographs):  # the corners bound what any view sees
         origins, directions = camera_rays(camera, *pixel_grid(camera, 2))
         if (directions[..., 2] > -1e-3).any() or (origins[..., 2] < -NDC_NEAR).any():
             raise _not_forward(name)

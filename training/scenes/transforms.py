@@ -54,14 +54,13 @@ UNREAD = {
 
 
 class _Frame(NamedTuple):
-    """A frame whose picture is there. values: its own keys over those at the top. own_focal: whether it names its own focal
-    length."""
+    """A frame whose picture is there."""
 
     name: str
     picture: Path
     world_T_camera: np.ndarray
-    values: dict[str, Any]
-    own_focal: bool
+    values: dict[str, Any]  # its own keys over those at the top
+    own_focal: bool  # whether it names its own focal length
 
 
 def recognises(path: Path) -> bool:
@@ -126,9 +125,6 @@ def _read_capture(path: Path, options: SceneOptions) -> Scene:
     return Scene(path=path, kind="transforms", splits=splits, held_out=held_out, notes=vars(options), **space._asdict())
 
 
-# --- frames -----------------------------------------------------------------------------------------------------------
-
-
 class _NothingThere(UserError):
     """A description without frames, or without pictures of them."""
 
@@ -177,11 +173,10 @@ def _read_frames(description: Path, document: dict[str, Any], finder: FileFinder
         world_T_camera = pose(listed_frame.get("transform_matrix"), where)
         frame = _Frame(name, picture, world_T_camera, above | listed_frame, own_focal)
         known = frames.setdefault(picture, frame)
-        if known is frame:
-            continue
-        repeated.append(name)
-        if not np.allclose(known.world_T_camera, frame.world_T_camera, atol=1e-6):
+        if not np.allclose(known.world_T_camera, world_T_camera, atol=1e-6):
             raise UserError("two frames have one picture and different poses", where=where, found=str(picture))
+        if known is not frame:
+            repeated.append(name)
     if repeated:
         notice(description, f"{len(repeated)} frames repeat another and are left out", repeated)
     return list(frames.values())
@@ -222,20 +217,15 @@ def _photographs(
     return tuple(photographs)
 
 
-def _masks(path: Path, frames: Sequence[_Frame]) -> list[Path]:
+def _masks(path: Path, frames: Sequence[_Frame]) -> list[Path | None]:
     """The mask of each frame, by its mask_path or in the folder masks. UserError where one has none."""
-    finder = FileFinder(path)
-    named = [frame.values.get("mask_path") for frame in frames]
-    masks = finder.find_all([mask if isinstance(mask, str) else "" for mask in named])
+    named = [mask if isinstance(mask := frame.values.get("mask_path"), str) else "" for frame in frames]
     beside = find_masks(path / "masks", [frame.name.removeprefix("images/") for frame in frames])
-    found = [mask or other for mask, other in zip(masks, beside, strict=True)]
-    for frame, mask in zip(frames, found, strict=True):
-        if mask is None:
-            raise UserError("a frame without a mask", where=path / frame.name, remedy="leave out --masks")
-    return [mask for mask in found if mask is not None]
-
-
-# --- space and splits -------------------------------------------------------------------------------------------------
+    masks = [mask or other for mask, other in zip(FileFinder(path).find_all(named), beside, strict=True)]
+    if None in masks:
+        without = path / frames[masks.index(None)].name
+        raise UserError("a frame without a mask", where=without, remedy="leave out --masks")
+    return masks
 
 
 def _box_of_file(document: dict[str, Any], description: Path, frame: Frame) -> np.ndarray | None:
