@@ -12,14 +12,7 @@ from typing import Literal
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.scenes.files import (
-    PICTURE_SUFFIXES,
-    READ_PICTURES,
-    UNREAD_FORMATS,
-    find_masks,
-    is_hidden,
-    visible_files,
-)  # fmt: skip
+from training.scenes.files import PICTURE_SUFFIXES, READ_PICTURES, UNREAD_FORMATS, find_masks, is_hidden, visible_files
 from training.scenes.film_containers import FILM_NAMES, FILMS, container_of
 from training.scenes.messages import few
 

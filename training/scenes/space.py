@@ -45,7 +45,7 @@ OUTWARD_HALF_SIDE = 3.0  # of one that looks outwards, where no points tell
 FARTHEST = 30.0  # reach of the points' box of a capture that looks outwards
 NEAREST, NEAREST_FAR = 0.02, 10.0  # near is at least, far at least
 FEWEST_POINTS = 50  # fewer say little of where the content is
-OUTLIERS = 0.01  # share of all observations left out at either end of the box, and of the distances
+INLIERS = 0.01, 0.99  # shares of all observations, between which lie the box and the distances
 MARGIN, LEAST_MARGIN = 0.1, 0.05  # around the points, as a share of their extent, and at least
 FRAMED, FEW_FRAMES = 0.95, 0.02  # how much of its points a picture's frame is put behind; share of the frames left out
 
@@ -205,7 +205,8 @@ def space_forward(photographs: Sequence[Photograph]) -> Space:
         origins, directions = ndc_rays(origins, directions, *ndc_camera)
         ends = np.concatenate([origins, origins + directions])
         low, high = np.minimum(low, ends.min((0, 1))), np.maximum(high, ends.max((0, 1)))
-    return Space(0.0, 1.0, np.stack([low, high]), NDC_WORLDSPACE_T_OPENGL, False, True, ndc_camera)
+    aabb = np.stack([low, high])
+    return Space(0.0, 1.0, aabb, NDC_WORLDSPACE_T_OPENGL, disparity=False, ndc=True, ndc_camera=ndc_camera)
 
 
 def depth_ranges(P: np.ndarray, points: PointCloud) -> np.ndarray:
@@ -224,7 +225,7 @@ def _published_bounds_suit(cameras: Sequence[Camera], centre: np.ndarray) -> boo
     P[:, :3, 3] -= centre
     distance = np.linalg.norm(P[:, :3, 3], axis=-1).mean() / SYNTHETIC_DISTANCE
     framed = framed_half_side(cameras, centre) / SYNTHETIC_HALF_SIDE
-    return looks_inwards(P) and max(abs(distance - 1), abs(framed - 1)) <= SYNTHETIC_SUITS
+    return looks_inwards(P) and abs(distance - 1) <= SYNTHETIC_SUITS and abs(framed - 1) <= SYNTHETIC_SUITS
 
 
 def in_picture(camera: Camera, places: np.ndarray) -> np.ndarray:
@@ -296,9 +297,7 @@ def _with_frames(box: np.ndarray, cameras: Sequence[Camera], points: PointCloud)
     return np.stack([np.minimum(box[0], np.maximum(low, -reach)), np.maximum(box[1], np.minimum(high, reach))])
 
 
-def _quantiles(
-    values: np.ndarray, weights: np.ndarray, shares: Sequence[float] = (OUTLIERS, 1 - OUTLIERS)
-) -> np.ndarray:
+def _quantiles(values: np.ndarray, weights: np.ndarray, shares: Sequence[float] = INLIERS) -> np.ndarray:
     """Quantiles [2] of weighted values [K]; by default their ends without outliers."""
     order = np.argsort(values)
     reached = np.cumsum(weights[order]) / weights.sum()
