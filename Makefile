@@ -20,7 +20,7 @@ SEED ?= 0
 TIMES ?= 10
 EVENTS ?= 3000
 DEMO := viewer/demo/demo.zip
-QUICK := tests/console tests/scenepack tests/training tests/baker/baking tests/viewer/app tests/viewer/rendering
+QUICK := tests/console tests/scenepack tests/training tests/tools tests/baker/baking tests/viewer/app tests/viewer/rendering
 
 # What the graphics card's report trains with: JAX for the card where there is one.
 CARD_EXTRAS ?= $(if $(shell command -v nvidia-smi 2>/dev/null),train-cuda12,train),video
@@ -56,7 +56,7 @@ bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400
 
 card-report: $(VENV)/.card gl
-	$(BIN)/python -m viewer.commands.card_report --out out/card $(CARD)
+	$(BIN)/python -m tools.card --out out/card $(CARD)
 
 results: $(VENV)/.developer
 	$(BIN)/python scripts/results.py
@@ -67,7 +67,7 @@ lint: $(VENV)/.developer
 	$(BIN)/pyright
 
 demo: $(VENV)/.developer gl
-	$(BIN)/python -m baker.commands.demo --out $(DEMO)
+	$(BIN)/python -m tools.demo --out $(DEMO)
 
 gl:
 	@sh scripts/ensure-gl.sh

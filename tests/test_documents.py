@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")] + sorted(
     ROOT.glob("docs/*.md")
 )
-ROOMS = ("console", "scenepack", "training", "baker", "viewer")
+ROOMS = ("console", "scenepack", "training", "baker", "viewer", "tools")
 FOLDERS = (*ROOMS, "shaders", "scripts", "tests", "docs", ".ci")
 MADE_LATER = {".venv", "out", "build", "dist", "failures"}  # by running things; .gitignore has them
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -18,8 +18,8 @@ from scenepack import check_pack, load_pack
 from scenepack.blocks import dense_from_pack
 from scenepack.commands import main as snerg_pack
 from tests.told import told
+from tools.procedural import write_procedural_scene
 from training.commands.train import main as snerg_train
-from training.scenes.procedural import write_procedural_scene
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 from viewer.commands.view import main as snerg_view

@@ -25,7 +25,7 @@ from PIL import Image
 from console.errors import missing_extra
 from tests.told import told
 from tests.viewer.conftest import display
-from training.scenes.procedural import write_procedural_scene
+from tools.procedural import write_procedural_scene
 
 __all__ = ["display"]
 
@@ -49,7 +49,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel, built from a copy, so that nothing is left in the working tree."""
     pytest.importorskip("setuptools", "77", reason="building the wheel needs setuptools 77 (the extra dev)")
     source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
-    for name in ROOMS:
+    for name in (*ROOMS, "tools"):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "LICENSE", "snerg_commands.py"):
         shutil.copy(ROOT / name, source)
@@ -106,7 +106,7 @@ def test_the_wheel_carries_shaders_demo_and_every_module(wheel: Path) -> None:
     there = {str(path.relative_to(ROOT)) for room in ROOMS for path in (ROOT / room).rglob("*.py")}
     there |= {str(path.relative_to(ROOT)) for path in (ROOT / "shaders").iterdir() if path.is_file()}
     assert there | {"viewer/demo/demo.zip"} <= names
-    assert not {name for name in names if name.startswith("tests/")}
+    assert not {name for name in names if name.startswith(("tests/", "tools/"))}
 
 
 def test_every_command_tells_its_help(installed: Path, wheel: Path, tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ from console import UserError, check_results, write_json, write_text
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from tests.told import told
-from training.profile_step import main as profile_step
-from training.scenes.procedural import write_procedural_scene
+from tools.procedural import write_procedural_scene
+from tools.profile_step import main as profile_step
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 from viewer.commands.scaling import main as scaling
@@ -50,8 +50,8 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         (snerg_bake, "{pack} --out {below}", "training.run.load_run"),
         (codec_report, "{pack} --scene {scene} --out {below}.md", "baker.commands.codec_report.measured"),
         (report, "{pack} --out {below}", "baker.reports.report.open_study"),
-        (profile_step, "{scene} --json {below}.json", "training.profile_step._trained"),
-        (profile_step, "{scene} --markdown {folder}", "training.profile_step._trained"),
+        (profile_step, "{scene} --json {below}.json", "tools.profile_step._trained"),
+        (profile_step, "{scene} --markdown {folder}", "tools.profile_step._trained"),
         (snerg_bench, "{pack} --json {below}.json", "viewer.commands.bench.load_pack"),
         (snerg_bench, "{pack} --markdown {below}.md", "viewer.commands.bench.load_pack"),
         (snerg_bench, "{pack} --plot {folder}", "viewer.commands.bench.load_pack"),

@@ -12,7 +12,7 @@ from baker.commands.make import main as snerg_make
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from tests.told import told
-from training.scenes.procedural import write_procedural_scene
+from tools.procedural import write_procedural_scene
 from viewer.commands.render import main as snerg_render
 
 

@@ -19,11 +19,11 @@ from console.driven import read_report
 from console.json_text import MOST_BYTES, parse_json
 from scenepack import load_pack
 from tests.scenepack.helpers import small_pack, written
+from tools.procedural import write_procedural_scene
 from training.config import TINY, from_json, to_json
 from training.journal import Journal
 from training.run import read_description
 from training.scenes import load_scene
-from training.scenes.procedural import write_procedural_scene
 from viewer.app import preferences
 from viewer.app.marks import marks_from_json
 from viewer.app.path import load_path

@@ -16,20 +16,11 @@ import numpy as np
 from console import UserError
 
 Tree = TypeVar("Tree")
-ALIGNED = 64  # bytes
 
 
 def named_leaves(tree: Any) -> dict[str, Any]:
     """The leaves of a tree by their names."""
     return {_name(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
-
-
-def aligned(shape: tuple[int, ...], dtype: Any = np.float32) -> np.ndarray:
-    """Zeros that begin where JAX takes an array over on a processor (jnp.asarray) without copying it."""
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    room = np.zeros(size + ALIGNED, np.uint8)
-    start = -room.ctypes.data % ALIGNED
-    return room[start : start + size].view(dtype).reshape(shape)
 
 
 def to_arrays(tree: Any) -> dict[str, np.ndarray]:

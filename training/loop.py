@@ -27,9 +27,9 @@ from training.lock import only_one_trains
 from training.recorder import Recorder
 from training.run import Run, RunDescription, read_description, resume_run, start_run
 from training.scenes import SceneOptions
-from training.scenes.box import box_line, box_text
 from training.scenes.read import AS_IT_IS
 from training.scenes.scene import few_line, split_line
+from training.scenes.scene_options import box_line, box_text
 
 AGREE_EVERY = 10  # steps between asking the other processes whether one was told to stop
 

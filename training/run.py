@@ -30,8 +30,7 @@ from training.method import Method
 from training.methods import make_method, settled
 from training.plausible import require_plausible
 from training.scenes import Scene, SceneOptions, load_scene
-from training.scenes.box import checked_box, require_rays
-from training.scenes.upright import checked_up
+from training.scenes.scene_options import checked_box, checked_up, require_rays
 
 FORMAT = 1
 

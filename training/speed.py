@@ -3,7 +3,7 @@
 SIDE: pixels along the photographs' longer side, one for each size that may be chosen.
 Lines of JSON go to standard output as they are known, for programs such as the viewer:
   {"runs": {preset: {side: {"samples": that a whole run takes, "disk": bytes that its folder has in the end}}}}
-  {"seconds_per_sample": as measured by training a small scene of our own for some seconds}
+  {"seconds_per_sample": as measured by training on pictures of a ball for some seconds}
 It ends with its standard input.
 
 A run takes `steps` steps of about as many samples each (training.multires.settings), and nearly all of its time goes with
@@ -15,18 +15,20 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from training.posing.worker import end_with_stdin
+from training.scenes import Camera, Photograph, Scene
 
 PRESETS = ("quick", "normal", "full")  # of the multi-resolution field
 SETTLED, TIMED = 60, 60  # steps: until programs are compiled and air is told from content; then timed
-# A sample of a real run over one of the small scene, whose features stay in the processor's caches.
+# A sample of a real run over one of the ball, whose features stay in the processor's caches.
 REAL_BY_SMALL = 1.4
 DISK_BY_FINENESS = 4500.0  # bytes by cells of the finest level squared: two checkpoints of 150 MB for lego at 256
 
@@ -46,31 +48,43 @@ def whole_runs(sides: Sequence[int]) -> dict[str, dict[int, dict[str, int]]]:
     return found
 
 
+def _ball() -> Scene:
+    """A ball of radius 1 about the origin, from 12 cameras on a circle around it, 4 from its centre and 48 pixels wide."""
+    side, focal = 48, 66.0
+    from_centre = np.arange(side) + 0.5 - side / 2
+    picture = np.full((side, side, 4), 0.5, np.float32)
+    picture[..., 3] = np.hypot(from_centre, from_centre[:, None]) < focal / np.sqrt(4**2 - 1)
+    photographs = []
+    for angle in np.linspace(0.0, 2 * np.pi, 12, endpoint=False):
+        c, s = np.cos(angle), np.sin(angle)
+        pose = np.array([[-s, 0, c, 4 * c], [c, 0, s, 4 * s], [0, 1, 0, 0], [0, 0, 0, 1]])
+        camera = Camera(pose, side, side, focal, focal, side / 2, side / 2)
+        photographs.append(Photograph(f"{len(photographs)}", camera, lambda: picture))
+    box = np.array([[-1.3] * 3, [1.3] * 3])
+    return Scene(Path("ball"), "blender", {"train": tuple(photographs)}, 2.0, 6.0, box, np.eye(4))
+
+
 def seconds_per_sample() -> float:
-    """Trains a small scene for some seconds, and takes the time of its last steps."""
+    """Trains on the ball for some seconds, and takes the time of the last steps."""
     import jax
 
     from training.config import PRESETS as CONFIGS
     from training.dataset import make_dataset
     from training.methods import make_method, settled
-    from training.scenes import load_scene
-    from training.scenes.procedural import write_procedural_scene
 
-    with tempfile.TemporaryDirectory(prefix="snerg-speed-") as folder:
-        scene = load_scene(write_procedural_scene(Path(folder) / "scene", size=48, views=12, subpixels=1))
-        plain = CONFIGS["quick"]
-        multires = dataclasses.replace(plain.multires, resolutions=(16, 32, 64, 128, 256), steps_from=(0.0, 1.0))
-        config = settled(dataclasses.replace(plain, steps=SETTLED + TIMED, multires=multires))
-        method = make_method(config, make_dataset(scene))
-        state: Any = method.start(jax.random.PRNGKey(0))
-        samples, began = 0.0, 0.0
-        for step in range(config.steps):
-            if step == SETTLED:
-                began = time.perf_counter()
-            state, metrics = method.step(state, step)
-            taken = float(metrics["samples"])  # waits for the step
-            samples += taken if step >= SETTLED else 0.0
-        return REAL_BY_SMALL * (time.perf_counter() - began) / samples
+    plain = CONFIGS["quick"]
+    multires = dataclasses.replace(plain.multires, resolutions=(16, 32, 64, 128, 256), steps_from=(0.0, 1.0))
+    config = settled(dataclasses.replace(plain, steps=SETTLED + TIMED, multires=multires))
+    method = make_method(config, make_dataset(_ball()))
+    state: Any = method.start(jax.random.PRNGKey(0))
+    samples, began = 0.0, 0.0
+    for step in range(config.steps):
+        if step == SETTLED:
+            began = time.perf_counter()
+        state, metrics = method.step(state, step)
+        taken = float(metrics["samples"])  # waits for the step
+        samples += taken if step >= SETTLED else 0.0
+    return REAL_BY_SMALL * (time.perf_counter() - began) / samples
 
 
 def main(words: Sequence[str]) -> None:

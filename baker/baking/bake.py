@@ -35,8 +35,8 @@ from scenepack.padding import restore_padding
 from training.allocator import keep_freed_memory
 from training.method import ViewMlpParams
 from training.run import Run, require_bakeable
-from training.scenes.box import OPTION, box_text, with_box
 from training.scenes.scene import Box, cameras_of
+from training.scenes.scene_options import AABB, box_text, with_box
 
 BYTES = 32**3 * 8  # of a macroblock, with padding: colour, opacity, features
 COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
@@ -229,7 +229,7 @@ def _box_to_bake(run: Run, box: Box) -> np.ndarray:
     asked, trained = with_box(run.scene, box).aabb, np.asarray(run.dataset.aabb, np.float64)
     both = np.stack([np.maximum(asked[0], trained[0]), np.minimum(asked[1], trained[1])])
     if not (both[0] < both[1]).all():
-        raise UserError("nothing was trained in this box", where=OPTION, expected=f"a part of {box_text(trained)}",
+        raise UserError("nothing was trained in this box", where=AABB, expected=f"a part of {box_text(trained)}",
                         found=box_text(asked))  # fmt: skip
     return both
 

@@ -84,7 +84,7 @@ def snerg_bake(
     from scenepack import check_target
     from scenepack.pictures import LARGEST_SIDE
     from training.run import load_run
-    from training.scenes.box import parse_box
+    from training.scenes.scene_options import parse_box
 
     share = share_of(processes, process_id)
     check_target(out)  # now, not after the work is done

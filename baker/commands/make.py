@@ -93,9 +93,8 @@ def snerg_make(
     from training.plausible import require_plausible
     from training.run import is_run, read_description
     from training.scenes import SceneOptions, load_scene
-    from training.scenes.box import OPTION, parse_box
-    from training.scenes.downscale import suggested_downscale
-    from training.scenes.upright import parse_up
+    from training.scenes.read import suggested_downscale
+    from training.scenes.scene_options import AABB, UP, parse_box, parse_up
 
     box, upwards = None if aabb is None else parse_box(aabb), None if up is None else parse_up(up)
     run_path, pack_path = out / "run", out / "pack"
@@ -125,7 +124,7 @@ def snerg_make(
         if stored.scene != scene.resolve():
             raise UserError("holds a run of another scene", where=run_path, expected=scene, found=stored.scene,
                             remedy="choose another --out")  # fmt: skip
-        for option, asked, before in ((OPTION, box, stored.options.aabb), ("--up", upwards, stored.options.up)):
+        for option, asked, before in ((AABB, box, stored.options.aabb), (UP, upwards, stored.options.up)):
             if asked is not None and asked != before:
                 raise UserError("a run cannot change how its scene is read", where=option, expected=before or "none",
                                 found=asked, remedy="leave it out, or choose another --out")  # fmt: skip

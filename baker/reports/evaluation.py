@@ -27,7 +27,7 @@ from scenepack.pack import Pack
 from training import metrics
 from training.run import Run, is_run, load_run, read_description
 from training.scenes import Camera, Photograph, Scene, picture_stems
-from training.scenes.upright import checked_up
+from training.scenes.scene_options import checked_up
 
 # a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
 Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]

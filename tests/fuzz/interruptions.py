@@ -248,7 +248,7 @@ def writers(base: Path) -> list[Writer]:
     from tests.fuzz.sharing import SharingBake
     from tests.fuzz.windows import ExportingWindow, MakingWindow
     from tests.viewer.conftest import toy_pack
-    from training.scenes.procedural import write_procedural_scene
+    from tools.procedural import write_procedural_scene
 
     scene, run, pack = base / "scene", base / "run", base / "pack"
     write_procedural_scene(scene, size=24, views=6, subpixels=1)

@@ -121,7 +121,7 @@ def run(minutes: float, base: Path, tell: Callable[[Lap], None]) -> list[Lap]:
 
     from tests.viewer.offscreen_ui import OffscreenUi
     from tests.viewer.panels.many_packs import open_and_look
-    from training.scenes.procedural import write_procedural_scene
+    from tools.procedural import write_procedural_scene
     from viewer.app.application import App
 
     scene, place = base / "scene", base / "place"

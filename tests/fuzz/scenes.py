@@ -8,11 +8,11 @@ import numpy as np
 from PIL import Image
 
 from tests.fuzz.words import require_words
+from tools.procedural import write_procedural_scene
 from training.scenes import load_scene
-from training.scenes.box import box_line
-from training.scenes.procedural import write_procedural_scene
 from training.scenes.rays import camera_rays
 from training.scenes.scene import SceneOptions, picture_stems
+from training.scenes.scene_options import box_line
 from viewer.app.files import kind_of, scene_around
 
 BASES = ("blender", "llff", "llff-around", "transforms", "colmap", "colmap-forward")

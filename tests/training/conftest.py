@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tools.procedural import write_procedural_scene
 from training.scenes import Scene, load_scene
-from training.scenes.procedural import write_procedural_scene
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ from training.commands.train import main
 from training.loop import train
 from training.run import load_run, read_description
 from training.scenes import SceneOptions, load_scene
-from training.scenes.box import box_text
+from training.scenes.scene_options import box_text
 
 BOX = (-0.5, -0.75, -0.25, 1.0, 0.5, 0.75)
 WORDS = "-0.5,-0.75,-0.25,1,0.5,0.75"

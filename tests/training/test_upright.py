@@ -14,8 +14,8 @@ from tests.training.reconstructions import around, ball, side_by_side, write_col
 from tests.training.test_captures import circle, write_transforms
 from training.run import read_description
 from training.scenes import SceneOptions, load_scene
-from training.scenes.points import sparse_points
-from training.scenes.upright import axes_of, composed, parse_up
+from training.scenes.colmap import sparse_points
+from training.scenes.scene_options import axes_of, composed, parse_up
 
 
 def eyes(scene) -> np.ndarray:

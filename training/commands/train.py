@@ -19,10 +19,8 @@ from training.config import PRESETS, TrainConfig
 from training.libraries import find_devices, import_libraries
 from training.plausible import require_plausible
 from training.scenes import SceneOptions
-from training.scenes.box import OPTION, parse_box
 from training.scenes.presets import PresetName, names_with_about
-from training.scenes.upright import OPTION as UP
-from training.scenes.upright import parse_up
+from training.scenes.scene_options import AABB, UP, parse_box, parse_up
 
 if TYPE_CHECKING:
     from training.run import RunDescription
@@ -42,7 +40,7 @@ FREE = (
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    args = join_negative_values(sys.argv[1:] if args is None else args, [OPTION, UP])
+    args = join_negative_values(sys.argv[1:] if args is None else args, [AABB, UP])
     return run_command(make_command(args), prog="snerg-train", description=DESCRIPTION, args=args)
 
 

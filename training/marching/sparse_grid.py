@@ -17,8 +17,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from training.arrays import aligned
 from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, blend, coarse_cell, flat_index, trilinear_weights
+from training.memory import aligned
 
 CHANNELS = 8  # raw density, rgb, 4 features
 

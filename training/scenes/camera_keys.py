@@ -34,48 +34,34 @@ def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], size: tuple[
     if min(width, height) < 1:
         raise UserError("w and h must be pixels, at least 1", where=where, found=f"{width:g}x{height:g}")
     fx, fy = _focal_lengths(values, width, height, where)
-    return Camera(
-        world_T_camera,
-        round(width),
-        round(height),
-        fx,
-        fy,
-        number(values, "cx", where, width / 2),
-        number(values, "cy", where, height / 2),
-        tuple(number(values, key, where, 0.0) for key in ("k1", "k2", "p1", "p2")),  # type: ignore[arg-type]
-    )
+    cx, cy = number(values, "cx", where, width / 2), number(values, "cy", where, height / 2)
+    k1, k2, p1, p2 = (number(values, key, where, 0.0) for key in ("k1", "k2", "p1", "p2"))
+    return Camera(world_T_camera, round(width), round(height), fx, fy, cx, cy, (k1, k2, p1, p2))
 
 
 def _focal_lengths(values: dict[str, Any], width: float, height: float, where: str) -> tuple[float, float]:
     """fx and fy in pixels; one that is not named is as the other. Lengths win over angles."""
-    sides = {"x": width, "y": height}
-    found = [number(values, f"fl_{axis}", where) if f"fl_{axis}" in values else None for axis in sides]
-    if found == [None, None]:
-        found = [_focal_of_angle(values, axis, side, where) for axis, side in sides.items()]
-    fx, fy = found
-    if fx is None and fy is None:
+    found = [number(values, key, where) for key in ("fl_x", "fl_y") if key in values]
+    found = found or [
+        focal for axis, side in (("x", width), ("y", height)) for focal in _focal(values, axis, side, where)
+    ]
+    if not found:
         raise UserError("no focal length", where=where, expected="fl_x or camera_angle_x", found="neither")
-    fx, fy = float(fy if fx is None else fx), float(fx if fy is None else fy)  # type: ignore[arg-type]
+    fx, fy = found[0], found[-1]
     if fx <= 0 or fy <= 0:
         raise UserError("the focal length must be positive", where=where, found=f"{fx:g}, {fy:g}")
     return fx, fy
 
 
-def _focal_of_angle(values: dict[str, Any], axis: str, side: float, where: str) -> float | None:
-    """A focal length in pixels from an angle of view across `side` pixels; None where none is named."""
-    if f"{axis}_fov" in values:
-        return 0.5 * side / float(np.tan(0.5 * np.radians(_angle(values, f"{axis}_fov", where, 180.0))))
-    if f"camera_angle_{axis}" in values:
-        return 0.5 * side / float(np.tan(0.5 * _angle(values, f"camera_angle_{axis}", where, np.pi)))
-    return None
-
-
-def _angle(values: dict[str, Any], key: str, where: str, most: float) -> float:
-    """An angle of view under a key, more than 0 and less than `most`. UserError for anything else."""
-    angle = number(values, key, where)
-    if not LEAST_ANGLE < angle < most - LEAST_ANGLE:
-        raise UserError(f"{key} is not a field of view", where=where, expected=f"0 to {most:.4g}", found=angle)
-    return angle
+def _focal(values: dict[str, Any], axis: str, side: float, where: str) -> list[float]:
+    """The focal length in pixels of the first angle of view across `side` pixels that is named, if any."""
+    for key, unit, most in ((f"{axis}_fov", np.pi / 180, 180.0), (f"camera_angle_{axis}", 1.0, np.pi)):
+        if key in values:
+            angle = number(values, key, where)
+            if not LEAST_ANGLE < angle < most - LEAST_ANGLE:
+                raise UserError(f"{key} is not a field of view", where=where, expected=f"0 to {most:.4g}", found=angle)
+            return [0.5 * side / float(np.tan(0.5 * unit * angle))]
+    return []
 
 
 def number(values: dict[str, Any], key: str, where: str | Path, default: float | None = None) -> float:

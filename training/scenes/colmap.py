@@ -1,40 +1,40 @@
 """COLMAP scenes: sparse/N with cameras, images and points3D, and the pictures in images or images_K.
 
-COLMAP chooses frame and unit by itself. A forward-facing capture is put where LLFF's are (depths come from the points
-that each image shows), any other where those of transforms.json are. Near, far and box come from the points, without
-the outliers; see training.scenes.space. Every 8th picture, by name, is held out.
+COLMAP chooses frame and unit by itself. A forward-facing capture is put where LLFF's are (depths come from the points that each
+image shows), any other where those of transforms.json are. Near, far and box come from the points; see training.scenes.space.
 """
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-from console import Notice, UserError
+import numpy as np
+
+from console import UserError
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
-from training.scenes.files import FileFinder, clean_name, few, is_hidden
-from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders, target_size
-from training.scenes.picture_cameras import camera_of_picture, tell_turned
-from training.scenes.picture_formats import PICTURE_SUFFIXES
-from training.scenes.pictures import PictureLoader, picture_size
+from training.scenes.files import PICTURE_SUFFIXES, FileFinder, clean_name, is_hidden
+from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders
+from training.scenes.messages import notice
+from training.scenes.photographs import moved, photograph_of, target_size, tell_turned
+from training.scenes.pictures import picture_size
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
 from training.scenes.scene import HELD_OUT_BY_NAME, Photograph, Scene, SceneOptions, hold_out
+from training.scenes.scene_options import UP, axes_of
 from training.scenes.space import (
-    Frame,
     PointCloud,
     Space,
     depth_ranges,
     frame_about_focus,
     frame_forward,
-    poses_of,
     space_forward,
     space_of_capture,
 )
-from training.scenes.upright import OPTION, axes_of
 
 LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
+LEAST_SPREAD = 1e-9  # of cameras, in their own units
 
 
 def recognises(path: Path) -> bool:
@@ -52,13 +52,9 @@ def read(path: Path, options: SceneOptions) -> Scene:
     pictures = [picture for picture in listed if picture is not None]
     names = [clean_name(name) for name in found.names]
     masks = masks_of(path, factor, names) if options.masks else [None] * len(names)
-    photographs = []
-    for name, camera, picture, mask in zip(names, found.cameras, pictures, masks, strict=True):
-        camera, stored, as_stored = camera_of_picture(picture, lambda _, camera=camera: camera)
-        size = target_size(stored, factor, options.downscale)
-        photographs.append(
-            Photograph(name, camera.resized(*size), PictureLoader(picture, stored, size, mask, as_stored))
-        )
+    shrink = partial(target_size, factor=factor, downscale=options.downscale)
+    described = zip(names, pictures, found.cameras, masks, strict=True)
+    photographs = [photograph_of(name, picture, camera, shrink, mask) for name, picture, camera, mask in described]
     tell_turned(path, photographs)
     photographs, space = _placed(path, found, photographs, options)
     return Scene(path=path, kind="colmap", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
@@ -67,11 +63,8 @@ def read(path: Path, options: SceneOptions) -> Scene:
 
 def reconstruction_of(path: Path) -> Reconstruction:
     """The largest of the reconstructions that COLMAP wrote into a scene's folder. UserError where all are damaged."""
-    folders = _model_folders(path)
-    if len(folders) == 1:
-        return read_reconstruction(folders[0])
     read, errors = {}, []
-    for folder in folders:
+    for folder in _model_folders(path):
         try:
             read[folder] = read_reconstruction(folder)
         except UserError as error:
@@ -79,9 +72,10 @@ def reconstruction_of(path: Path) -> Reconstruction:
     if not read:
         raise errors[0]
     best = max(read, key=lambda folder: len(read[folder].names))
-    parts = ", ".join(f"{folder.name}: {len(read[folder].names)}" for folder in read)
-    text = f"COLMAP split the capture into {len(folders)} parts; reading {best.name}, the largest (images: {parts})"
-    warnings.warn(Notice(f"{path / 'sparse'}: {text}"), stacklevel=3)
+    if (count := len(read) + len(errors)) > 1:
+        parts = ", ".join(f"{folder.name}: {len(read[folder].names)}" for folder in read)
+        text = f"COLMAP split the capture into {count} parts; reading {best.name}, the largest (images: {parts})"
+        notice(path / "sparse", text)
     return read[best]
 
 
@@ -92,33 +86,27 @@ def _model_folders(path: Path) -> list[Path]:
     return folders or [folder for folder in (sparse,) if model_suffix(folder)]
 
 
-# --- pictures ---------------------------------------------------------------------------------------------------------
-
-
 def _choose_folder(path: Path, names: tuple[str, ...], options: SceneOptions) -> tuple[Path, int]:
-    """The folder of pictures images_K with the largest K up to the downscale, and K (1 for images).
-
-    A folder that lacks most pictures, is of another size than it says, or (where wanted) has no masks, is passed over.
-    """
+    """The folder of pictures images_K with the largest K up to the downscale, and K (1 for images). One that lacks most pictures,
+    is of another size than it says, or (where wanted) has no masks, is passed over."""
     folders = picture_folders(path)
-    if options.masks and not any(masks_folder(path, factor).is_dir() for factor in folders):
+    masked = [factor for factor in folders if not options.masks or masks_folder(path, factor).is_dir()]
+    if not masked:
         raise UserError("no masks", where=masks_folder(path, min(folders)), expected="a folder of masks",
                         remedy="leave out --masks")  # fmt: skip
     if list(folders) == [1]:
         return folders[1], 1
-    found = {factor: FileFinder(folder).find_all(names) for factor, folder in folders.items()}
-    sizes = {
-        factor: next((picture_size(p) for p in pictures if p is not None), None) for factor, pictures in found.items()
-    }
+    found, sizes = {}, {}
+    for factor, folder in folders.items():
+        found[factor] = [picture for picture in FileFinder(folder).find_all(names) if picture is not None]
+        sizes[factor] = picture_size(found[factor][0]) if found[factor] else None
     usable = [
         factor
         for factor in sorted(folders)
-        if factor == 1
-        or (_fits(sizes[factor], sizes.get(1), factor) and sum(map(bool, found[factor])) > len(names) / 2)
+        if factor == 1 or (_fits(sizes[factor], sizes.get(1), factor) and len(found[factor]) > len(names) / 2)
     ]
-    if options.masks:
-        usable = [factor for factor in usable if masks_folder(path, factor).is_dir()] or usable
-    factor = choose_factor(path, usable or [min(folders)], options.downscale)
+    usable = [factor for factor in usable if factor in masked] or usable or [min(folders)]
+    factor = choose_factor(path, usable, options.downscale)
     return folders[factor], factor
 
 
@@ -133,56 +121,69 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
     """UserError where no picture is there; a Notice of pictures that are gone, and of those that have no pose."""
     gone = [name for name, picture in zip(found.names, listed, strict=True) if picture is None]
     if len(gone) == len(listed):
-        raise UserError(
-            "picture not found", where=folder / gone[0], remedy="no image of the reconstruction has its picture"
-        )
+        remedy = "no image of the reconstruction has its picture"
+        raise UserError("picture not found", where=folder / gone[0], remedy=remedy)
     if gone:
-        text = f"{len(gone)} of {len(listed)} images of the reconstruction have no picture and are left out"
-        warnings.warn(Notice(f"{folder}: {text} ({few(gone)})"), stacklevel=3)
+        text = f"{len(gone)} of {len(listed)} images of the reconstruction have no picture"
+        notice(folder, f"{text} and are left out", gone)
     known = {picture for picture in listed if picture is not None}
     stored = (p for p in folder.rglob("*") if p.suffix.lower() in PICTURE_SUFFIXES and p not in known)
     unposed = sorted(p.relative_to(folder).as_posix() for p in stored if not is_hidden(p))
     if unposed:
-        total = len(known) + len(unposed)
-        text = f"{len(unposed)} of {total} pictures have no pose in the reconstruction and are left out"
-        warnings.warn(Notice(f"{folder}: {text} ({few(unposed)})"), stacklevel=3)
-
-
-# --- frame and space --------------------------------------------------------------------------------------------------
+        text = f"{len(unposed)} of {len(known) + len(unposed)} pictures have no pose in the reconstruction"
+        notice(folder, f"{text} and are left out", unposed)
 
 
 def _placed(
     path: Path, found: Reconstruction, photographs: list[Photograph], options: SceneOptions
-) -> tuple[list[Photograph], Space]:
+) -> tuple[tuple[Photograph, ...], Space]:
     """The photographs in the training frame, and what a Scene says of the space."""
     P, points = found.world_T_camera, PointCloud(found.points, found.tracks, found.seen)
     if points.suffices and not options.spherify and faces_forward(P):
         if options.up is not None:
-            raise UserError("what is up cannot be told of a forward-facing scene", where=OPTION, found=str(path),
+            raise UserError("what is up cannot be told of a forward-facing scene", where=UP, found=str(path),
                             remedy="leave it out, or use --spherify")  # fmt: skip
-        placed = _moved(photographs, frame_forward(P, depth_ranges(P, points).min()))
+        placed = moved(photographs, frame_forward(P, depth_ranges(P, points).min()))
         try:
-            space = space_forward([one.camera for one in placed], [one.name for one in placed])
-            text = "the cameras look forward; --spherify reads it as seen from all around"
-            warnings.warn(Notice(f"{path}: {text}"), stacklevel=3)
+            space = space_forward(placed)
+            notice(path, "the cameras look forward; --spherify reads it as seen from all around")
             return placed, space
         except UserError as error:  # wide lenses, cameras that walk ahead
             text = f"the cameras look forward, but {error.found} sees too far aside for NDC"
-            warnings.warn(Notice(f"{path}: {text}; reading it as seen from all around"), stacklevel=3)
+            notice(path, f"{text}; reading it as seen from all around")
     frame = frame_about_focus(P)
     if options.up is not None:
-        frame = frame.turned(axes_of(options.up))
-    placed = _moved(photographs, frame)
-    if not points.suffices:
-        text = f"{len(found.points)} points say too little of where things are; the box is a guess, which --aabb mends"
-        warnings.warn(Notice(f"{path}: {text}"), stacklevel=3)
+        frame = frame._replace(axes=frame.axes @ axes_of(options.up))
+    placed = moved(photographs, frame)
+    in_frame = replace(points, places=frame.points(points.places)) if points.suffices else None
+    if in_frame is None:
+        told = f"{len(found.points)} points say too little of where things are"
+        notice(path, f"{told}; the box is a guess, which --aabb mends")
     opaque = not options.masks and not may_be_transparent(placed)
-    cameras = [photograph.camera for photograph in placed]
-    return placed, space_of_capture(cameras, points.moved(frame) if points.suffices else None, opaque=opaque)
+    return placed, space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
 
 
-def _moved(photographs: list[Photograph], frame: Frame) -> list[Photograph]:
-    """The photographs in the training frame."""
-    P = frame.poses(poses_of([photograph.camera for photograph in photographs]))
-    pairs = zip(photographs, P, strict=True)
-    return [replace(one, camera=replace(one.camera, world_T_camera=world_T_camera)) for one, world_T_camera in pairs]
+@dataclass(frozen=True)
+class SparsePoints:
+    """places: float64 [M, 3] in the training frame. colours: uint8 [M, 3]. tracks [M]: how many photographs show each."""
+
+    places: np.ndarray
+    colours: np.ndarray
+    tracks: np.ndarray
+
+
+def sparse_points(scene: Scene) -> SparsePoints | None:
+    """The points behind a COLMAP scene that is not in NDC; None for others. UserError where the reconstruction is damaged."""
+    if scene.kind != "colmap" or scene.ndc:
+        return None
+    found = reconstruction_of(scene.path)
+    pose_of = {p.name: p.camera.world_T_camera for split in scene.splits.values() for p in split}
+    rows = [row for row, name in enumerate(found.names) if clean_name(name) in pose_of]
+    theirs = found.world_T_camera[rows]
+    ours = np.stack([pose_of[clean_name(found.names[row])] for row in rows])
+    # The reader turned, moved and scaled all cameras alike; so it is undone by what it did to them.
+    spread, wanted = (np.linalg.norm(P[:, :3, 3] - P[:, :3, 3].mean(0), axis=-1).mean() for P in (theirs, ours))
+    scale = wanted / spread if spread > LEAST_SPREAD else 1.0
+    R = ours[0, :3, :3] @ theirs[0, :3, :3].T
+    places = scale * (found.points - theirs[:, :3, 3].mean(0)) @ R.T + ours[:, :3, 3].mean(0)
+    return SparsePoints(places, found.colours, found.tracks)

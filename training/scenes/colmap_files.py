@@ -1,10 +1,8 @@
 """COLMAP's reconstruction on disk, binary or text, as plain arrays.
 
-Notation: N posed images, M points. COLMAP's cameras look along +z with y down, and their pixel centres lie at +0.5, as ours
-do; its poses are camera_T_world. The file formats are those of COLMAP's documentation, "Output Format". rigs and frames,
-which newer versions write beside, say nothing that images does not say as well.
-
-No count or length in a file is believed: what is read is what its bytes hold.
+Notation: N posed images, M points. COLMAP's cameras look along +z with y down; their pixel centres lie at +0.5, as ours do; its
+poses are camera_T_world. The file formats: COLMAP's documentation, "Output Format"; newer versions' rigs and frames say no more
+than images. No count or length in a file is believed: what is read is what its bytes hold.
 """
 
 from __future__ import annotations
@@ -44,18 +42,14 @@ KEYPOINTS = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """Posed images, sorted by name, and points, in COLMAP's own frame and units.
-
-    names [N], cameras [N] (OpenGL axes). points [M, 3]; colours uint8 [M, 3]; tracks [M]: how many images show each. seen: of
-    each image the rows of `points` that it shows.
-    """
+    """Posed images, sorted by name, and points, in COLMAP's own frame and units."""
 
     names: tuple[str, ...]
-    cameras: tuple[Camera, ...]
-    points: np.ndarray
-    colours: np.ndarray
-    tracks: np.ndarray
-    seen: tuple[np.ndarray, ...]
+    cameras: tuple[Camera, ...]  # OpenGL axes
+    points: np.ndarray  # [M, 3]
+    colours: np.ndarray  # uint8 [M, 3]
+    tracks: np.ndarray  # [M]: how many images show each
+    seen: tuple[np.ndarray, ...]  # of each image the rows of `points` that it shows
 
     @property
     def world_T_camera(self) -> np.ndarray:
@@ -69,23 +63,11 @@ class Reconstruction:
 
 
 class _Image(NamedTuple):
-    """quaternion (w, x, y, z) and translation: of camera_T_world. shown: ids of points."""
-
     name: str
     camera: int
-    quaternion: np.ndarray
-    translation: np.ndarray
-    shown: np.ndarray
-
-
-class _Points(NamedTuple):
-    ids: np.ndarray
-    places: np.ndarray
-    colours: np.ndarray
-    tracks: np.ndarray
-
-
-_NO_POINTS = _Points(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
+    quaternion: np.ndarray  # w, x, y, z of camera_T_world
+    translation: np.ndarray  # of camera_T_world
+    shown: np.ndarray  # ids of points
 
 
 def model_suffix(folder: Path) -> str | None:
@@ -94,9 +76,8 @@ def model_suffix(folder: Path) -> str | None:
 
 
 def read_reconstruction(folder: Path) -> Reconstruction:
-    """What cameras, images and points3D (which may be missing) in `folder` say. UserError where a file is missing or damaged, a
-    lens model is none that we can undistort, or nothing has a pose.
-    """
+    """What cameras, images and points3D (which may be missing) say. UserError where a file is missing or damaged, a lens model is
+    none that we can undistort, or nothing has a pose."""
     suffix = model_suffix(folder) or SUFFIXES[0]
     files = [folder / f"{part}{suffix}" for part in PARTS]
     for file in files[:2]:
@@ -108,29 +89,25 @@ def read_reconstruction(folder: Path) -> Reconstruction:
 
 @lru_cache(maxsize=4)  # a scene is read once for each downscale that is considered
 def _read(folder: Path, suffix: str, stamp: tuple[tuple[int, int], ...]) -> Reconstruction:
-    files = [folder / f"{part}{suffix}" for part in PARTS]
-    lenses = dict((_lenses if suffix == ".bin" else _lenses_of_text)(files[0]))
-    images = list((_images if suffix == ".bin" else _images_of_text)(files[1]))
-    read_points = _points if suffix == ".bin" else _points_of_text
-    found = read_points(files[2]) if files[2].is_file() else _NO_POINTS
+    cameras, posed, points3d = (folder / f"{part}{suffix}" for part in PARTS)
+    read_lenses, read_images, read_points = READERS[suffix]
+    lenses, images = dict(read_lenses(cameras)), sorted(read_images(posed), key=lambda image: image.name)
+    points = sorted(read_points(points3d)) if points3d.is_file() else []
     if not images:
         raise UserError("the reconstruction is empty: no image has a pose", where=folder,
                         remedy="COLMAP found nothing to match; photographs need more overlap")  # fmt: skip
-    if not np.isfinite(found.places).all():
-        raise _damaged(files[2], "a point at no finite place")
-    order = np.argsort(found.ids)
-    ids, points, colours, tracks = (values[order] for values in found)
-    images.sort(key=lambda image: image.name)
     if missing := {image.camera for image in images} - set(lenses):
-        raise _damaged(files[1], f"an image of camera {min(missing)}, which {files[0].name} lacks")
+        raise _damaged(posed, f"an image of camera {min(missing)}, which {cameras.name} lacks")
+    ids = np.array([point[0] for point in points], np.int64)
+    table = np.array([point[1:] for point in points], np.float64).reshape(-1, 7)
+    if not np.isfinite(table[:, :3]).all():
+        raise _damaged(points3d, "a point at no finite place")
     return Reconstruction(
         names=tuple(image.name for image in images),
-        cameras=tuple(_camera(image, lenses[image.camera], files[1]) for image in images),
-        points=points,
-        colours=colours,
-        tracks=tracks.astype(np.float64),
+        cameras=tuple(_camera(image, lenses[image.camera], posed) for image in images),
+        points=table[:, :3], colours=np.clip(table[:, 3:6], 0, 255).astype(np.uint8), tracks=table[:, 6],
         seen=tuple(_rows_of(image.shown, ids) for image in images),
-    )
+    )  # fmt: skip
 
 
 def _rows_of(shown: np.ndarray, ids: np.ndarray) -> np.ndarray:
@@ -155,23 +132,16 @@ def _camera(image: _Image, lens: Camera, file: Path) -> Camera:
 def _lens(number: int, model: str, size: tuple[float, float], values: np.ndarray, file: Path) -> tuple[int, Camera]:
     """A camera that stands nowhere yet."""
     if model not in MODELS:
-        raise UserError(
-            "this lens model is not supported",
-            where=file,
-            expected=", ".join(MODELS),
-            found=model[:40],
-            remedy="undistort the pictures with COLMAP first (colmap image_undistorter)",
-        )
+        raise UserError("this lens model is not supported", where=file, expected=", ".join(MODELS), found=model[:40],
+                        remedy="undistort the pictures with COLMAP first (colmap image_undistorter)")  # fmt: skip
     intrinsics, distortion = MODELS[model]
     if len(values) != _parameters(model):
         raise _damaged(file, f"{len(values)} parameters of a {model}")
     fx, fy, cx, cy = (float(values[i]) for i in intrinsics)
     if not np.isfinite(values).all() or min(fx, fy) <= 0 or not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
-        raise UserError(
-            f"size and focal length of camera {number} must be positive numbers",
-            where=file,
-            found=f"{size[0]:g}x{size[1]:g}, {', '.join(f'{value:g}' for value in values)}",
-        )
+        found = ", ".join([f"{size[0]:g}x{size[1]:g}", *(f"{value:g}" for value in values)])
+        what = f"size and focal length of camera {number} must be positive numbers"
+        raise UserError(what, where=file, found=found)
     k1, k2, p1, p2 = (*(float(values[i]) for i in distortion), 0.0, 0.0, 0.0, 0.0)[:4]
     return number, Camera(np.eye(4), int(size[0]), int(size[1]), fx, fy, cx, cy, (k1, k2, p1, p2))
 
@@ -243,20 +213,13 @@ def _images(file: Path) -> Iterator[_Image]:
         yield _Image(name, camera, np.array(placed[:4]), np.array(placed[4:]), shown[shown >= 0])
 
 
-def _points(file: Path) -> _Points:
+def _points(file: Path) -> Iterator[tuple[float, ...]]:
     """points3D.bin: count u64; each: id u64, place 3 f64, colour 3 u8, error f64, count u64, each image u32 and index u32."""
-    data, ids, places, colours, tracks = _Bytes(file), [], [], [], []
+    data = _Bytes(file)
     for _ in data.each():
-        number, x, y, z, *colour, _, count = data.take("<q3d3BdQ")
+        *point, _, count = data.take("<q3d3BdQ")
         data.skip(8 * count)
-        ids.append(number)
-        places.append((x, y, z))
-        colours.append(colour)
-        tracks.append(count)
-    return _Points(
-        np.array(ids, np.int64), np.array(places, np.float64).reshape(-1, 3),
-        np.array(colours, np.uint8).reshape(-1, 3), np.array(tracks, np.int64),
-    )  # fmt: skip
+        yield (*point, count)
 
 
 # --- text -------------------------------------------------------------------------------------------------------------
@@ -290,13 +253,11 @@ def _images_of_text(file: Path) -> Iterator[_Image]:
             yield _Image(_name(name, file), int(numbers[8]), numbers[1:5], numbers[5:8], shown[shown >= 0])
 
 
-def _points_of_text(file: Path) -> _Points:
+def _points_of_text(file: Path) -> Iterator[tuple[float, ...]]:
     """points3D.txt: id, place, colour, error; image and index of each that shows it."""
-    rows = [line.split() for line in _lines(file) if line]
-    numbers = np.array([_numbers(row[:8], file, 8) for row in rows]).reshape(-1, 8)
-    tracks = np.array([(len(row) - 8) // 2 for row in rows], np.int64)
-    colours = np.clip(numbers[:, 4:7], 0, 255).astype(np.uint8)
-    return _Points(numbers[:, 0].astype(np.int64), numbers[:, 1:4], colours, tracks)
+    for line in filter(None, _lines(file)):
+        words = line.split()
+        yield (*_numbers(words[:8], file, 8)[:7], (len(words) - 8) // 2)
 
 
 def _numbers(words: list[bytes], file: Path, count: int | None = None) -> np.ndarray:
@@ -309,7 +270,7 @@ def _numbers(words: list[bytes], file: Path, count: int | None = None) -> np.nda
     return numbers
 
 
-# --- both -------------------------------------------------------------------------------------------------------------
+READERS = {".bin": (_lenses, _images, _points), ".txt": (_lenses_of_text, _images_of_text, _points_of_text)}
 
 
 def _name(name: bytes, file: Path) -> str:

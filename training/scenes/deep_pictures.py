@@ -32,9 +32,9 @@ MAIN_LAYERS = ("", "combined", "rgba", "beauty")  # an OpenEXR's that are the pi
 
 @dataclass(frozen=True)
 class TiffTags:
-    """What the first picture of a TIFF says of itself. size: as stored, (width, height). tile: the same of its tiles."""
+    """What the first picture of a TIFF says of itself."""
 
-    size: tuple[int, int]
+    size: tuple[int, int]  # as stored, (width, height)
     tile: tuple[int, int]
     bits: int
     sample_format: int
@@ -106,7 +106,7 @@ def decoded_tiff(path: Path, tags: TiffTags) -> np.ndarray:
     if tags.extra == PREMULTIPLIED:
         rgb = _straight(rgb, alpha)
     rgb = np.broadcast_to(np.clip(rgb, 0, 1), (*values.shape[:2], 3))
-    return np.concatenate([rgb, alpha], axis=-1) if tags.has_alpha else np.ascontiguousarray(rgb)
+    return np.concatenate([rgb, alpha] if tags.has_alpha else [rgb], axis=-1)
 
 
 def decoded_png(path: Path) -> np.ndarray:
@@ -134,21 +134,24 @@ def _straight(rgb: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ExrHeader:
-    """size: of the display window, which is the picture. width, height: of the data window. names: of the red, green, blue (the
-    same for grey) and alpha channels. part: which has them. channels: how many all parts have.
-    """
+    """What an OpenEXR says of its picture, which is its display window."""
 
-    size: tuple[int, int]
-    data_size: tuple[int, int]
+    size: tuple[int, int]  # of the display window
+    data_size: tuple[int, int]  # of the data window
     corner: tuple[int, int]  # of the data window within the display window
-    names: tuple[str, ...]
-    part: int
-    channels: int
+    names: tuple[str, ...]  # of the red, green, blue (the same for grey) and alpha channels
+    part: int  # which has them
+    channels: int  # how many all parts have
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the data window is the display window."""
+        return self.data_size == self.size and self.corner == (0, 0)
 
     @property
     def has_alpha(self) -> bool:
         """Whether anything may be transparent: also what lies outside of the data window."""
-        return len(self.names) > 3 or self.data_size != self.size or self.corner != (0, 0)
+        return len(self.names) > 3 or not self.is_whole
 
 
 def exr_header(path: Path) -> ExrHeader:
@@ -162,14 +165,16 @@ def exr_header(path: Path) -> ExrHeader:
         found = "subsampled colours" if subsampled else ", ".join(name for each in channels for name in each)[:120]
         raise UserError("an OpenEXR without a picture", where=path, expected="one layer with channels R, G, B or Y",
                         found=found or "none", remedy="export the picture alone")  # fmt: skip
-    (left, top), (right, bottom) = (map(int, corner) for corner in headers[part]["displayWindow"])
-    (left_data, top_data), (right_data, bottom_data) = (map(int, corner) for corner in headers[part]["dataWindow"])
-    return ExrHeader(
-        size=(right - left + 1, bottom - top + 1),
-        data_size=(right_data - left_data + 1, bottom_data - top_data + 1),
-        corner=(left_data - left, top_data - top),
-        names=names, part=part, channels=sum(map(len, channels)),
-    )  # fmt: skip
+    (left, top), (width, height) = _window(headers[part]["displayWindow"])
+    (left_data, top_data), data_size = _window(headers[part]["dataWindow"])
+    corner = (left_data - left, top_data - top)
+    return ExrHeader((width, height), data_size, corner, names, part, sum(map(len, channels)))
+
+
+def _window(corners: Any) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The first corner and the size of a window, whose last corner lies within it."""
+    (left, top), (right, bottom) = (map(int, corner) for corner in corners)
+    return (left, top), (right - left + 1, bottom - top + 1)
 
 
 def decoded_exr(path: Path, header: ExrHeader) -> np.ndarray:
@@ -181,15 +186,13 @@ def decoded_exr(path: Path, header: ExrHeader) -> np.ndarray:
         data = np.stack([_unit(channels[name].pixels) for name in header.names], axis=-1)
     if data.shape[1::-1] != header.data_size:
         raise ValueError("its pixels are not as many as its header says")
-    if data.shape[-1] == 4:
-        alpha = np.clip(data[..., 3:], 0, 1)
+    if header.has_alpha:
+        alpha = np.clip(data[..., 3:], 0, 1) if len(header.names) == 4 else np.ones_like(data[..., :1])
         data = np.concatenate([linear_to_srgb(_straight(data[..., :3], alpha)), alpha], axis=-1)
     else:
         data = linear_to_srgb(data)
-    if header.data_size == header.size and header.corner == (0, 0):
+    if header.is_whole:
         return data
-    if data.shape[-1] == 3:
-        data = np.concatenate([data, np.ones_like(data[..., :1])], axis=-1)
     (width, height), (x, y) = header.size, header.corner
     picture = np.zeros((height, width, 4), np.float32)
     left, top = max(x, 0), max(y, 0)

@@ -1,8 +1,7 @@
-"""Finding the files that a scene's description names, also where the disk spells them otherwise.
+"""Files of a scene: which are photographs, and where those are that a description names, however the disk spells them.
 
-Descriptions travel between systems and programs: a backslash for a slash, another case, composed or decomposed accents, a
-missing, extra or changed suffix, a folder too many or too few in front. A file is found by the strictest rule that leads to
-one file alone:
+Descriptions travel between systems and programs, which change slashes, case, accents, suffixes and the folders in front. A file
+is found by the strictest rule that leads to one file alone:
 
     1. the name as it stands
     2. the same name in normal form: "/" between parts, no "." parts, Unicode composed (NFC), case folded
@@ -12,14 +11,45 @@ one file alone:
 
 from __future__ import annotations
 
+import contextlib
 import os
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
-from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
+READ_PICTURES = "PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC or OpenEXR"
 
+
+class UnreadFormat(NamedTuple):
+    """A format of photographs that is not read."""
+
+    name: str
+    remedy: str  # what to do with them
+
+
+PICTURE_SUFFIXES = (
+    ".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif", ".hif", ".exr",
+)  # fmt: skip
+RAW = {
+    "dng": "DNG", "cr2": "Canon CR2", "cr3": "Canon CR3", "crw": "Canon CRW", "nef": "Nikon NEF", "nrw": "Nikon NRW",
+    "arw": "Sony ARW", "sr2": "Sony SR2", "srf": "Sony SRF", "raf": "Fujifilm RAF", "orf": "Olympus ORF",
+    "rw2": "Panasonic RW2", "pef": "Pentax PEF", "srw": "Samsung SRW", "x3f": "Sigma X3F", "3fr": "Hasselblad 3FR",
+    "iiq": "Phase One IIQ", "rwl": "Leica RWL", "gpr": "GoPro GPR", "fff": "Hasselblad FFF", "erf": "Epson ERF",
+    "kdc": "Kodak KDC", "dcr": "Kodak DCR", "mos": "Leaf MOS", "mrw": "Minolta MRW", "raw": "camera raw",
+}  # fmt: skip
+UNREAD = {  # names by suffix, by what to do with them
+    "export them as JPEG, PNG or 16 bit TIFF": {suffix: f"{name} (raw)" for suffix, name in RAW.items()},
+    "convert them to OpenEXR": {"hdr": "Radiance HDR"},
+    "convert them to JPEG or PNG": {
+        "gif": "GIF", "jxl": "JPEG XL", "jp2": "JPEG 2000", "j2k": "JPEG 2000", "jpx": "JPEG 2000", "jpf": "JPEG 2000",
+        "jxr": "JPEG XR", "psd": "Photoshop", "psb": "Photoshop", "xcf": "GIMP", "svg": "SVG", "ico": "ICO", "tga": "Targa",
+        "dds": "DDS", "ppm": "Netpbm", "pgm": "Netpbm", "pnm": "Netpbm", "pbm": "Netpbm", "pfm": "PFM", "qoi": "QOI",
+        "ktx2": "KTX", "insp": "Insta360 panorama",
+    },
+}  # fmt: skip
+UNREAD_FORMATS = {f".{s}": UnreadFormat(name, remedy) for remedy, names in UNREAD.items() for s, name in names.items()}
 MASK_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 # What systems leave beside files, but for names that begin with a dot: Windows, macOS, network disks.
 SYSTEM_FILES = ("thumbs.db", "ehthumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "__macosx", "icon\r",
@@ -34,7 +64,8 @@ def clean_name(name: str) -> str:
 
 def without_suffix(name: str) -> str:
     """A name without its suffix, where that is one of a picture: r_0.5 has none."""
-    return name[: -len(suffix)] if (suffix := _suffix(name)) else name
+    suffix = PurePosixPath(name).suffix
+    return name.removesuffix(suffix) if suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_FORMATS) else name
 
 
 def is_hidden(path: Path) -> bool:
@@ -42,7 +73,7 @@ def is_hidden(path: Path) -> bool:
     return path.name.startswith(".") or path.name.lower() in SYSTEM_FILES
 
 
-def visible_files(folder: Path, suffixes: Sequence[str] = PICTURE_SUFFIXES) -> list[Path]:
+def visible_files(folder: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> list[Path]:
     """The files directly in a folder with one of the suffixes, sorted by name; without those that systems hide."""
     return sorted(p for p in folder.iterdir() if p.suffix.lower() in suffixes and not is_hidden(p) and p.is_file())
 
@@ -60,63 +91,43 @@ class FileFinder:
         for root in self._roots:
             if os.path.isfile(root / name):  # Path.is_file raises where no file could have such a name
                 return root / name
-        cleaned = clean_name(name)
-        parts = cleaned.split("/") if cleaned else []
-        for start in range(len(parts)):
-            for root in self._roots:
-                if (found := self._find_in(root, parts[start:])) is not None:
-                    return found
-        return None
+        parts = [part for part in clean_name(name).split("/") if part]
+        tries = (self._find_in(root, parts[start:]) for start in range(len(parts)) for root in self._roots)
+        return next((found for found in tries if found is not None), None)
 
     def find_all(self, names: Sequence[str]) -> list[Path | None]:
         """`find` of each; None as well for different names that lead to one file, unless it has that very name."""
-        found = [self.find(name) for name in names]
-        claims = Counter(
-            path for path, _ in {(path, clean_name(name)) for path, name in zip(found, names, strict=True)}
-        )
+        found = [(self.find(name), clean_name(name)) for name in names]
+        claims = Counter(path for path, _ in {*found})
         return [
-            path if path is None or claims[path] == 1 or path.as_posix().endswith("/" + clean_name(name)) else None
-            for path, name in zip(found, names, strict=True)
+            path if path is None or claims[path] == 1 or path.as_posix().endswith("/" + name) else None
+            for path, name in found
         ]
 
     def _find_in(self, root: Path, parts: Sequence[str]) -> Path | None:
         folders = [root]
         for part in parts[:-1]:
-            folders = [
-                child for folder in folders for child in self._list(folder).get(_key(part), ()) if child.is_dir()
-            ]
-        matches: list[Callable[[str], bool]] = [
-            lambda entry: entry == _key(parts[-1]),
-            lambda entry: (
-                without_suffix(entry) == without_suffix(_key(parts[-1])) and entry.endswith(tuple(self._suffixes))
-            ),
-        ]
-        for matches_name in matches:
-            files = [
-                path
-                for folder in folders
-                for key, paths in self._list(folder).items()
-                if matches_name(key)
-                for path in paths
-                if path.is_file()
-            ]
-            if files:
-                return _only(files, self._suffixes)
-        return None
+            below = [child for folder in folders for child in self._alike(folder, part)]
+            folders = [child for child in below if _key(child.name) == _key(part) and child.is_dir()]
+        alike = [path for folder in folders for path in self._alike(folder, parts[-1]) if path.is_file()]
+        same = [path for path in alike if _key(path.name) == _key(parts[-1])]
+        return self._first(same or [path for path in alike if path.suffix.lower() in self._suffixes])
 
-    def _list(self, folder: Path) -> dict[str, list[Path]]:
-        """The visible entries of a folder by the key of their names."""
+    def _alike(self, folder: Path, name: str) -> list[Path]:
+        """The visible entries of a folder that have a name, whatever their suffix."""
         if folder not in self._listings:
-            listing: dict[str, list[Path]] = {}
-            try:
-                entries = sorted(folder.iterdir())
-            except OSError:
-                entries = []
-            for entry in entries:
-                if not is_hidden(entry):
-                    listing.setdefault(_key(entry.name), []).append(entry)
-            self._listings[folder] = listing
-        return self._listings[folder]
+            listing = self._listings[folder] = {}
+            with contextlib.suppress(OSError):
+                for entry in sorted(folder.iterdir()):
+                    if not is_hidden(entry):
+                        listing.setdefault(without_suffix(_key(entry.name)), []).append(entry)
+        return self._listings[folder].get(without_suffix(_key(name)), [])
+
+    def _first(self, files: list[Path]) -> Path | None:
+        """The file whose suffix comes first; None where there is none, or several have it."""
+        ranks = [(*self._suffixes, path.suffix.lower()).index(path.suffix.lower()) for path in files]
+        best = [path for path, rank in zip(files, ranks, strict=True) if rank == min(ranks)]
+        return best[0] if len(best) == 1 else None
 
 
 def find_masks(folder: Path, names: Sequence[str]) -> list[Path | None]:
@@ -129,22 +140,5 @@ def find_masks(folder: Path, names: Sequence[str]) -> list[Path | None]:
     return found
 
 
-def few(names: Sequence[str], most: int = 3) -> str:
-    """The first of some names, for messages."""
-    return ", ".join(names[:most]) + (", …" if len(names) > most else "")
-
-
-def _only(files: list[Path], suffixes: Sequence[str]) -> Path | None:
-    """The file with the first of the suffixes; None where two have it."""
-    rank = [suffixes.index(p.suffix.lower()) if p.suffix.lower() in suffixes else len(suffixes) for p in files]
-    best = [path for path, r in zip(files, rank, strict=True) if r == min(rank)]
-    return best[0] if len(best) == 1 else None
-
-
 def _key(name: str) -> str:
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
-
-
-def _suffix(name: str) -> str:
-    suffix = PurePosixPath(name).suffix
-    return suffix if suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_FORMATS) else ""

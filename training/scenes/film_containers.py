@@ -16,13 +16,11 @@ STILLS = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1"
 
 @dataclass(frozen=True)
 class Container:
-    """name: for messages. demuxer: FFmpeg's. suffixes: of its files. recognises: a file's first HEAD_BYTES."""
-
-    name: str
-    demuxer: str
+    name: str  # for messages
+    demuxer: str  # FFmpeg's
     suffixes: tuple[str, ...]
     mime_types: tuple[str, ...]
-    recognises: Callable[[bytes], bool]
+    recognises: Callable[[bytes], bool]  # a file's first HEAD_BYTES
 
 
 def _is_mp4(head: bytes) -> bool:

@@ -1,23 +1,22 @@
 """LLFF scenes: poses_bounds.npy and images[_K]; forward-facing ones in NDC, 360 degree captures spherified.
 
-A row of poses_bounds.npy holds 17 numbers: a 3 x 5 matrix, row-major, of the camera-to-world axes down, right, back,
-its position, and (height, width, focal length) of the full-size pictures; then the nearest and farthest depth that
-it sees. Rows are in the order of the pictures' sorted names.
+A row of poses_bounds.npy holds 17 numbers: a 3 x 5 matrix, row-major, of the camera-to-world axes down, right, back, position,
+and (height, width, focal length) of the full-size pictures; then nearest and farthest depth. Rows are sorted by pictures' names.
 """
 
 from __future__ import annotations
 
-import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from console import Notice, UserError
+from console import UserError
 from training.scenes.files import find_masks, visible_files
-from training.scenes.picture_cameras import camera_of_picture, tell_turned
-from training.scenes.pictures import PictureLoader
-from training.scenes.poses import faces_forward, poses
-from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, SceneOptions, hold_out
+from training.scenes.messages import notice
+from training.scenes.photographs import photograph_of, target_size, tell_turned
+from training.scenes.poses import faces_forward, pose
+from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Scene, SceneOptions, hold_out
 from training.scenes.space import frame_forward, frame_of_sphere, space_forward, space_of_bounds
 
 LOOKED_FOR = "poses_bounds.npy with images or images_K (LLFF)"
@@ -31,29 +30,29 @@ def recognises(path: Path) -> bool:
 
 def read(path: Path, options: SceneOptions) -> Scene:
     """Reads poses, chooses the folder of pictures that suits the downscale, checks their headers."""
-    P, full_size, focal, bounds = read_poses_bounds(path / "poses_bounds.npy")
-    sources, factor = choose_pictures(path, options.downscale)
+    P, (height, width), focal, bounds = read_poses_bounds(path / "poses_bounds.npy")
+    folders = picture_folders(path)
+    factor = choose_factor(path, list(folders), options.downscale)
+    sources = visible_files(folders[factor])
+    if not sources:
+        raise UserError("no pictures", where=folders[factor], expected="PNG, JPEG or another format that is read")
     if len(sources) != len(P):
-        raise UserError(
-            "pictures and poses disagree", where=sources[0].parent, expected=f"{len(P)} pictures", found=len(sources)
-        )
+        expected = f"{len(P)} pictures"
+        raise UserError("pictures and poses disagree", where=sources[0].parent, expected=expected, found=len(sources))
     masks = masks_of(path, factor, [source.name for source in sources]) if options.masks else [None] * len(sources)
     spherified = options.spherify
     if spherified is None and not faces_forward(P):
-        warnings.warn(Notice(f"{path}: the cameras look all around; reading it with --spherify"), stacklevel=2)
+        notice(path, "the cameras look all around; reading it with --spherify")
         spherified = True
     frame = frame_of_sphere(P) if spherified else frame_forward(P, bounds.min())
-    photographs = []
-    for pose, source, mask in zip(frame.poses(P), sources, masks, strict=True):
-        height, width = full_size
-        camera = Camera(pose, width, height, focal, focal, width / 2, height / 2)
-        camera, stored, as_stored = camera_of_picture(source, lambda _, camera=camera: camera)
-        size = target_size(stored, factor, options.downscale)
-        loader = PictureLoader(source, stored, size, mask, as_stored)
-        photographs.append(Photograph(source.stem, camera.resized(*size), loader))
+    cameras = [
+        Camera(world_T_camera, width, height, focal, focal, width / 2, height / 2) for world_T_camera in frame.poses(P)
+    ]
+    shrink = partial(target_size, factor=factor, downscale=options.downscale)
+    described = zip(sources, cameras, masks, strict=True)
+    photographs = [photograph_of(source.stem, source, camera, shrink, mask) for source, camera, mask in described]
     tell_turned(path, photographs)
-    cameras, names = ([getattr(one, key) for one in photographs] for key in ("camera", "name"))
-    space = space_of_bounds(cameras, bounds * frame.scale) if spherified else space_forward(cameras, names)
+    space = space_of_bounds(photographs, bounds * frame.scale) if spherified else space_forward(photographs)
     return Scene(path=path, kind="llff", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
                  **space._asdict())  # fmt: skip
 
@@ -62,23 +61,18 @@ def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, n
     """world_T_camera [N, 4, 4] (OpenGL axes), (height, width) and focal length of full pictures, depths [N, 2]."""
     rows = _rows(path)
     if not np.isfinite(rows).all():
-        raise UserError(
-            "a pose or depth is not finite", where=path, found=f"row {int(np.argwhere(~np.isfinite(rows))[0, 0])}"
-        )
-    matrices = rows[:, :15].reshape(-1, 3, 5)
-    down, right, back, position, hwf = np.moveaxis(matrices, -1, 0)
+        row = int(np.argwhere(~np.isfinite(rows))[0, 0])
+        raise UserError("a pose or depth is not finite", where=path, found=f"row {row}")
+    down, right, back, position, hwf = np.moveaxis(rows[:, :15].reshape(-1, 3, 5), -1, 0)
     bounds = rows[:, 15:]
-    if (
-        (np.rint(hwf[:, :2]) < 1).any()
-        or (hwf <= 0).any()
-        or (bounds[:, 0] <= 0).any()
-        or (bounds[:, 1] <= bounds[:, 0]).any()
-    ):
+    sound = (np.rint(hwf[:, :2]) >= 1) & (hwf[:, 2:] > 0) & (bounds[:, :1] > 0) & (bounds[:, 1:] > bounds[:, :1])
+    if not sound.all():
         raise UserError("sizes and depths must be positive, near before far", where=path)
     if np.ptp(hwf, axis=0).max() > 1e-6 * hwf.max():
         raise UserError("the poses name different cameras", where=path, expected="one size and focal length")
     height, width, focal = hwf[0]
-    P = poses(np.stack([right, -down, back, position], axis=-1), f"{path} row")
+    matrices = np.stack([right, -down, back, position], axis=-1)
+    P = np.stack([pose(matrix, f"{path} row {row}") for row, matrix in enumerate(matrices)])
     return P, (round(height), round(width)), float(focal), bounds
 
 
@@ -123,19 +117,8 @@ def choose_factor(path: Path, usable: list[int], downscale: int) -> int:
     if fitting := [factor for factor in usable if factor <= downscale]:
         return max(fitting)
     name = "images" if min(usable) == 1 else f"images_{min(usable)}"
-    text = f"no pictures as large as --downscale {downscale} asks for; using {name}"
-    warnings.warn(Notice(f"{path}: {text}"), stacklevel=4)
+    notice(path, f"no pictures as large as --downscale {downscale} asks for; using {name}")
     return min(usable)
-
-
-def choose_pictures(path: Path, downscale: int) -> tuple[list[Path], int]:
-    """The pictures of images_K with the largest K up to the downscale, sorted, and K (1 for images)."""
-    folders = picture_folders(path)
-    factor = choose_factor(path, list(folders), downscale)
-    pictures = visible_files(folders[factor])
-    if not pictures:
-        raise UserError("no pictures", where=folders[factor], expected="PNG, JPEG or another format that is read")
-    return pictures, factor
 
 
 def masks_folder(path: Path, factor: int) -> Path:
@@ -143,22 +126,13 @@ def masks_folder(path: Path, factor: int) -> Path:
     return path / ("masks" if factor == 1 else f"masks_{factor}")
 
 
-def masks_of(path: Path, factor: int, names: list[str]) -> list[Path]:
+def masks_of(path: Path, factor: int, names: list[str]) -> list[Path | None]:
     """The masks of pictures by their names within images_K. UserError where one has none."""
     folder = masks_folder(path, factor)
     if not folder.is_dir():
         raise UserError("no masks", where=folder, expected="a folder of masks", remedy="leave out --masks")
-    found = find_masks(folder, names)
-    for name, mask in zip(names, found, strict=True):
-        if mask is None:
-            raise UserError("a picture without a mask", where=folder, expected=name, remedy="leave out --masks")
-    return [mask for mask in found if mask is not None]
-
-
-def target_size(stored: tuple[int, int], factor: int, downscale: int) -> tuple[int, int]:
-    """Size of the pictures to train on, from stored ones that are `factor` times smaller than full size."""
-    scale = min(1.0, factor / downscale)
-    size = int(stored[0] * scale + 1e-6), int(stored[1] * scale + 1e-6)
-    if min(size) < 1:
-        raise UserError("downscale leaves no picture", where=f"--downscale {downscale}", remedy="use a smaller factor")
-    return size
+    masks = find_masks(folder, names)
+    if None in masks:
+        without = names[masks.index(None)]
+        raise UserError("a picture without a mask", where=folder, expected=without, remedy="leave out --masks")
+    return masks

@@ -1,7 +1,6 @@
 """What a mask shows of its photograph: whatever program wrote it, and however it stores black and white.
 
-Notation: a mask's values are float32 [H, W], 0 where it hides and 1 where it shows. Nothing is inverted, and nothing guessed from
-what the photograph shows.
+Notation: a mask's values are float32 [H, W], 0 where it hides and 1 where it shows. Nothing is inverted or guessed.
 """
 
 from __future__ import annotations

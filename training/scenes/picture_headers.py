@@ -10,7 +10,7 @@ import os
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +20,9 @@ from PIL.JpegImagePlugin import JpegImageFile
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.scenes.deep_pictures import ExrHeader, TiffTags, exr_header, tiff_tags
-from training.scenes.picture_formats import READ, UNREAD_FORMATS
+from training.scenes.deep_pictures import ORIENTATION, ExrHeader, TiffTags, exr_header, tiff_tags
+from training.scenes.files import READ_PICTURES, UNREAD_FORMATS
+from training.scenes.messages import times
 
 warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
@@ -32,8 +33,7 @@ LOSSY = ("JPEG", "MPO", "WEBP", "HEIF", "AVIF")
 MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 # A JPEG goes over all its pixels once for each scan, which may have 30 bytes: cameras write 1, other programs 10 to 64.
 MOST_SCANS, SCAN = 100, b"\xff\xda"
-ORIENTATION = 0x0112  # in EXIF
-SIDEWAYS = (5, 6, 7, 8)  # its values that swap width and height
+SIDEWAYS = (5, 6, 7, 8)  # values of ORIENTATION, EXIF's as well, that swap width and height
 # What Pillow, imagecodecs and OpenEXR raise for damaged files; they were not written with one error in mind.
 UNREADABLE = (
     OSError, SyntaxError, ValueError, AssertionError, LookupError, TypeError, ArithmeticError, AttributeError, EOFError,
@@ -43,19 +43,15 @@ UNREADABLE = (
 
 @dataclass(frozen=True)
 class Header:
-    """What a picture's file says before its pixels are decoded.
+    """What a picture's file says before its pixels are decoded."""
 
-    format: Pillow's name, or "EXR". stored: the size as stored. orientation: EXIF's, 1 to 8. transparent: whether it has alpha at
-    all. mode: Pillow's. deep: what decodes it in place of Pillow, which would cut it down to 8 bits or not read it.
-    """
-
-    format: str
-    stored: tuple[int, int]
-    orientation: int
-    transparent: bool
-    mode: str
+    format: str  # Pillow's name, or "EXR"
+    stored: tuple[int, int]  # the size as stored
+    orientation: int  # EXIF's, 1 to 8
+    transparent: bool  # whether it has alpha at all
+    mode: str  # Pillow's
     exif: Image.Exif
-    deep: TiffTags | ExrHeader | bool = False
+    deep: TiffTags | ExrHeader | bool = False  # what decodes it in place of Pillow, which cannot or would cut it down
 
     @property
     def size(self) -> tuple[int, int]:
@@ -69,7 +65,9 @@ def read_header(path: Path) -> Header:
     if not os.path.isfile(path):  # also where the system would not even look for such a name
         raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
     if (unread := UNREAD_FORMATS.get(path.suffix.lower())) is not None:
-        raise UserError(f"{unread.name} pictures are not read", where=path, expected=READ, remedy=unread.remedy)
+        raise UserError(
+            f"{unread.name} pictures are not read", where=path, expected=READ_PICTURES, remedy=unread.remedy
+        )
     try:
         with _Bounded(io.FileIO(path)) as file:
             kind = told(file.read(HEAD_BYTES))
@@ -89,10 +87,9 @@ def read_header(path: Path) -> Header:
             if tags is None or not tags.deep:
                 raise
             return Header("TIFF", tags.size, tags.orientation, tags.has_alpha, "F", Image.Exif(), tags)
-    except UnidentifiedImageError as error:
-        raise UserError("not a readable picture", where=path, expected=READ, found=kind) from error
     except UNREADABLE as error:
-        raise UserError("not a readable picture", where=path, expected=READ, found=short_reason(error)) from error
+        found = kind if isinstance(error, UnidentifiedImageError) else short_reason(error)
+        raise UserError("not a readable picture", where=path, expected=READ_PICTURES, found=found) from error
 
 
 def _pillow_header(path: Path, tags: TiffTags | None) -> Header:
@@ -121,10 +118,9 @@ def opened(path: Path) -> Iterator[Image.Image]:
 def weigh(path: Path, size: tuple[int, int], words: float = 1) -> None:
     """OSError where a file is too small for so many pixels, each of so many four bytes."""
     width, height = size
-    if width < 1 or height < 1 or width * height * words > max(
-        MOST_PIXELS_PER_BYTE * os.path.getsize(path), UNDOUBTED_PIXELS
-    ):  # fmt: skip
-        raise OSError(f"its header claims {times(size)} pixels, more than {os.path.getsize(path)} bytes can hold")
+    held = os.path.getsize(path)
+    if width < 1 or height < 1 or width * height * words > max(MOST_PIXELS_PER_BYTE * held, UNDOUBTED_PIXELS):
+        raise OSError(f"its header claims {times(size)} pixels, more than {held} bytes can hold")
 
 
 def formats_of(path: Path) -> tuple[str, ...]:
@@ -175,11 +171,6 @@ class _Bounded(io.BufferedReader):
 def _head(path: Path) -> bytes:
     with path.open("rb") as file:
         return file.read(HEAD_BYTES)
-
-
-def times(size: Sequence[int]) -> str:
-    """A size for messages."""
-    return f"{size[0]}x{size[1]}"
 
 
 def short_reason(error: Exception) -> str:

@@ -1,9 +1,7 @@
 """Decoding and shrinking of photographs.
 
-Notation: a picture is float32 [H, W, 4] in [0, 1], RGB not premultiplied, alpha 1 where opaque; k the
-downscale factor. Shrinking averages exactly over areas, of colour premultiplied by alpha, so that the
-invisible RGB of transparent pixels does not bleed into edges. A picture is *stored* as its bytes have it, and *upright* after it
-was turned as its EXIF says; it is upright unless `as_stored` is asked for. Sizes are (width, height).
+Notation: a picture is float32 [H, W, 4] in [0, 1], RGB not premultiplied, alpha 1 where opaque. It is *stored* as its bytes have
+it, and *upright* after it was turned as its EXIF says; it is upright unless `as_stored` is asked for. Sizes are (width, height).
 """
 
 from __future__ import annotations
@@ -20,7 +18,8 @@ from PIL import Image
 from console import UserError
 from training.scenes.deep_pictures import ExrHeader, decoded_exr, decoded_png, decoded_tiff
 from training.scenes.mask_values import mask_values
-from training.scenes.picture_headers import LOSSY, SIDEWAYS, UNREADABLE, decodable, read_header, short_reason, times
+from training.scenes.messages import times
+from training.scenes.picture_headers import LOSSY, SIDEWAYS, UNREADABLE, Header, decodable, read_header, short_reason
 
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
 MASK_SHAPE = 0.02  # how much a mask's width over its height may differ from its photograph's
@@ -57,11 +56,9 @@ def decoded(path: Path, as_stored: bool = False) -> np.ndarray:
             with decodable(path) as image:
                 mode = "RGBA" if header.transparent else "RGB"
                 picture = np.asarray(image if image.mode == mode else image.convert(mode))
-            if header.format == "TIFF":  # which Pillow turns by itself
-                return turned_back(picture, header.orientation) if as_stored else picture
         else:
             picture = decoded_png(path) if header.deep is True else decoded_tiff(path, header.deep)
-        return picture if as_stored else turned(picture, header.orientation)
+        return _turned_as_asked(picture, header, as_stored)
 
 
 def turned(picture: np.ndarray, orientation: int) -> np.ndarray:
@@ -78,17 +75,20 @@ def turned_back(picture: np.ndarray, orientation: int) -> np.ndarray:
     return turned(picture, {6: 8, 8: 6}.get(orientation, orientation))
 
 
+def _turned_as_asked(picture: np.ndarray, header: Header, as_stored: bool) -> np.ndarray:
+    """A decoded picture, upright or as stored."""
+    if header.format == "TIFF" and not header.deep:  # which Pillow turns by itself
+        return turned_back(picture, header.orientation) if as_stored else picture
+    return picture if as_stored else turned(picture, header.orientation)
+
+
 @contextmanager
 def _one_line(path: Path) -> Iterator[None]:
     try:
         yield
     except UNREADABLE as error:
-        raise UserError(
-            "the picture cannot be decoded",
-            where=path,
-            found=short_reason(error),
-            remedy="it may be truncated: copy it again",
-        ) from error
+        raise UserError("the picture cannot be decoded", where=path, found=short_reason(error),
+                        remedy="it may be truncated: copy it again") from error  # fmt: skip
 
 
 def as_floats(picture: np.ndarray) -> np.ndarray:
@@ -108,20 +108,9 @@ def as_bytes(picture: np.ndarray) -> np.ndarray:
     return picture if picture.dtype == np.uint8 else np.rint(picture * 255.0).astype(np.uint8)
 
 
-def shrunk_size(width: int, height: int, downscale: int) -> tuple[int, int]:
-    """(width, height) after a downscale by an integer >= 1; fractions are floored and the area stretched to fit."""
-    if width // downscale < 1 or height // downscale < 1:
-        raise UserError(
-            "downscale leaves no picture",
-            where=f"--downscale {downscale}",
-            found=f"{width}x{height}",
-            remedy="use a smaller factor",
-        )
-    return width // downscale, height // downscale
-
-
 def shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Area average of a picture [H, W, 3 or 4] to [height, width, ...], premultiplied by alpha while averaging."""
+    """Area average of a picture [H, W, 3 or 4] to [height, width, ...], premultiplied by alpha while averaging: the RGB of
+    transparent pixels does not bleed into edges."""
     if picture.shape[:2] == (height, width):
         return picture
     if picture.shape[-1] == 3 or np.all(picture[..., 3] == 1.0):
@@ -134,19 +123,15 @@ def shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def shrunk_bytes(picture: np.ndarray, width: int, height: int) -> np.ndarray:
-    """`shrink` of a picture uint8 or float32 [H, W, 3 or 4], rounded to uint8: some rows at a time, so that floats of the whole
-    picture are never held."""
+    """`shrink` of a picture uint8 or float32 [H, W, 3 or 4], rounded to uint8, without floats of the whole picture."""
     if picture.shape[:2] == (height, width):
         return as_bytes(picture)
     parts = math.gcd(picture.shape[0], height)  # bands of so many rows begin where a row of the result does
     rows, rows_out = picture.shape[0] // parts, height // parts
     together = max(BAND_PIXELS // (rows * picture.shape[1]), 1)
-    bands = []
-    for first in range(0, parts, together):
-        last = min(first + together, parts)
-        band = as_floats(picture[first * rows : last * rows])
-        bands.append(as_bytes(shrink(band, width, (last - first) * rows_out)))
-    return np.concatenate(bands)
+    starts = [(first, min(first + together, parts)) for first in range(0, parts, together)]
+    bands = ((as_floats(picture[first * rows : last * rows]), (last - first) * rows_out) for first, last in starts)
+    return np.concatenate([as_bytes(shrink(band, width, height)) for band, height in bands])
 
 
 def area_average(values: np.ndarray, size: int, axis: int) -> np.ndarray:
@@ -167,11 +152,8 @@ def area_average(values: np.ndarray, size: int, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PictureLoader:
-    """A Photograph.load of a file: decodes `path`, checks that it still has source_size, applies a mask, shrinks to `size`.
-
-    mask: a picture of the same shape (see read_mask). as_stored: the picture is not turned as its EXIF says; source_size and size
-    are such, too.
-    """
+    """A Photograph.load of a file: decodes `path`, which must still have source_size, applies a mask (read_mask), shrinks to
+    `size`. as_stored: the picture is not turned as its EXIF says, and the sizes are such, too."""
 
     path: Path
     source_size: tuple[int, int]
@@ -215,11 +197,9 @@ class PictureLoader:
 
 
 def read_mask(path: Path, photograph: Path, as_stored: bool = False) -> np.ndarray:
-    """The values of a mask (training.scenes.mask_values), float32 [H, W] of its photograph's size.
-
-    A mask of another size is resampled, if it has the same shape. One without an EXIF orientation of its own, whose shape is that
-    of the photograph as stored, is turned along with it. UserError where it has another shape.
-    """
+    """The values of a mask (training.scenes.mask_values), float32 [H, W] of its photograph's size. A mask of another size is
+    resampled, if it has the same shape. One without an EXIF orientation of its own, whose shape is that of the photograph as
+    stored, is turned along with it. UserError where it has another shape."""
     header, own = read_header(photograph), read_header(path)
     width, height = header.stored if as_stored else header.size
     values = mask_values(decoded(path, as_stored), lossy=own.format in LOSSY)
@@ -250,10 +230,7 @@ def small_picture(path: Path, side: int, mode: str, *, as_stored: bool = False, 
             image.draft("L" if mode == "L" else "RGB", (at_least * side, at_least * side))
             picture = image.convert(mode)
         picture.thumbnail((side, side), Image.Resampling.BOX, reducing_gap=2.0)
-        if header.orientation == 1 or as_stored == (header.format != "TIFF"):  # which Pillow turns by itself
-            return picture
-        turn = turned_back if as_stored else turned
-        return Image.fromarray(np.ascontiguousarray(turn(np.asarray(picture), header.orientation)))
+        return Image.fromarray(np.ascontiguousarray(_turned_as_asked(np.asarray(picture), header, as_stored)))
 
 
 def over_background(picture: np.ndarray, background: Sequence[float]) -> np.ndarray:

@@ -1,7 +1,6 @@
 """The pixels of many photographs as one array of bytes: in memory, or in a file where they would take too much of it.
 
-Notation: photographs lie end to end, row by row; of each, one row in `row_step` is taken, from the first on. C channels: 3, or
-4 with alpha.
+Notation: photographs lie end to end, row by row; of each, one row in `row_step` is taken. C channels: 3, or 4 with alpha.
 """
 
 from __future__ import annotations
@@ -16,14 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from console import Notice, UserError
-from training.scenes.pictures import PictureLoader, as_bytes, times
+from training.memory import aligned, free_memory
+from training.scenes.messages import few, times
+from training.scenes.pictures import PictureLoader, as_bytes
 from training.scenes.scene import Camera, Photograph
 
 FILE_SHARE = 3  # pixels that take more than this part of the free memory, a third, go to a file
-ALIGNED = 64  # bytes: where arrays begin that JAX takes over on a processor without copying them
 DECODING = 24  # bytes for each pixel of a photograph while it is decoded
-ASSUMED_FREE = 4 << 30  # bytes, where the system does not tell
-MASKS_NAMED = 3  # in a notice
 TOGETHER = 1 << 24  # pixels that are looked at together
 
 
@@ -42,19 +40,18 @@ def load_pixels(
     photographs: Sequence[Photograph], first: int = 0, last: int | None = None, *,
     channels: int = 4, row_step: int = 1, folder: Path | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """Pixels uint8 [last - first, C] of photographs; their sizes may differ.
+    """Pixels uint8 [last - first, C] of photographs of any sizes.
 
-    Only those photographs are decoded (in threads) that have a pixel in [first, last); beyond the last pixel all is 0. With 3
-    channels, alpha is left out. folder: where the file is made, if one is needed (else the temporary folder); it has no name
-    and is gone with the array. A notice names masks that hide or show everything. UserError where a picture fails to decode or is
-    not of its camera's size, or the disk is full.
+    Only photographs with a pixel in [first, last) are decoded, in threads; beyond the last pixel all is 0. With 3 channels, alpha
+    is left out. folder: where a file without a name is made, if one is needed. A notice names masks that hide or show everything.
+    UserError where a picture fails to decode or is not of its camera's size, or the disk is full.
     """
     if not photographs:
         raise UserError("no pictures to load", expected="at least one")
     sizes = pixel_counts([p.camera for p in photographs], row_step)
     starts = np.cumsum(sizes) - sizes
     last = int(sizes.sum()) if last is None else last
-    pixels = _room((last - first) * channels, folder).reshape(-1, channels)
+    pixels = _zeros((last - first) * channels, folder).reshape(-1, channels)
     masks: dict[str, tuple[int, int]] = {}
 
     def decode(index: int) -> None:
@@ -83,13 +80,12 @@ def load_pixels(
 
 def notice_masks(where: Path | None, extremes: Mapping[str, tuple[int, int]]) -> None:
     """Says which masks hide or show everything, of the smallest and largest values of all by name."""
-    for does, names in (
-        ("hide", sorted(name for name, (_, high) in extremes.items() if high == 0)),
-        ("show", sorted(name for name, (low, _) in extremes.items() if low == 255)),
-    ):
+    hiding = sorted(name for name, (_, high) in extremes.items() if high == 0)
+    showing = sorted(name for name, (low, _) in extremes.items() if low == 255)
+    for does, names in (("hide", hiding), ("show", showing)):
         if names:
-            few = ", ".join(names[:MASKS_NAMED]) + (", …" if len(names) > MASKS_NAMED else "")
-            told = f"{len(names)} of {len(extremes)} masks {does if len(names) > 1 else does + 's'} everything ({few})"
+            does = does if len(names) > 1 else f"{does}s"
+            told = f"{len(names)} of {len(extremes)} masks {does} everything ({few(names)})"
             warnings.warn(Notice(told if where is None else f"{where}: {told}"), stacklevel=3)
 
 
@@ -112,39 +108,19 @@ def without_alpha(pixels: np.ndarray) -> np.ndarray:
     return flat[: 3 * len(pixels)].reshape(-1, 3)
 
 
-def free_memory() -> int:
-    """Bytes that this process may take, as far as the system tells."""
-    told = []
-    try:
-        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
-        told.append(1024 * int(lines["MemAvailable"].split()[0]))
-    except (OSError, KeyError, ValueError):
-        told.append(ASSUMED_FREE)
-    try:  # a container's limit
-        most, used = (Path("/sys/fs/cgroup", name).read_text() for name in ("memory.max", "memory.current"))
-        told.append(int(most) - int(used))
-    except (OSError, ValueError):
-        pass
-    return max(min(told), 0)
-
-
 def _at_once(photographs: Sequence[Photograph]) -> int:
     """How many photographs are decoded at once: as many as processors can, and a quarter of the free memory holds."""
-    largest = max(c.width * c.height for c in (p.camera for p in photographs))
-    for photograph in photographs:
-        if isinstance(photograph.load, PictureLoader):
-            largest = max(largest, int(np.prod(photograph.load.source_size)))
+    sizes = [(p.camera.width, p.camera.height) for p in photographs]
+    sizes += [p.load.source_size for p in photographs if isinstance(p.load, PictureLoader)]
+    largest = max(width * height for width, height in sizes)
     return max(1, min(16, (os.cpu_count() or 1) + 2, free_memory() // 4 // (DECODING * largest)))
 
 
-def _room(size: int, folder: Path | None) -> np.ndarray:
+def _zeros(size: int, folder: Path | None) -> np.ndarray:
     """uint8 [size] zeros, in memory or in a file without a name."""
     if size <= free_memory() // FILE_SHARE:
-        room = np.zeros(size + ALIGNED, np.uint8)
-        start = -room.ctypes.data % ALIGNED
-        return room[start : start + size]
-    failure = OSError()
-    places = [*([folder] if folder else []), Path(tempfile.gettempdir())]
+        return aligned((size,), np.uint8)
+    failure, places = OSError(), [*([folder] if folder else []), Path(tempfile.gettempdir())]
     for place in places:
         try:
             place.mkdir(parents=True, exist_ok=True)
@@ -153,13 +129,10 @@ def _room(size: int, folder: Path | None) -> np.ndarray:
                 return np.asarray(np.memmap(file, np.uint8, "r+", shape=(size,)))
         except OSError as error:
             failure = error
-    raise UserError(
-        "the photographs fit neither in memory nor on this disk",
-        where=" and ".join(map(str, places)),
-        expected=f"{size / 1e9:.1f} GB of free space",
-        found=failure.strerror or str(failure),
-        remedy="free some space there, name another folder by TMPDIR, or use --downscale 2",
-    ) from failure
+    remedy = "free some space there, name another folder by TMPDIR, or use --downscale 2"
+    raise UserError("the photographs fit neither in memory nor on this disk", where=" and ".join(map(str, places)),
+                    expected=f"{size / 1e9:.1f} GB of free space", found=failure.strerror or str(failure),
+                    remedy=remedy) from failure  # fmt: skip
 
 
 def _reserve(descriptor: int, size: int) -> None:

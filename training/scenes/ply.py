@@ -32,10 +32,10 @@ def read_ply(path: Path) -> np.ndarray:
         raise _damaged(path, "no header")
     lines = [line.split() for line in data[:end].decode("ascii", errors="replace").splitlines()]
     form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
-    elements = [index for index, line in enumerate(lines) if line[:1] == ["element"]]
-    first = lines[elements[0]] if elements else []
-    properties = lines[elements[0] + 1 : elements[1] if len(elements) > 1 else None] if elements else []
-    properties = [line for line in properties if line[:1] == ["property"]]
+    starts = [index for index, line in enumerate(lines) if line[:1] == ["element"]]
+    begin, end = [*starts, len(lines), len(lines)][:2]
+    first = lines[begin] if starts else []
+    properties = [line for line in lines[begin:end] if line[:1] == ["property"]]
     names = [line[-1] for line in properties]
     sound = len(first) == 3 and first[1] == "vertex" and first[2].isdigit() and form in ORDERS
     if not sound or any(len(line) != 3 or line[1] not in TYPES for line in properties) or not {*"xyz"} <= {*names}:
@@ -43,19 +43,17 @@ def read_ply(path: Path) -> np.ndarray:
     count = int(first[2])
     if form == "ascii":
         try:
-            rows = np.array([line.split() for line in data[body:].splitlines()[:count]], np.float64).reshape(
-                -1, len(names)
-            )
+            words = [line.split() for line in data[body:].splitlines()[:count]]
+            rows = np.array(words, np.float64).reshape(-1, len(names))
         except ValueError:
             raise _damaged(path, "a line that is no list of numbers") from None
-        table = {name: rows[:, column] for column, name in enumerate(names)}
+        places = rows[:, [names.index(axis) for axis in "xyz"]]
     else:
         dtype = np.dtype([(f"{i}", ORDERS[form] + TYPES[line[1]]) for i, line in enumerate(properties)])
         if count * dtype.itemsize > len(data) - body:
             raise _damaged(path, "it ends too early")
         rows = np.frombuffer(data, dtype, count, body)
-        table = {name: rows[f"{i}"].astype(np.float64) for i, name in enumerate(names)}
-    places = np.stack([table[axis] for axis in "xyz"], axis=-1).reshape(-1, 3)
+        places = np.stack([rows[f"{names.index(axis)}"].astype(np.float64) for axis in "xyz"], axis=-1)
     return places[np.isfinite(places).all(-1)]
 
 

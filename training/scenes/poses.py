@@ -18,43 +18,38 @@ LAST_ROW = 1e-3  # how far the last row of a matrix may be from 0, 0, 0, 1
 
 def pose(matrix: Any, where: str) -> np.ndarray:
     """A checked world_T_camera from nested lists [4, 4] or [3, 4]; its axes are made unit length."""
+
+    def wrong(what: str, **facts: str) -> UserError:
+        return UserError(f"the camera's matrix {what}", where=where, **facts)
+
     try:
         world_T_camera = np.array(matrix, dtype=np.float64)
     except (TypeError, ValueError):
-        raise UserError("the camera's matrix has values that are not numbers", where=where, expected="4x4") from None
+        raise wrong("has values that are not numbers", expected="4x4") from None
     if world_T_camera.shape == (3, 4):
         world_T_camera = np.vstack([world_T_camera, [0, 0, 0, 1]])
     if world_T_camera.shape != (4, 4):
         shape = "x".join(map(str, world_T_camera.shape)) or "nothing"
-        raise UserError("the camera's matrix has another shape", where=where, expected="4x4", found=shape)
+        raise wrong("has another shape", expected="4x4", found=shape)
     if not np.all(np.isfinite(world_T_camera)):
-        raise UserError("the camera's matrix has values that are not finite", where=where)
+        raise wrong("has values that are not finite")
     if np.abs(world_T_camera).max() > FARTHEST:
-        raise UserError(
-            "the camera's matrix has values that are too large", where=where, expected=f"at most {FARTHEST:g}"
-        )
+        raise wrong("has values that are too large", expected=f"at most {FARTHEST:g}")
     lengths = np.linalg.norm(world_T_camera[:3, :3], axis=0)
     determinant = np.linalg.det(world_T_camera[:3, :3] / np.maximum(lengths, 1e-300))
     if lengths.min() < 1e-9 or abs(determinant) < 0.5:
-        raise UserError("the camera's matrix is not a rotation and a position", where=where, found="dependent axes")
+        raise wrong("is not a rotation and a position", found="dependent axes")
     if np.abs(world_T_camera[3] - (0, 0, 0, 1)).max() > LAST_ROW:
-        raise UserError("the camera's matrix has another last row", where=where, expected="0, 0, 0, 1",
-                        found=", ".join(f"{value:g}" for value in world_T_camera[3]),
-                        remedy="write camera-to-world matrices row by row")  # fmt: skip
+        found = ", ".join(f"{value:g}" for value in world_T_camera[3])
+        remedy = "write camera-to-world matrices row by row"
+        raise wrong("has another last row", expected="0, 0, 0, 1", found=found, remedy=remedy)
     if determinant < 0:
-        raise UserError("the camera's matrix mirrors the world", where=where, expected="a rotation, determinant 1",
-                        found=f"determinant {determinant:.3g}",
-                        remedy="export with right-handed axes: x right, y up, z back")  # fmt: skip
+        raise wrong("mirrors the world", expected="a rotation, determinant 1", found=f"determinant {determinant:.3g}",
+                    remedy="export with right-handed axes: x right, y up, z back")  # fmt: skip
     world_T_camera[:3, :3] /= lengths
     if np.abs(world_T_camera[:3, :3].T @ world_T_camera[:3, :3] - np.eye(3)).max() > MOST_SHEAR:
-        raise UserError("the camera's matrix is not a rotation and a position", where=where,
-                        expected="axes at right angles")  # fmt: skip
+        raise wrong("is not a rotation and a position", expected="axes at right angles")
     return world_T_camera
-
-
-def poses(matrices: Any, where: str) -> np.ndarray:
-    """`pose` of each: [N, 4, 4]."""
-    return np.stack([pose(matrix, f"{where} {index}") for index, matrix in enumerate(matrices)])
 
 
 def normalised(v: np.ndarray) -> np.ndarray:
@@ -62,13 +57,21 @@ def normalised(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v)
 
 
+def axes_along(z: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Axes [3, 3] (columns) of a frame whose z is that, and whose y is as near to `up` as that allows."""
+    z = normalised(z)
+    x = normalised(np.cross(up, z))
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def upright_axes(up: np.ndarray) -> np.ndarray:
+    """Axes [3, 3] (columns) of a frame whose z is `up`."""
+    return axes_along(up, np.eye(3)[np.argmin(np.abs(up))])
+
+
 def look_at(eye: np.ndarray, back: np.ndarray, up: np.ndarray) -> np.ndarray:
     """world_T_camera [4, 4] at `eye` whose z axis is `back` and whose y axis is as near to `up` as that allows."""
-    z = normalised(back)
-    x = normalised(np.cross(up, z))
-    result = np.eye(4)
-    result[:3] = np.stack([x, np.cross(z, x), z, eye], axis=1)
-    return result
+    return np.vstack([np.column_stack([axes_along(back, up), eye]), [0, 0, 0, 1]])
 
 
 def mean_pose(P: np.ndarray) -> np.ndarray:
@@ -76,33 +79,13 @@ def mean_pose(P: np.ndarray) -> np.ndarray:
     return look_at(P[:, :3, 3].mean(0), P[:, :3, 2].sum(0), P[:, :3, 1].sum(0))
 
 
-def similarity(rotation: np.ndarray, centre: np.ndarray, scale: float, P: np.ndarray) -> np.ndarray:
-    """Poses in a frame whose axes are the columns of `rotation` [3, 3], whose origin is `centre`, `scale` times as
-    big.
-    """
-    moved = P.copy()
-    moved[:, :3, :3] = rotation.T @ P[:, :3, :3]
-    moved[:, :3, 3] = scale * (P[:, :3, 3] - centre) @ rotation
-    return moved
-
-
-def focus_point(P: np.ndarray) -> np.ndarray:
-    """The point nearest to all optical axes, in the least squares sense [3]. LinAlgError where the axes are
-    parallel.
-    """
+def focus_point(P: np.ndarray) -> np.ndarray | None:
+    """The point [3] nearest to all optical axes, in the least squares sense; None where these are parallel."""
     across = np.eye(3) - P[:, :3, 2, None] * P[:, None, :3, 2]  # projects onto the plane across an axis
     system = across.mean(0)
     if np.linalg.cond(system) > 1e3:
-        raise np.linalg.LinAlgError("the optical axes are parallel")
+        return None
     return np.linalg.solve(system, (across @ P[:, :3, 3, None]).mean(0)[:, 0])
-
-
-def upright_axes(up: np.ndarray) -> np.ndarray:
-    """Axes [3, 3] (columns) of a frame whose z is `up`."""
-    z = normalised(up)
-    aside = np.eye(3)[np.argmin(np.abs(z))]
-    x = normalised(np.cross(aside, z))
-    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def faces_forward(P: np.ndarray) -> bool:

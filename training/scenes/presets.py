@@ -1,7 +1,6 @@
 """The presets by name: what each is for, and what it does to photographs before training and to the grid after it.
 
-Their training settings are training.config.PRESETS. They stand with the photographs, where no JAX is, so that the viewer can
-offer them.
+Their training settings are training.config.PRESETS. No JAX is here, so that the viewer can offer them.
 """
 
 from __future__ import annotations
@@ -21,17 +20,12 @@ VOXELS_PER_PIXEL = 1.25
 
 @dataclass(frozen=True)
 class Preset:
-    """about: for --help, in brackets behind the name. title, advice: how the viewer offers it; not at all where untitled.
-
-    longest_side: photographs are shrunk until their longer side has no more pixels, so that minutes are enough; None takes
-    all there are. resolution: voxels along the longest side of snerg-make's bake; see resolution_for.
-    """
-
-    about: str = ""
-    title: str = ""
+    about: str = ""  # for --help, in brackets behind the name
+    title: str = ""  # how the viewer offers it; not at all where untitled
     advice: str = ""
-    longest_side: int | None = None
-    resolution: int = 1000  # the paper bakes at slightly more voxels than its photographs have pixels (section 6)
+    longest_side: int | None = None  # photographs are shrunk to so many pixels; None takes all there are
+    # Voxels along the longest side of snerg-make's bake. The paper's: slightly more than its photographs have pixels (section 6).
+    resolution: int = 1000
 
     def resolution_for(self, pixels: int) -> int:
         """The resolution for photographs of so many pixels along their longer side: more where they were not shrunk."""
@@ -41,30 +35,16 @@ class Preset:
 
 
 PRESETS: Mapping[PresetName, Preset] = {
-    "quick": Preset(
-        "minutes",
-        "Quick",
-        "Minutes on any computer, from photographs shrunk to 256 pixels.",
-        longest_side=256,
-        resolution=512,
-    ),
+    "quick": Preset("minutes", "Quick", "Minutes on any computer, from photographs shrunk to 256 pixels.", 256, 512),
     "normal": Preset(
-        "photographs of 512 pixels",
-        "Normal",
-        "Photographs of up to 512 pixels. Takes longer than Quick.",
-        longest_side=512,
-        resolution=512,
+        "photographs of 512 pixels", "Normal", "Photographs of up to 512 pixels. Takes longer than Quick.", 512, 512
     ),
     "full": Preset(
-        "photographs of 1024 pixels",
-        "Full size",
-        "Photographs of up to 1024 pixels, up to 1000³ voxels. Takes the longest.",
-        longest_side=1024,
-        resolution=512,
+        "photographs of 1024 pixels", "Full size",
+        "Photographs of up to 1024 pixels, up to 1000³ voxels. Takes the longest.", 1024, 512,
     ),
     "paper": Preset(
-        "the paper's own numbers, days",
-        "As in the paper",
+        "the paper's own numbers, days", "As in the paper",
         "250,000 steps of the paper's own networks: days, even on a graphics card.",
     ),
     "small": Preset("the paper's method, smaller", resolution=512),
@@ -75,7 +55,7 @@ PRESETS: Mapping[PresetName, Preset] = {
     "jaxnerf": Preset("the paper's baseline; cannot be baked"),
     "jaxnerf-plus": Preset("the same, as large as paper; cannot be baked"),
     "tinyview": Preset("a small view MLP at every sample; cannot be baked"),
-}
+}  # fmt: skip
 
 
 def names_with_about(kind: object) -> str:

@@ -1,15 +1,12 @@
-"""Rays of cameras in NumPy, lens distortion undone and the NDC warp of forward-facing scenes.
-(training.dataset has its JAX twin for training.)
+"""Rays of cameras in NumPy: lens distortion undone, and the NDC warp. training.dataset has the JAX twin.
 
-Notation: (x, y) pixel coordinates, pixel centres at +0.5; (u, v) = ((x - cx) / fx, (y - cy) / fy) image
-coordinates as the lens made them, y down (OpenCV); (a, b) the same without distortion. A lens distorts,
-with r^2 = a^2 + b^2:
+Notation: (x, y) pixel coordinates, pixel centres at +0.5; (u, v) = ((x - cx) / fx, (y - cy) / fy) image coordinates as the lens
+made them, y down (OpenCV); (a, b) the same without distortion. A lens distorts, with r^2 = a^2 + b^2:
 
     u = a (1 + k1 r^2 + k2 r^4) + 2 p1 a b + p2 (r^2 + 2 a^2)
     v = b (1 + k1 r^2 + k2 r^4) + p1 (r^2 + 2 b^2) + 2 p2 a b
 
-We undistort rays, not pictures: no pixel is resampled. In the camera the ray is then (a, -b, -1), OpenGL
-axes.
+We undistort rays, not pictures: no pixel is resampled. In the camera the ray is then (a, -b, -1), OpenGL axes.
 """
 
 from __future__ import annotations
@@ -55,10 +52,14 @@ def undistort(u: np.ndarray, v: np.ndarray, distortion: tuple[float, ...]) -> tu
     return a, b
 
 
+def pixel_grid(camera: Camera, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """x and y [count, count] of pixel coordinates spread evenly over a picture, from edge to edge."""
+    x, y = (np.linspace(0.0, side, count) for side in (camera.width, camera.height))
+    return np.meshgrid(x, y)  # type: ignore[return-value]
+
+
 def camera_rays(camera: Camera, x: np.ndarray | None = None, y: np.ndarray | None = None):
-    """origins, unit directions float64 [..., 3] through pixel coordinates x, y [...]; default: every
-    pixel's centre [H, W].
-    """
+    """origins, unit directions float64 [..., 3] through pixel coordinates x, y [...]; default: every pixel's centre [H, W]."""
     if x is None or y is None:
         y, x = np.meshgrid(np.arange(camera.height) + 0.5, np.arange(camera.width) + 0.5, indexing="ij")
     a, b = undistort((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
@@ -68,23 +69,14 @@ def camera_rays(camera: Camera, x: np.ndarray | None = None, y: np.ndarray | Non
 
 
 def ndc_rays(
-    origins: np.ndarray,
-    directions: np.ndarray,
-    width: float,
-    height: float,
-    focal: float,
-    near: float = NDC_NEAR,
+    origins: np.ndarray, directions: np.ndarray, width: float, height: float, focal: float, near: float = NDC_NEAR
 ) -> tuple[np.ndarray, np.ndarray]:
-    """NeRF's NDC warp (appendix C): rays [..., 3] so that t = 0 is the near plane z = -near and t = 1 is infinity.
-
-    width, height, focal: pixels of the reference camera. Directions come out not unit length.
-    """
+    """NeRF's NDC warp (appendix C): rays [..., 3], not of unit length, so that t = 0 is the near plane z = -near and t = 1 is
+    infinity. width, height, focal: pixels of the reference camera."""
     t = -(near + origins[..., 2]) / directions[..., 2]
     o = origins + t[..., None] * directions
-    sx, sy = -2.0 * focal / width, -2.0 * focal / height
-    ox, oy = o[..., 0] / o[..., 2], o[..., 1] / o[..., 2]
-    dx, dy = directions[..., 0] / directions[..., 2], directions[..., 1] / directions[..., 2]
-    inverse = 1.0 / o[..., 2]
-    warped_origins = np.stack([sx * ox, sy * oy, 1.0 + 2.0 * near * inverse], axis=-1)
-    warped_directions = np.stack([sx * (dx - ox), sy * (dy - oy), -2.0 * near * inverse], axis=-1)
-    return warped_origins, warped_directions
+    scale = -2.0 * focal / np.array([width, height])
+    place, slope = o[..., :2] / o[..., 2:], directions[..., :2] / directions[..., 2:]
+    depth = 2.0 * near / o[..., 2:]
+    warped_origins = np.concatenate([scale * place, 1.0 + depth], axis=-1)
+    return warped_origins, np.concatenate([scale * (slope - place), -depth], axis=-1)

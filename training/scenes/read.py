@@ -1,27 +1,25 @@
-"""load_scene: recognises a folder's layout and reads it (docs/scenes.md).
+"""load_scene recognises a folder's layout and reads it (docs/scenes.md).
 
-A layout is a module with LOOKED_FOR (what to tell a user was looked for), recognises(path) and read(path,
-downscale).
+A layout is a module with LOOKED_FOR (for messages), recognises(path) and read(path, options).
 """
 
 from __future__ import annotations
 
 import math
 import os
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from console import UserError
+from console import Notice, UserError
 from training.scenes import colmap, llff, transforms
-from training.scenes.box import checked_box, with_box
-from training.scenes.picture_formats import PICTURE_SUFFIXES
-from training.scenes.rays import camera_rays
+from training.scenes.files import PICTURE_SUFFIXES
+from training.scenes.rays import camera_rays, pixel_grid
 from training.scenes.scene import Scene, SceneOptions
-from training.scenes.upright import OPTION as UP
-from training.scenes.upright import checked_up
+from training.scenes.scene_options import UP, checked_box, checked_up, with_box
 
 MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some pixels have no ray
 LEAST_FOCAL = 1e-3  # pixels; below, squares of the picture's own coordinates leave the range of floats
@@ -31,16 +29,12 @@ LAYOUTS = (transforms, llff, colmap)  # COLMAP last: others keep its files besid
 
 
 def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: Any) -> Scene:
-    """Reads the posed photographs in a folder; pictures are decoded lazily.
-
-    options: see SceneOptions; changes: single ones of its fields, by name. Raises UserError, in one line, for whatever is
-    wrong with the folder, its descriptions or its pictures; left-out frames and guesses are told as a Notice.
-    """
+    """Reads the posed photographs in a folder; pictures are decoded when asked for. changes: single options. UserError for
+    whatever is wrong with the folder, its descriptions or its pictures; a Notice of what is left out, and of guesses."""
     path, options = Path(path), _checked(replace(options, **changes))
-    if not os.path.exists(path):  # Path.exists raises where a name is too long
-        raise UserError("no such folder", where=path, expected="a scene: a folder of photographs with camera poses")
-    if not path.is_dir():
-        raise UserError("not a folder", where=path, expected="a scene: a folder of photographs with camera poses")
+    if not os.path.isdir(path):  # Path.is_dir raises where a name is too long
+        what = "not a folder" if os.path.exists(path) else "no such folder"
+        raise UserError(what, where=path, expected="a scene: a folder of photographs with camera poses")
     if not any(path.iterdir()):
         raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
     for layout in LAYOUTS:
@@ -50,13 +44,26 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
                                 expected="a COLMAP scene, or photographs without poses", remedy="leave it out")  # fmt: skip
             with np.errstate(all="ignore"):  # what comes of numbers without a meaning is looked at below
                 scene = layout.read(path, options)
-            _require_finite(scene)
-            _require_rays(scene)
+            _require_sound(scene)
             return scene if options.aabb is None else with_box(scene, options.aabb)
     if any(file.suffix.lower() in PICTURE_SUFFIXES for folder in (path, path / "images") for file in folder.glob("*")):
         raise UserError("photographs without camera poses", where=path, expected="one of: " + _looked_for(),
                         remedy="snerg-make finds the poses of photographs and films")  # fmt: skip
     raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
+
+
+def suggested_downscale(scene: Path, longest_side: int | None) -> int:
+    """The smallest whole number that brings the photographs to `longest_side` pixels or fewer; 1 where that is None."""
+    downscale = 1  # the reader knows of which size: the pictures of an LLFF capture may be stored shrunk
+    while longest_side is not None:
+        with warnings.catch_warnings():  # what the reader has to say is said when training reads the scene
+            warnings.simplefilter("ignore", Notice)
+            camera = load_scene(scene, downscale=downscale).splits["train"][0].camera
+        longest = max(camera.width, camera.height)
+        if longest <= longest_side:
+            break
+        downscale = max(downscale + 1, math.ceil(downscale * longest / longest_side))
+    return downscale
 
 
 def has_poses(path: Path) -> bool:
@@ -73,9 +80,10 @@ def _checked(options: SceneOptions) -> SceneOptions:
                    up=None if options.up is None else checked_up(options.up))  # fmt: skip
 
 
-def _require_finite(scene: Scene) -> None:
-    """UserError where the poses are such that no cameras and no box come of them."""
-    for photograph in (p for split in scene.splits.values() for p in split):
+def _require_sound(scene: Scene) -> None:
+    """UserError where no cameras, box or rays come of what was read: numbers that make sense one by one may not together."""
+    photographs = [photograph for split in scene.splits.values() for photograph in split]
+    for photograph in photographs:
         if not np.isfinite(photograph.camera.world_T_camera).all():
             raise UserError("the camera cannot be placed", where=f"{scene.path}: {photograph.name}",
                             expected="cameras at some distance from one another", remedy="check the poses")  # fmt: skip
@@ -83,16 +91,10 @@ def _require_finite(scene: Scene) -> None:
     if not np.isfinite(numbers).all() or (scene.aabb[0] >= scene.aabb[1]).any() or not 0 <= scene.near < scene.far:
         raise UserError("the poses say nothing of where things are", where=scene.path, expected="a box and a range of depths",
                         found=f"{scene.near:.3g} to {scene.far:.3g}", remedy="check the poses")  # fmt: skip
-
-
-def _require_rays(scene: Scene) -> None:
-    """UserError unless the pixels of a scene's cameras, here and there, have rays: numbers that make sense one by one may not
-    together."""
-    for photograph in (one for photographs in scene.splits.values() for one in photographs):
+    for photograph in photographs:
         camera = photograph.camera
-        x, y = (side * np.linspace(0, 1, PROBES) for side in (camera.width, camera.height))
         with np.errstate(all="ignore"):
-            directions = camera_rays(camera, *np.meshgrid(x, y))[1]
+            directions = camera_rays(camera, *pixel_grid(camera, PROBES))[1]
         numbers = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
         sound = (np.abs(numbers) < MOST_OF_A_LENS).all() and min(camera.fx, camera.fy) >= LEAST_FOCAL
         if not sound or not np.isfinite(directions).all():

@@ -12,27 +12,22 @@ from typing import Literal
 
 import numpy as np
 
-Kind = Literal[
-    "object", "surroundings", "forward"
-]  # what was photographed: cut out by alpha; from around; from one side
+# What was photographed: cut out by alpha; from around; from one side.
+Kind = Literal["object", "surroundings", "forward"]
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera with optional lens distortion (OpenCV's k1, k2, p1, p2 on normalised coordinates, y down).
+    """A pinhole camera with optional lens distortion. Intrinsics are pixels of this width × height."""
 
-    world_T_camera: float64 [4, 4], camera-to-world, OpenGL axes. fx, fy, cx, cy: pixels of this width ×
-    height.
-    """
-
-    world_T_camera: np.ndarray
+    world_T_camera: np.ndarray  # float64 [4, 4], OpenGL axes
     width: int
     height: int
     fx: float
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # OpenCV's k1, k2, p1, p2; normalised, y down
 
     def resized(self, width: int, height: int) -> Camera:
         """The same camera for a picture of another size."""
@@ -43,9 +38,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Photograph:
-    """One posed picture. load() decodes it: float32 [H, W, 4], RGB not premultiplied and alpha (1 where
-    opaque), in [0, 1].
-    """
+    """One posed picture. load() decodes it: float32 [H, W, 4] in [0, 1], RGB not premultiplied, alpha 1 where opaque."""
 
     name: str
     camera: Camera
@@ -53,9 +46,7 @@ class Photograph:
 
 
 def picture_stems(photographs: Sequence[Photograph]) -> list[str]:
-    """A file name without suffix for each of `photographs`, no two alike: r_3 of train/r_3.png, left-003 where right/003.png
-    is there as well.
-    """
+    """A file name without suffix for each, no two alike: r_3 of train/r_3.png; left-003 where right/003.png is there as well."""
     stems = [Path(photograph.name).stem for photograph in photographs]
     if len({stem.lower() for stem in stems}) < len(stems):  # some file systems take R_3 for r_3
         stems = ["-".join(part for part in Path(p.name).with_suffix("").parts if part.strip("./")) for p in photographs]
@@ -75,44 +66,30 @@ Direction = tuple[float, float, float]  # of any length above 0
 class SceneOptions:
     """How a folder is to be read; a run stores it to read the same photographs again."""
 
-    downscale: int = 1
-    """Divide width and height of the pictures by this whole number, averaging over areas."""
-    spherify: bool | None = None
-    """LLFF and COLMAP: True reads a 360° capture, False a forward-facing one; None tells by where the cameras look."""
-    masks: bool = False
-    """Captures: cut the object out by the masks beside the pictures (alpha 0 where black)."""
-    aabb: Box | None = None
-    """The box that holds the content, in the training frame, in place of the reader's own; not for NDC scenes."""
-    up: Direction | None = None
-    """COLMAP, seen from all around: what is up, in the training frame as it is without this; None: the cameras' own mean."""
+    downscale: int = 1  # divide width and height of the pictures by this whole number, averaging over areas
+    spherify: bool | None = None  # LLFF, COLMAP: seen from all around, or forward-facing; None: as the cameras look
+    masks: bool = False  # captures: cut the object out by the masks beside the pictures (alpha 0 where black)
+    aabb: Box | None = None  # not in NDC: what holds the content, in the training frame; None: the reader's own
+    up: Direction | None = None  # COLMAP, not in NDC: in the frame as it is without this; None: the cameras' mean
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Posed photographs by split, and what a trainer must know of the space they show.
-
-    kind: "blender", "llff", "transforms" or "colmap". near, far: along the unit-length ray (in NDC: 0, 1).
-    aabb: float64 [2, 3] box that holds the content, in the training frame (NDC space where ndc).
-    worldspace_T_opengl: float64 [4, 4], the pack's grid frame (y up) to the training frame.
-    ndc_camera: width, height and focal length in pixels that define the NDC warp; None unless ndc.
-    disparity: whether samples should be spread evenly in 1/t, as suits captures without a far end.
-    background: the colour behind everything, sRGB in [0, 1].
-    held_out: what decided which photographs are held out, for messages; "" where none are.
-    """
+    """Posed photographs by split, and what a trainer must know of the space they show."""
 
     path: Path
-    kind: str
+    kind: str  # "blender", "llff", "transforms" or "colmap"
     splits: Mapping[str, tuple[Photograph, ...]]
-    near: float
+    near: float  # along the unit-length ray, as far; in NDC 0 and 1
     far: float
-    aabb: np.ndarray
-    worldspace_T_opengl: np.ndarray
+    aabb: np.ndarray  # float64 [2, 3]: the box that holds the content, in the training frame (NDC space where ndc)
+    worldspace_T_opengl: np.ndarray  # float64 [4, 4]: from the pack's grid frame (y up) to the training frame
     ndc: bool = False
-    ndc_camera: tuple[int, int, float] | None = None
-    disparity: bool = False
-    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    held_out: str = ""
-    notes: Mapping[str, object] = field(default_factory=dict)
+    ndc_camera: tuple[int, int, float] | None = None  # width, height, focal length in pixels of the NDC warp
+    disparity: bool = False  # whether samples are spread evenly in 1/t, as suits captures without a far end
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)  # the colour behind everything, sRGB in [0, 1]
+    held_out: str = ""  # what decided which photographs are held out, for messages; "" where none are
+    notes: Mapping[str, object] = field(default_factory=dict)  # the SceneOptions that it was read with
 
 
 def cameras_of(scene: Scene) -> list[dict[str, object]]:
@@ -138,11 +115,8 @@ def few_line(scene: Scene) -> str | None:
     views = len(scene.splits["train"])
     if views == 1:
         return "one photograph to train on shows no depth: views from elsewhere will not look right"
-    if views < FEW:
-        return (
-            f"{views} photographs to train on are few: views far from them will not look right; 20 or more show a shape"
-        )
-    return None
+    few = f"{views} photographs to train on are few: views far from them will not look right; 20 or more show a shape"
+    return few if views < FEW else None
 
 
 HELD_OUT_EVERY = 8
@@ -156,10 +130,8 @@ def split_line(scene: Scene) -> str:
 
 
 def hold_out(photographs: Sequence[Photograph]) -> dict[str, tuple[Photograph, ...]]:
-    """Splits of a capture without splits of its own: every 8th photograph, from the first on, is for testing.
-
-    One photograph alone is for training.
-    """
-    test = tuple(photographs[::HELD_OUT_EVERY]) if len(photographs) > 1 else ()
-    train = tuple(p for index, p in enumerate(photographs) if index % HELD_OUT_EVERY or len(photographs) == 1)
-    return {"train": train, "test": test} if test else {"train": train}
+    """Splits of a capture without its own: every 8th photograph, from the first on, is for testing, unless it is alone."""
+    if len(photographs) == 1:
+        return {"train": tuple(photographs)}
+    train = tuple(photograph for index, photograph in enumerate(photographs) if index % HELD_OUT_EVERY)
+    return {"train": train, "test": tuple(photographs[::HELD_OUT_EVERY])}

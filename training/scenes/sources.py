@@ -12,29 +12,22 @@ from typing import Literal
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.scenes.files import few, find_masks, is_hidden
+from training.scenes.files import PICTURE_SUFFIXES, READ_PICTURES, UNREAD_FORMATS, find_masks, is_hidden, visible_files
 from training.scenes.film_containers import FILM_NAMES, FILMS, container_of
-from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
-from training.scenes.picture_formats import READ as READ_PICTURES
+from training.scenes.messages import few
 
 FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can come
 READ = f"a folder of photographs ({READ_PICTURES}), at least {FEWEST} or with camera poses, or a film ({FILM_NAMES})"
 SUBFOLDER = "images"  # where other programs keep a scene's pictures
 MASKS = "masks"  # beside the photographs, or beside the folder SUBFOLDER that they are in
-_NAMED = 4  # files that a message names
 
 
 @dataclass(frozen=True)
 class Source:
-    """path: the folder or the film, as it was named. files: the pictures in the order of their names; or the one film.
-
-    notes: what else lies there and is not used, a line each.
-    """
-
     kind: Literal["photographs", "film"]
-    path: Path
-    files: tuple[Path, ...]
-    notes: tuple[str, ...] = ()
+    path: Path  # the folder or the film, as it was named
+    files: tuple[Path, ...]  # the pictures in the order of their names; or the one film
+    notes: tuple[str, ...] = ()  # what else lies there and is not used, a line each
 
     @property
     def folder(self) -> Path:
@@ -44,10 +37,9 @@ class Source:
     @property
     def masks(self) -> Path | None:
         """The folder of masks beside the photographs; None where there is none."""
-        if self.kind == "film":
-            return None
-        beside = [self.path / MASKS, *([self.path.parent / MASKS] if self.path.name == SUBFOLDER else [])]
-        return next((folder for folder in beside if folder.is_dir()), None)
+        beside = [self.path] + ([self.path.parent] if self.path.name == SUBFOLDER else [])
+        folders = (folder / MASKS for folder in beside if self.kind == "photographs")
+        return next((folder for folder in folders if folder.is_dir()), None)
 
     def mask_of(self, file: Path) -> Path | None:
         """The mask of a photograph, by its name within the source, or else by its own; None where there is none."""
@@ -65,10 +57,9 @@ class Source:
 def find_source(path: Path) -> Source | None:
     """The photographs or the film at `path`; None where there are none. A scene with poses is not looked for.
 
-    Photographs lie in the folder itself, or else in its `images`, or else in folders just below. A folder may hold one film
-    instead, also beside fewer than FEWEST pictures, such as its cover. Folders of masks are none of photographs. UserError
-    where it holds several films, or only pictures of formats that are not read; where such pictures lie further below, it may
-    be any folder, and is left to require_source.
+    Photographs lie in the folder itself, or else in its `images`, or else in folders just below, but those of masks. A folder may
+    hold one film instead, also beside fewer than FEWEST pictures, such as its cover. UserError where it holds several films, or
+    only pictures of formats that are not read, unless these lie further below: then it may be any folder.
     """
     if os.path.isfile(path):
         return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
@@ -79,17 +70,18 @@ def find_source(path: Path) -> Source | None:
     notes = [f"{_formats(unread)}, a format that is not read; {_remedies(unread)}"] if unread else []
     if len(found) < FEWEST and films:
         if len(films) > 1:
-            also = "no" if not found else f"only {len(found)}"
+            also = f"only {len(found)}" if found else "no"
             raise UserError(f"several films, and {also} photographs", where=path, expected="one film",
                             found=_named(films), remedy="name one of them")  # fmt: skip
         if found:
-            notes.append(f"{_readable(films[0].name)} is used, not {_counted(found)} beside it")
+            beside = _readable(found[0].name) if len(found) == 1 else f"the {len(found)} pictures"
+            notes.append(f"{_readable(films[0].name)} is used, not {beside} beside it")
         return Source("film", path, (films[0],), tuple(notes))
-    if not found:
-        if any(file.parent in (path, path / SUBFOLDER) for file in unread):
-            raise _none_is_read(path, unread)
-        return None
-    return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))), tuple(notes))
+    if found:
+        return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))), tuple(notes))
+    if any(file.parent in (path, path / SUBFOLDER) for file in unread):
+        raise _none_is_read(path, unread)
+    return None
 
 
 def require_source(path: Path) -> Source:
@@ -118,16 +110,14 @@ def require_source(path: Path) -> Source:
 
 def _pictures(path: Path) -> tuple[list[Path], list[Path]]:
     """Pictures in a folder, in its SUBFOLDER, or in folders just below: those of the first that has any, and those up to there
-    of formats that are not read. Cameras write IMG_1.DNG beside IMG_1.JPG: then it is none of the latter.
-    """
+    of formats that are not read, but for an IMG_1.DNG beside IMG_1.JPG."""
     found: list[Path] = []
     unread: list[Path] = []
-    others = (folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS))
-    below = [folder for folder in others if not is_hidden(folder)]
-    for folders in ([path], [path / SUBFOLDER], below):
-        files = [file for folder in folders if folder.is_dir() for file in folder.iterdir() if not is_hidden(file)]
-        found = [file for file in files if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file()]
-        unread += [file for file in files if file.suffix.lower() in UNREAD_FORMATS and file.is_file()]
+    below = [folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS)]
+    for folders in ([path], [path / SUBFOLDER], [folder for folder in below if not is_hidden(folder)]):
+        there = [folder for folder in folders if folder.is_dir()]
+        found = [file for folder in there for file in visible_files(folder)]
+        unread += [file for folder in there for file in visible_files(folder, UNREAD_FORMATS)]
         if found:
             break
     stems = {file.with_suffix("") for file in found}
@@ -155,11 +145,7 @@ def _readable(name: str) -> str:
 
 
 def _named(files: Sequence[Path]) -> str:
-    return few([_readable(file.name) for file in files], _NAMED)
-
-
-def _counted(files: Sequence[Path]) -> str:
-    return _readable(files[0].name) if len(files) == 1 else f"the {len(files)} pictures"
+    return few([_readable(file.name) for file in files], most=4)
 
 
 def _formats(files: Sequence[Path]) -> str:
@@ -169,6 +155,5 @@ def _formats(files: Sequence[Path]) -> str:
 
 
 def _remedies(files: Sequence[Path]) -> str:
-    return "; ".join(
-        dict.fromkeys(remedy for _, remedy in sorted(UNREAD_FORMATS[file.suffix.lower()] for file in files))
-    )
+    formats = sorted(UNREAD_FORMATS[file.suffix.lower()] for file in files)
+    return "; ".join(dict.fromkeys(remedy for _, remedy in formats))

@@ -15,16 +15,16 @@ The focus is the point nearest to all optical axes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from console import UserError
 from scenepack.constants import NDC_NEAR
-from training.scenes.poses import focus_point, mean_pose, normalised, similarity, upright_axes
-from training.scenes.rays import camera_rays, ndc_rays
-from training.scenes.scene import Camera
+from training.scenes.poses import axes_along, focus_point, mean_pose, upright_axes
+from training.scenes.rays import camera_rays, ndc_rays, pixel_grid
+from training.scenes.scene import Camera, Photograph
 
 # docs/format.md, "Coordinate frames": the pack's grid frame (y up) to a training frame whose z is up, and to NDC.
 WORLDSPACE_T_OPENGL = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
@@ -45,7 +45,7 @@ OUTWARD_HALF_SIDE = 3.0  # of one that looks outwards, where no points tell
 FARTHEST = 30.0  # reach of the points' box of a capture that looks outwards
 NEAREST, NEAREST_FAR = 0.02, 10.0  # near is at least, far at least
 FEWEST_POINTS = 50  # fewer say little of where the content is
-OUTLIERS = 0.01  # share of all observations left out at either end of the box, and of the distances
+INLIERS = 0.01, 0.99  # shares of all observations, between which lie the box and the distances
 MARGIN, LEAST_MARGIN = 0.1, 0.05  # around the points, as a share of their extent, and at least
 FRAMED, FEW_FRAMES = 0.95, 0.02  # how much of its points a picture's frame is put behind; share of the frames left out
 
@@ -59,34 +59,28 @@ class Frame(NamedTuple):
 
     def poses(self, P: np.ndarray) -> np.ndarray:
         """Poses [N, 4, 4] in the training frame."""
-        return similarity(self.axes, self.centre, self.scale, P)
+        moved = P.copy()
+        moved[:, :3, :3] = self.axes.T @ P[:, :3, :3]
+        moved[:, :3, 3] = self.points(P[:, :3, 3])
+        return moved
 
     def points(self, places: np.ndarray) -> np.ndarray:
         """Points [M, 3] in the training frame."""
         return self.scale * (places - self.centre) @ self.axes
 
-    def turned(self, axes: np.ndarray) -> Frame:
-        """The frame whose axes are the columns of `axes` [3, 3] in this one."""
-        return self._replace(axes=self.axes @ axes)
-
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Sparse points: places [M, 3]; weights [M], in how many photographs each was found; seen: of each photograph, the rows of
-    the points it shows."""
+    """Sparse points."""
 
-    places: np.ndarray
-    weights: np.ndarray
-    seen: Sequence[np.ndarray]
+    places: np.ndarray  # [M, 3]
+    weights: np.ndarray  # [M]: in how many photographs each was found
+    seen: Sequence[np.ndarray]  # of each photograph, the rows of the points it shows
 
     @property
     def suffices(self) -> bool:
         """Whether there are enough to tell where things are."""
         return len(self.places) >= FEWEST_POINTS and sum(map(len, self.seen)) >= FEWEST_POINTS
-
-    def moved(self, frame: Frame) -> PointCloud:
-        """The same points in a training frame."""
-        return replace(self, places=frame.points(self.places))
 
 
 class Space(NamedTuple):
@@ -104,21 +98,17 @@ class Space(NamedTuple):
 # --- training frames --------------------------------------------------------------------------------------------------
 
 
-def focus_of(P: np.ndarray) -> np.ndarray | None:
-    """The point [3] that cameras look at; None where they look the same way, or away from one another."""
-    try:
-        focus = focus_point(P)
-    except np.linalg.LinAlgError:
-        return None
-    ahead = ((focus - P[:, :3, 3]) * -P[:, :3, 2]).sum(-1) > 0
-    return focus if ahead.mean() >= 0.5 else None
+def _centre(P: np.ndarray) -> tuple[np.ndarray, float]:
+    """The focus, or the middle of cameras that look the same way or away from one another; their mean distance from it."""
+    centre, eyes = focus_point(P), P[:, :3, 3]
+    if centre is None or (((centre - eyes) * -P[:, :3, 2]).sum(-1) > 0).mean() < 0.5:
+        centre = eyes.mean(0)
+    return centre, float(np.linalg.norm(eyes - centre, axis=-1).mean())
 
 
 def frame_about_focus(P: np.ndarray) -> Frame:
     """About the focus (else the middle of the cameras), z their mean up direction, their mean distance 1."""
-    focus = focus_of(P)
-    centre = P[:, :3, 3].mean(0) if focus is None else focus
-    distance = np.linalg.norm(P[:, :3, 3] - centre, axis=-1).mean()
+    centre, distance = _centre(P)
     up = P[:, :3, 1].mean(0)
     axes = upright_axes(up) if np.linalg.norm(up) > 1e-3 else np.eye(3)
     return Frame(axes, centre, 1.0 / distance if distance > 1e-9 else 1.0)
@@ -126,10 +116,7 @@ def frame_about_focus(P: np.ndarray) -> Frame:
 
 def frame_of_object(cameras: Sequence[Camera]) -> Frame:
     """The file's own frame, where the published bounds suit it; else about the focus at the published distance."""
-    P = poses_of(cameras)
-    focus = focus_of(P)
-    centre = P[:, :3, 3].mean(0) if focus is None else focus
-    distance = float(np.linalg.norm(P[:, :3, 3] - centre, axis=-1).mean())
+    centre, distance = _centre(poses_of(cameras))
     stays = np.linalg.norm(centre) <= SYNTHETIC_SUITS * distance and _published_bounds_suit(cameras, centre)
     if stays or distance < 1e-9:
         return Frame(np.eye(3), np.zeros(3), 1.0)
@@ -138,18 +125,16 @@ def frame_of_object(cameras: Sequence[Camera]) -> Frame:
 
 def frame_of_sphere(P: np.ndarray) -> Frame:
     """LLFF's: about the focus, z the mean direction to the cameras, these at root mean square distance 1."""
-    try:
-        centre = focus_point(P)
-    except np.linalg.LinAlgError as error:
+    centre = focus_point(P)
+    if centre is None:
         raise UserError("all cameras look the same way, so they have no common centre", where="poses_bounds.npy",
-                        remedy="leave out --spherify") from error  # fmt: skip
-    distance = np.sqrt(np.square(P[:, :3, 3] - centre).sum(-1).mean())
+                        remedy="leave out --spherify")  # fmt: skip
+    aside = P[:, :3, 3] - centre
+    distance = np.sqrt(np.square(aside).sum(-1).mean())
     if distance < 1e-9:
         raise UserError("all cameras stand at the point that they look at", where="poses_bounds.npy",
                         remedy="check the poses")  # fmt: skip
-    z = normalised((P[:, :3, 3] - centre).mean(0))
-    x = normalised(np.cross([0.1, 0.2, 0.3], z))  # any direction across; this one is NeRF's
-    return Frame(np.stack([x, np.cross(z, x), z], axis=1), centre, 1.0 / distance)
+    return Frame(axes_along(aside.mean(0), np.array([0.1, 0.2, 0.3])), centre, 1.0 / distance)  # across: NeRF's choice
 
 
 def frame_forward(P: np.ndarray, nearest: float) -> Frame:
@@ -164,29 +149,26 @@ def frame_forward(P: np.ndarray, nearest: float) -> Frame:
 
 
 def space_of_object(cameras: Sequence[Camera], *, opaque: bool) -> Space:
-    """Of an object in its frame_of_object: the published bounds, or what training cameras frame about the origin.
-
-    Cameras that look outwards may stand in a room, unless it was cut out: then they are wrong, and see nothing of the box.
-    """
+    """Of an object in its frame_of_object: the published bounds, or what training cameras frame about the origin. Cameras that
+    look outwards may stand indoors, unless the object was cut out: then they are wrong, and see nothing of the box."""
     origin, P = np.zeros(3), poses_of(cameras)
     inwards = looks_inwards(P)
     if _published_bounds_suit(cameras, origin) or not (inwards or opaque):
         return Space(SYNTHETIC_NEAR, SYNTHETIC_FAR, cube(SYNTHETIC_HALF_SIDE), disparity=False)
     distances = np.linalg.norm(P[:, :3, 3], axis=-1)
-    half = (
-        FRAMED_MARGIN * framed_half_side(cameras, origin) if inwards else OUTWARD_HALF_SIDE * (distances.mean() or 1.0)
-    )
+    half = FRAMED_MARGIN * framed_half_side(cameras, origin)
+    if not inwards:
+        half = OUTWARD_HALF_SIDE * (float(distances.mean()) or 1.0)
     reach = float(np.sqrt(3.0) * half)
     near = max(float(distances.min()) - reach, NEAREST * SYNTHETIC_DISTANCE)
     return Space(near, float(distances.max()) + reach, cube(half), disparity=False)
 
 
-def space_of_bounds(cameras: Sequence[Camera], bounds: np.ndarray) -> Space:
+def space_of_bounds(photographs: Sequence[Photograph], bounds: np.ndarray) -> Space:
     """Of a 360° capture in its frame_of_sphere, with each photograph's nearest and farthest depth [N, 2]."""
-    # what the widest camera frames around the origin, corners included
-    framed = max(
-        np.linalg.norm(c.world_T_camera[:3, 3]) * np.hypot(c.width / c.fx, c.height / c.fy) / 2 for c in cameras
-    )
+    cameras = [photograph.camera for photograph in photographs]
+    corners = [np.hypot(c.width / c.fx, c.height / c.fy) / 2 for c in cameras]
+    framed = (np.linalg.norm(poses_of(cameras)[:, :3, 3], axis=-1) * corners).max()
     near = float(np.clip(0.9 * bounds.min(), 0.05, NEAR_360))
     return Space(near, max(FAR_360, float(bounds.max())), cube(min(HALF_SIDE_360, float(framed))))
 
@@ -194,23 +176,16 @@ def space_of_bounds(cameras: Sequence[Camera], bounds: np.ndarray) -> Space:
 def space_of_capture(
     cameras: Sequence[Camera], points: PointCloud | None, *, opaque: bool, file_box: np.ndarray | None = None
 ) -> Space:
-    """Of a capture in its frame_about_focus. points: in that frame; None where there are too few to tell.
-
-    opaque: photographs are trained up to their corners. file_box: what the file names, in that frame; it counts where no
-    points tell, if it holds the focus, and as far as HALF_SIDE where cameras look inwards.
-    """
+    """Of a capture in its frame_about_focus. points: in that frame; None where there are too few to tell. opaque: photographs are
+    trained up to their corners. file_box: what the file names, in that frame; it counts where no points tell, if it holds the
+    focus, and as far as HALF_SIDE where cameras look inwards."""
     P = poses_of(cameras)
     inwards = looks_inwards(P)
+    reach = HALF_SIDE if inwards else FARTHEST
     if points is not None:
-        near, far = _near_far(P, points)
-        box = box_of_points(
-            points.places, points.weights, HALF_SIDE if inwards else FARTHEST, otherwise=cube(HALF_SIDE)
-        )
-        if opaque:
-            box = _with_frames(box, cameras, points)
-        return Space(near, far, box)
+        box = box_of_points(points.places, points.weights, reach, otherwise=cube(HALF_SIDE))
+        return Space(*_near_far(P, points), _with_frames(box, cameras, points) if opaque else box)
     if file_box is not None and (file_box[0] < 0).all() and (file_box[1] > 0).all():
-        reach = HALF_SIDE if inwards else FARTHEST
         return Space(NEAR, FAR, np.clip(file_box, -reach, reach))
     if not inwards:
         return Space(NEAR, FAR, cube(OUTWARD_HALF_SIDE))
@@ -218,53 +193,39 @@ def space_of_capture(
     return Space(NEAR, FAR, cube(HALF_SIDE if opaque else min(HALF_SIDE, framed)))
 
 
-def space_forward(cameras: Sequence[Camera], names: Sequence[str]) -> Space:
+def space_forward(photographs: Sequence[Photograph]) -> Space:
     """Of a forward-facing capture, in NDC. UserError where a photograph sees what the warp cannot show."""
-    ndc_camera = (cameras[0].width, cameras[0].height, cameras[0].fx)
+    camera = photographs[0].camera
+    ndc_camera = (camera.width, camera.height, camera.fx)
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for camera, name in zip(cameras, names, strict=True):  # the corners of all views bound what any of them sees
-        x, y = (
-            np.array(ends) * side
-            for ends, side in (([0.0, 1.0] * 2, camera.width), ([0.0, 0.0, 1.0, 1.0], camera.height))
-        )
-        origins, directions = camera_rays(camera, x, y)
-        if (directions[:, 2] > -1e-3).any() or (origins[:, 2] < -NDC_NEAR).any():
+    for name, camera in ((one.name, one.camera) for one in photographs):  # the corners bound what any view sees
+        origins, directions = camera_rays(camera, *pixel_grid(camera, 2))
+        if (directions[..., 2] > -1e-3).any() or (origins[..., 2] < -NDC_NEAR).any():
             raise _not_forward(name)
         origins, directions = ndc_rays(origins, directions, *ndc_camera)
         ends = np.concatenate([origins, origins + directions])
-        low, high = np.minimum(low, ends.min(0)), np.maximum(high, ends.max(0))
-    return Space(
-        0.0, 1.0, np.stack([low, high]), NDC_WORLDSPACE_T_OPENGL, disparity=False, ndc=True, ndc_camera=ndc_camera
-    )
+        low, high = np.minimum(low, ends.min((0, 1))), np.maximum(high, ends.max((0, 1)))
+    aabb = np.stack([low, high])
+    return Space(0.0, 1.0, aabb, NDC_WORLDSPACE_T_OPENGL, disparity=False, ndc=True, ndc_camera=ndc_camera)
 
 
 def depth_ranges(P: np.ndarray, points: PointCloud) -> np.ndarray:
     """Nearest and farthest depth [N, 2] of what each photograph shows, outliers left out; of all where it shows too little."""
     weights = [points.weights[rows] for rows in points.seen]
-    depths = [
-        np.maximum(-(points.places[rows] - pose[:3, 3]) @ pose[:3, 2], 1e-6)
-        for pose, rows in zip(P, points.seen, strict=True)
-    ]
-    ends = (OUTLIERS, 1 - OUTLIERS)
-    whole = _quantiles(np.concatenate(depths), np.concatenate(weights), ends)
+    shown = zip(P, points.seen, strict=True)
+    depths = [np.maximum(-(points.places[rows] - pose[:3, 3]) @ pose[:3, 2], 1e-6) for pose, rows in shown]
+    whole = _quantiles(np.concatenate(depths), np.concatenate(weights))
     pairs = zip(depths, weights, strict=True)
-    return np.array([_quantiles(d, w, ends) if len(d) >= FEWEST_POINTS else whole for d, w in pairs])
-
-
-def points_in_view(cameras: Sequence[Camera], places: np.ndarray) -> list[np.ndarray]:
-    """Of each camera the rows of places [M, 3] that lie within its picture, whatever may hide them."""
-    return [np.flatnonzero(in_picture(camera, places)) for camera in cameras]
+    return np.array([_quantiles(d, w) if len(d) >= FEWEST_POINTS else whole for d, w in pairs])
 
 
 def _published_bounds_suit(cameras: Sequence[Camera], centre: np.ndarray) -> bool:
     """Whether cameras look at `centre` [3] from about as far, and frame about as much there, as NeRF-synthetic's do."""
     P = poses_of(cameras)
     P[:, :3, 3] -= centre
-    pairs = (
-        (np.linalg.norm(P[:, :3, 3], axis=-1).mean(), SYNTHETIC_DISTANCE),
-        (framed_half_side(cameras, centre), SYNTHETIC_HALF_SIDE),
-    )
-    return looks_inwards(P) and all(abs(ours / published - 1) <= SYNTHETIC_SUITS for ours, published in pairs)
+    distance = np.linalg.norm(P[:, :3, 3], axis=-1).mean() / SYNTHETIC_DISTANCE
+    framed = framed_half_side(cameras, centre) / SYNTHETIC_HALF_SIDE
+    return looks_inwards(P) and abs(distance - 1) <= SYNTHETIC_SUITS and abs(framed - 1) <= SYNTHETIC_SUITS
 
 
 def in_picture(camera: Camera, places: np.ndarray) -> np.ndarray:
@@ -302,8 +263,7 @@ def box_of_points(places: np.ndarray, weights: np.ndarray, reach: float, otherwi
     counted = np.abs(places).max(-1) < FARTHEST
     if counted.sum() < FEWEST_POINTS:
         return otherwise
-    ends = (OUTLIERS, 1 - OUTLIERS)
-    low, high = np.stack([_quantiles(values, weights[counted], ends) for values in places[counted].T], axis=1)
+    low, high = np.stack([_quantiles(values, weights[counted]) for values in places[counted].T], axis=1)
     margin = np.maximum(MARGIN * (high - low), LEAST_MARGIN)
     box = np.clip(np.stack([low - margin, high + margin]), -reach, reach)
     return box if (box[1] > box[0]).all() else otherwise
@@ -311,11 +271,9 @@ def box_of_points(places: np.ndarray, weights: np.ndarray, reach: float, otherwi
 
 def _near_far(P: np.ndarray, points: PointCloud) -> tuple[float, float]:
     """Where rays begin and end: what photographs show lies between, with a margin."""
-    distances = [
-        np.linalg.norm(points.places[rows] - pose[:3, 3], axis=-1) for pose, rows in zip(P, points.seen, strict=True)
-    ]
-    weights = np.concatenate([points.weights[rows] for rows in points.seen])
-    low, high = _quantiles(np.concatenate(distances), weights, (OUTLIERS, 1 - OUTLIERS))
+    rows = np.concatenate(points.seen)
+    eyes = np.repeat(P[:, :3, 3], [len(seen) for seen in points.seen], axis=0)
+    low, high = _quantiles(np.linalg.norm(points.places[rows] - eyes, axis=-1), points.weights[rows])
     return float(np.clip(0.7 * low, NEAREST, NEAR_360)), float(max(2.0 * high, NEAREST_FAR))
 
 
@@ -329,7 +287,7 @@ def _with_frames(box: np.ndarray, cameras: Sequence[Camera], points: PointCloud)
         pose = camera.world_T_camera
         depths = -(points.places[rows] - pose[:3, 3]) @ pose[:3, 2]
         _, depth = _quantiles(depths, points.weights[rows], (0.0, FRAMED))
-        x, y = np.meshgrid([0.0, camera.width], [0.0, camera.height])
+        x, y = pixel_grid(camera, 2)
         corners = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, np.full_like(x, -1.0)], -1)
         frames.append(pose[:3, 3] + depth * corners.reshape(4, 3) @ pose[:3, :3].T)
     if not frames:
@@ -339,8 +297,8 @@ def _with_frames(box: np.ndarray, cameras: Sequence[Camera], points: PointCloud)
     return np.stack([np.minimum(box[0], np.maximum(low, -reach)), np.maximum(box[1], np.minimum(high, reach))])
 
 
-def _quantiles(values: np.ndarray, weights: np.ndarray, shares: tuple[float, float]) -> np.ndarray:
-    """Quantiles [2] of weighted values [K]."""
+def _quantiles(values: np.ndarray, weights: np.ndarray, shares: Sequence[float] = INLIERS) -> np.ndarray:
+    """Quantiles [2] of weighted values [K]; by default their ends without outliers."""
     order = np.argsort(values)
     reached = np.cumsum(weights[order]) / weights.sum()
     return values[order][np.minimum(np.searchsorted(reached, shares), len(values) - 1)]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,9 +19,9 @@ import numpy as np
 from console import Notice, UserError
 from console.json_text import read_json_file
 from training.scenes.camera_keys import FOCAL_KEYS, number, read_camera
-from training.scenes.files import FileFinder, clean_name, few, find_masks, without_suffix
-from training.scenes.picture_cameras import camera_of_picture, tell_turned
-from training.scenes.pictures import PictureLoader, shrunk_size
+from training.scenes.files import FileFinder, clean_name, find_masks, without_suffix
+from training.scenes.messages import few, notice
+from training.scenes.photographs import moved, photograph_of, target_size, tell_turned
 from training.scenes.pixels import may_be_transparent
 from training.scenes.ply import read_ply
 from training.scenes.poses import pose
@@ -30,7 +31,7 @@ from training.scenes.space import (
     PointCloud,
     frame_about_focus,
     frame_of_object,
-    points_in_view,
+    in_picture,
     poses_of,
     space_of_capture,
     space_of_object,
@@ -53,14 +54,13 @@ UNREAD = {
 
 
 class _Frame(NamedTuple):
-    """A frame whose picture is there. values: its own keys over those at the top. own_focal: whether it names its own focal
-    length."""
+    """A frame whose picture is there."""
 
     name: str
     picture: Path
     world_T_camera: np.ndarray
-    values: dict[str, Any]
-    own_focal: bool
+    values: dict[str, Any]  # its own keys over those at the top
+    own_focal: bool  # whether it names its own focal length
 
 
 def recognises(path: Path) -> bool:
@@ -77,7 +77,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
 def _read_synthetic(path: Path, options: SceneOptions) -> Scene:
     """NeRF-synthetic: a description for each split, an object before nothing."""
     splits: dict[str, tuple[Photograph, ...]] = {}
-    finder, taken = FileFinder(path), []
+    finder, trained_on = FileFinder(path), set()
     for split in SPLITS:
         description = path / f"transforms_{split}.json"
         if not description.is_file():
@@ -86,24 +86,20 @@ def _read_synthetic(path: Path, options: SceneOptions) -> Scene:
             frames = _read_frames(description, _read_json(description), finder)
         except _NothingThere as nothing:
             if split == "train":
-                raise nothing.error from None
-            warnings.warn(Notice(f"{nothing.error}; there is no split {split}"), stacklevel=2)
+                raise
+            warnings.warn(Notice(f"{nothing}; there is no split {split}"), stacklevel=2)
             continue
-        trained_on = {frame.picture for frame in taken}
-        repeated = [frame for frame in frames if frame.picture in trained_on]
+        repeated = [frame.name for frame in frames if frame.picture in trained_on]
         if repeated:
-            text = f"{len(repeated)} of {len(frames)} frames are trained on and not held out"
-            warnings.warn(Notice(f"{description}: {text} ({few([frame.name for frame in repeated])})"), stacklevel=2)
+            notice(description, f"{len(repeated)} of {len(frames)} frames are trained on and not held out", repeated)
         frames = [frame for frame in frames if frame.picture not in trained_on]
         if split == "train":
-            taken = frames
+            trained_on = {frame.picture for frame in frames}
         if frames:
-            splits[split] = _photographs(path, description, frames, options)
-    splits = {
-        s: tuple(replace(p, name=without_suffix(p.name)) for p in photographs) for s, photographs in splits.items()
-    }
+            photographs = _photographs(path, description, frames, options)
+            splits[split] = tuple(replace(one, name=without_suffix(one.name)) for one in photographs)
     frame = frame_of_object([photograph.camera for photograph in splits["train"]])
-    splits = {split: _moved(photographs, frame) for split, photographs in splits.items()}
+    splits = {split: moved(photographs, frame) for split, photographs in splits.items()}
     opaque = not may_be_transparent(splits["train"])
     space = space_of_object([photograph.camera for photograph in splits["train"]], opaque=opaque)
     held_out = "as transforms_test.json lists them" if "test" in splits else ""
@@ -114,33 +110,23 @@ def _read_capture(path: Path, options: SceneOptions) -> Scene:
     """nerfstudio and instant-ngp: one description, with splits or without."""
     description = path / "transforms.json"
     document = _read_json(description)
-    try:
-        frames = _read_frames(description, document, FileFinder(path, path / "images"))
-    except _NothingThere as nothing:
-        raise nothing.error from None
+    frames = _read_frames(description, document, FileFinder(path, path / "images"))
     photographs = _photographs(path, description, sorted(frames, key=lambda frame: frame.name), options)
     frame = frame_about_focus(poses_of([photograph.camera for photograph in photographs]))
-    photographs = _moved(photographs, frame)
+    photographs = moved(photographs, frame)
     cameras = [photograph.camera for photograph in photographs]
     file_box = _box_of_file(document, description, frame)
     points = _points(path, document, cameras, frame)
     opaque = not options.masks and not may_be_transparent(photographs)
     space = space_of_capture(cameras, points, opaque=opaque, file_box=file_box)
     if file_box is not None and points is None and not ((file_box[0] < 0).all() and (file_box[1] > 0).all()):
-        text = "its aabb, scale and offset name a box that the cameras do not look at, which is not used"
-        warnings.warn(Notice(f"{description}: {text}"), stacklevel=2)
+        notice(description, "its aabb, scale and offset name a box that the cameras do not look at, which is not used")
     splits, held_out = _split(description, document, photographs)
     return Scene(path=path, kind="transforms", splits=splits, held_out=held_out, notes=vars(options), **space._asdict())
 
 
-# --- frames -----------------------------------------------------------------------------------------------------------
-
-
-class _NothingThere(Exception):
+class _NothingThere(UserError):
     """A description without frames, or without pictures of them."""
-
-    def __init__(self, error: UserError) -> None:
-        self.error = error
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -161,7 +147,7 @@ def _read_frames(description: Path, document: dict[str, Any], finder: FileFinder
     listed = document.get("frames")
     if not isinstance(listed, list) or not listed:
         found = "none" if not listed else type(listed).__name__
-        raise _NothingThere(UserError("no frames", where=description, expected='a list under "frames"', found=found))
+        raise _NothingThere("no frames", where=description, expected='a list under "frames"', found=found)
     for index, frame in enumerate(listed):
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise UserError("a frame without file_path", where=f"{description} frame {index}")
@@ -173,11 +159,9 @@ def _read_frames(description: Path, document: dict[str, Any], finder: FileFinder
     _tell_unread(description, document, listed, pictures)
     gone = [name for name, picture in zip(names, pictures, strict=True) if picture is None]
     if len(gone) == len(listed):
-        error = UserError("picture not found", where=description.parent / gone[0], remedy="no frame has its picture")
-        raise _NothingThere(error)
+        raise _NothingThere("picture not found", where=description.parent / gone[0], remedy="no frame has its picture")
     if gone:
-        text = f"{len(gone)} of {len(listed)} frames have no picture and are left out ({few(gone)})"
-        warnings.warn(Notice(f"{description}: {text}"), stacklevel=3)
+        notice(description, f"{len(gone)} of {len(listed)} frames have no picture and are left out", gone)
     frames: dict[Path, _Frame] = {}
     repeated = []
     for index, (name, picture, listed_frame) in enumerate(zip(names, pictures, listed, strict=True)):
@@ -189,14 +173,12 @@ def _read_frames(description: Path, document: dict[str, Any], finder: FileFinder
         world_T_camera = pose(listed_frame.get("transform_matrix"), where)
         frame = _Frame(name, picture, world_T_camera, above | listed_frame, own_focal)
         known = frames.setdefault(picture, frame)
-        if known is frame:
-            continue
-        repeated.append(name)
-        if not np.allclose(known.world_T_camera, frame.world_T_camera, atol=1e-6):
+        if not np.allclose(known.world_T_camera, world_T_camera, atol=1e-6):
             raise UserError("two frames have one picture and different poses", where=where, found=str(picture))
+        if known is not frame:
+            repeated.append(name)
     if repeated:
-        text = f"{len(repeated)} frames repeat another and are left out ({few(repeated)})"
-        warnings.warn(Notice(f"{description}: {text}"), stacklevel=3)
+        notice(description, f"{len(repeated)} frames repeat another and are left out", repeated)
     return list(frames.values())
 
 
@@ -215,54 +197,35 @@ def _tell_unread(description: Path, document: dict, frames: Sequence[dict], pict
     if any(next(folder.glob("dynamic_mask_*"), None) is not None for folder in folders):
         unread.append("dynamic_mask_* (masks of what moves)")
     if unread:
-        warnings.warn(Notice(f"{description}: not read, and ignored: {', '.join(unread)}"), stacklevel=4)
+        notice(description, f"not read, and ignored: {', '.join(unread)}")
 
 
 def _photographs(
     path: Path, description: Path, frames: Sequence[_Frame], options: SceneOptions
 ) -> tuple[Photograph, ...]:
     masks = _masks(path, frames) if options.masks else [None] * len(frames)
+    shrink = partial(target_size, factor=1, downscale=options.downscale)
     photographs, shape = [], None
     for frame, mask in zip(frames, masks, strict=True):
-        where = f"{description} frame {frame.name}"
+        read = partial(read_camera, frame.world_T_camera, frame.values, where=f"{description} frame {frame.name}")
         own_shape = frame.own_focal or {"w", "h"} <= frame.values.keys()
-        camera, stored, as_stored = camera_of_picture(
-            frame.picture,
-            lambda size, f=frame, at=where: read_camera(f.world_T_camera, f.values, size, at),
-            None if own_shape else shape,
-        )
-        if not own_shape:
-            shape = shape or stored  # one focal length without a size is of pictures of one shape
-        size = shrunk_size(*stored, options.downscale)
-        loader = PictureLoader(frame.picture, stored, size, mask, as_stored)
-        photographs.append(Photograph(frame.name, camera.resized(*size), loader))
+        one = photograph_of(frame.name, frame.picture, read, shrink, mask, None if own_shape else shape)
+        photographs.append(one)
+        if not own_shape:  # one focal length without a size is of pictures of one shape
+            shape = shape or one.load.source_size
     tell_turned(description, photographs)
     return tuple(photographs)
 
 
-def _masks(path: Path, frames: Sequence[_Frame]) -> list[Path]:
+def _masks(path: Path, frames: Sequence[_Frame]) -> list[Path | None]:
     """The mask of each frame, by its mask_path or in the folder masks. UserError where one has none."""
-    finder = FileFinder(path)
-    named = [frame.values.get("mask_path") for frame in frames]
-    masks = finder.find_all([mask if isinstance(mask, str) else "" for mask in named])
+    named = [mask if isinstance(mask := frame.values.get("mask_path"), str) else "" for frame in frames]
     beside = find_masks(path / "masks", [frame.name.removeprefix("images/") for frame in frames])
-    found = [mask or other for mask, other in zip(masks, beside, strict=True)]
-    for frame, mask in zip(frames, found, strict=True):
-        if mask is None:
-            raise UserError("a frame without a mask", where=path / frame.name, remedy="leave out --masks")
-    return [mask for mask in found if mask is not None]
-
-
-def _moved(photographs: Sequence[Photograph], frame: Frame) -> tuple[Photograph, ...]:
-    """The photographs in the training frame."""
-    P = frame.poses(poses_of([photograph.camera for photograph in photographs]))
-    pairs = zip(photographs, P, strict=True)
-    return tuple(
-        replace(one, camera=replace(one.camera, world_T_camera=world_T_camera)) for one, world_T_camera in pairs
-    )
-
-
-# --- space and splits -------------------------------------------------------------------------------------------------
+    masks = [mask or other for mask, other in zip(FileFinder(path).find_all(named), beside, strict=True)]
+    if None in masks:
+        without = path / frames[masks.index(None)].name
+        raise UserError("a frame without a mask", where=without, remedy="leave out --masks")
+    return masks
 
 
 def _box_of_file(document: dict[str, Any], description: Path, frame: Frame) -> np.ndarray | None:
@@ -303,10 +266,10 @@ def _points(path: Path, document: dict[str, Any], cameras: Sequence[Camera], fra
     try:
         places = read_ply(path / named)
     except UserError as error:
-        warnings.warn(Notice(f"{error}; its points are not used"), stacklevel=3)
+        warnings.warn(Notice(f"{error}; its points are not used"), stacklevel=2)
         return None
     places = frame.points(places[:: -(-len(places) // MOST_POINTS) or 1])
-    points = PointCloud(places, np.ones(len(places)), points_in_view(cameras, places))
+    points = PointCloud(places, np.ones(len(places)), [np.flatnonzero(in_picture(c, places)) for c in cameras])
     return points if points.suffices else None
 
 
@@ -317,30 +280,27 @@ def _split(
     lists = {split: document[f"{split}_filenames"] for split in SPLITS if document.get(f"{split}_filenames")}
     if not lists:
         return hold_out(photographs), HELD_OUT_BY_NAME
-    by_name = {photograph.name: index for index, photograph in enumerate(photographs)}
-    rows: dict[str, list[int]] = {}
+    known = {photograph.name for photograph in photographs}
+    listed: dict[str, set[str]] = {}
     for split, names in lists.items():
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise UserError(f'"{split}_filenames" is no list of names', where=description, found=repr(names)[:60])
         cleaned = [clean_name(name) for name in names]
-        unknown = [name for name in cleaned if name not in by_name]
+        unknown = [name for name in cleaned if name not in known]
         if len(unknown) == len(names) and split == "train":
             raise UserError('"train_filenames" names no frame', where=description, found=few(unknown),
                             expected=f"names such as {photographs[0].name}")  # fmt: skip
         if unknown:
-            text = f"{len(unknown)} of {len(names)} {split}_filenames name no frame ({few(unknown)})"
-            warnings.warn(Notice(f"{description}: {text}"), stacklevel=3)
-        rows[split] = [by_name[name] for name in cleaned if name in by_name]
-    held_out = {row for split in rows if split != "train" for row in rows[split]}
-    train = rows.get("train", [row for row in range(len(photographs)) if row not in held_out])
-    if both := sorted(held_out & set(train)):
-        text = f"{len(both)} frames are listed for training and for testing, and are trained on"
-        warnings.warn(Notice(f"{description}: {text} ({few([photographs[row].name for row in both])})"), stacklevel=3)
-    left_out = len(photographs) - len({*train, *held_out})
-    if left_out:
-        warnings.warn(Notice(f"{description}: {left_out} frames are in no split and are left out"), stacklevel=3)
+            notice(description, f"{len(unknown)} of {len(names)} {split}_filenames name no frame", unknown)
+        listed[split] = known.intersection(cleaned)
+    held_out = {name for split, names in listed.items() if split != "train" for name in names}
+    train = listed.get("train", known - held_out)
+    if both := sorted(held_out & train):
+        notice(description, f"{len(both)} frames are listed for training and for testing, and are trained on", both)
+    if left_out := len(known - train - held_out):
+        notice(description, f"{left_out} frames are in no split and are left out")
     if not train:
         raise UserError("no frame is left to train on", where=description, expected="some in no other split")
-    kept = {"train": train} | {split: [r for r in rows[split] if r not in train] for split in rows if split != "train"}
-    splits = {split: tuple(photographs[row] for row in sorted(set(kept[split]))) for split in SPLITS if kept.get(split)}
+    kept = {split: names - train for split, names in listed.items()} | {"train": train}
+    splits = {s: tuple(one for one in photographs if one.name in kept[s]) for s in SPLITS if kept.get(s)}
     return splits, f"as {description.name} lists them"

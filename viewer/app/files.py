@@ -12,7 +12,7 @@ from typing import Literal
 from console import UserError, not_written
 from console.results import try_folder
 from scenepack.files import PARAMS_NAME, ZIP_ERRORS
-from training.scenes.picture_formats import PICTURE_SUFFIXES
+from training.scenes.files import PICTURE_SUFFIXES
 from training.scenes.sources import find_source, is_film
 
 Kind = Literal["pack", "run", "scene", "pictures", "session", "unknown"]

@@ -19,7 +19,7 @@ from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.scenes import Scene, load_scene
-from training.scenes.points import SparsePoints, sparse_points
+from training.scenes.colmap import SparsePoints, sparse_points
 from training.scenes.scene import Direction, cameras_of
 from training.scenes.space import FARTHEST, HALF_SIDE, box_of_points, looks_inwards
 from viewer.app.photographs import shots_of

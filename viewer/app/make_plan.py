@@ -20,10 +20,9 @@ from console import Notice, UserError
 from console.json_text import read_json_file
 from console.python_command import module_command
 from training.scenes import Scene, load_scene
-from training.scenes.downscale import suggested_downscale
 from training.scenes.pictures import picture_size
 from training.scenes.presets import PRESETS
-from training.scenes.read import has_poses
+from training.scenes.read import has_poses, suggested_downscale
 from training.scenes.scene import Box, Direction
 from training.scenes.sources import FEWEST, Source, find_source, is_film
 from viewer.app.bare_preview import BarePreview

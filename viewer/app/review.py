@@ -13,7 +13,7 @@ import numpy as np
 
 from scenepack.pack import Pack
 from training.scenes.scene import Box, Direction
-from training.scenes.upright import composed
+from training.scenes.scene_options import composed
 from viewer.app import crop
 from viewer.app.first_look import FirstLook, Kind, Look
 from viewer.app.ground import normal_at, point_under

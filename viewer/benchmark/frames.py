@@ -13,7 +13,7 @@ import numpy as np
 from console import UserError, progress
 from scenepack.pack import Pack
 from training.scenes import Scene, load_scene
-from training.scenes.upright import checked_up
+from training.scenes.scene_options import checked_up
 from viewer.benchmark.power import PowerMeter
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.frame_times import Contender, Turns, taking_turns

@@ -3,42 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
-from typing import Any
 
 EVERY_S = 0.05
-
-
-def card_facts(renderer: str) -> dict[str, Any]:
-    """What NVML says of the card: name, driver, bytes, watts allowed, MHz; {} where it says nothing. renderer: GL_RENDERER."""
-    if "nvidia" not in renderer.lower():
-        return {}
-    try:
-        import pynvml  # pyright: ignore[reportMissingImports]
-
-        pynvml.nvmlInit()
-        card = pynvml.nvmlDeviceGetHandleByIndex(0)
-    except Exception:  # no package, or no driver: each has errors of its own
-        return {}
-    asked: dict[str, Callable[[], Any]] = {
-        "name": lambda: _text(pynvml.nvmlDeviceGetName(card)),
-        "driver": lambda: _text(pynvml.nvmlSystemGetDriverVersion()),
-        "bytes": lambda: int(pynvml.nvmlDeviceGetMemoryInfo(card).total),
-        "watts_allowed": lambda: pynvml.nvmlDeviceGetEnforcedPowerLimit(card) / 1000.0,
-        "mhz": lambda: int(pynvml.nvmlDeviceGetMaxClockInfo(card, pynvml.NVML_CLOCK_GRAPHICS)),
-        "memory_mhz": lambda: int(pynvml.nvmlDeviceGetMaxClockInfo(card, pynvml.NVML_CLOCK_MEM)),
-    }
-    facts = {}
-    for name, ask in asked.items():
-        with suppress(Exception):  # a card that does not tell this one
-            facts[name] = ask()
-    return facts
-
-
-def _text(told: Any) -> str:
-    return told.decode(errors="replace") if isinstance(told, bytes) else str(told)
 
 
 class PowerMeter:

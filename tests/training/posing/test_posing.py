@@ -24,7 +24,7 @@ from training.posing import child, find, telling
 from training.posing.agreement import agreement
 from training.posing.find import find_poses, posed_scene
 from training.scenes import Photograph, Scene, load_scene
-from training.scenes.points import sparse_points
+from training.scenes.colmap import sparse_points
 from training.scenes.sources import find_source
 
 ROOT = Path(__file__).parents[3]

@@ -15,7 +15,7 @@ from console import UserError
 from training.posing.camera_files import look_at, put
 from training.scenes import pictures
 from training.scenes.deep_pictures import linear_to_srgb
-from training.scenes.picture_formats import PICTURE_SUFFIXES, UNREAD_FORMATS
+from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS
 from training.scenes.pictures import (
     PictureLoader,
     decoded,

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from console import UserError
+from training.scenes.files import UNREAD_FORMATS
 from training.scenes.film_containers import CONTAINERS, FILMS, container_of
-from training.scenes.picture_formats import UNREAD_FORMATS
 from training.scenes.sources import FEWEST, Source, find_source, require_source
 
 MANY = [f"p{i}.jpg" for i in range(FEWEST)]

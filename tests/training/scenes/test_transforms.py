@@ -14,9 +14,9 @@ from PIL import Image
 from console import Notice, UserError
 from tests.training.test_captures import circle, complaint, everyone
 from training.scenes import load_scene
-from training.scenes.box import require_rays
 from training.scenes.rays import camera_rays
 from training.scenes.scene import Scene, split_line
+from training.scenes.scene_options import require_rays
 
 SIZE = (40, 30)
 ORIGIN = (0.0, 0.0, 0.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from training.scenes.procedural import write_procedural_scene
+from tools.procedural import write_procedural_scene
 
 
 @pytest.fixture(scope="session")

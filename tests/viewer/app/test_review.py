@@ -16,7 +16,7 @@ from tests.training.reconstructions import around, ball, side_by_side, write_col
 from tests.viewer.app.test_application import FakeStage
 from tests.viewer.waiting import until
 from training.scenes import load_scene
-from training.scenes.points import sparse_points
+from training.scenes.colmap import sparse_points
 from training.scenes.sources import Source
 from viewer.app import make_plan
 from viewer.app import review as review_module

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.viewer.waiting import until
-from training.scenes.procedural import write_procedural_scene
+from tools.procedural import write_procedural_scene
 from viewer.app import make_plan, telling
 from viewer.app.make_plan import Survey
 from viewer.app.time_needed import TimeNeeded, memory

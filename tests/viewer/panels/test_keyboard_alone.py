@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.waiting import until
-from training.scenes.procedural import write_procedural_scene
+from tools.procedural import write_procedural_scene
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import FileRequest

@@ -24,7 +24,7 @@ from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.golden_variants import AMPLIFIED, GOLDEN
 from tests.viewer.rendering.pictures import FAILURES, skip
 from tests.viewer.waiting import until
-from training.scenes.procedural import write_procedural_scene
+from tools.procedural import write_procedural_scene
 from viewer.app import crop, make_plan
 from viewer.app.commands import run
 from viewer.app.job import Job

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from console.driven import Report
-from training.scenes.points import SparsePoints
+from training.scenes.colmap import SparsePoints
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.commands import run

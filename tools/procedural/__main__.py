@@ -1,4 +1,4 @@
-"""`python -m training.scenes.procedural OUT`: writes a procedural scene."""
+"""`python -m tools.procedural OUT`: writes a procedural scene."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from console import run_command
-from training.scenes.procedural import Arrangement, write_procedural_scene
+from tools.procedural import Arrangement, write_procedural_scene
 
 
 def procedural(
@@ -34,4 +34,4 @@ def procedural(
 
 
 if __name__ == "__main__":
-    sys.exit(run_command(procedural, prog="python -m training.scenes.procedural"))
+    sys.exit(run_command(procedural, prog="python -m tools.procedural"))

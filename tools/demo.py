@@ -1,8 +1,8 @@
 """`make demo`: the bundled demo pack from nothing, through the real trainer and baker.
 
-    python -m baker.commands.demo --out viewer/demo/demo.zip
+    python -m tools.demo --out viewer/demo/demo.zip
 
-Renders the procedural island (training.scenes.procedural), trains on it with the cpu preset, bakes, writes the zip.
+Renders the procedural island (tools.procedural), trains on it with the cpu preset, bakes, writes the zip.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
     from baker.baking.pictures import with_pictures
     from baker.baking.to_pack import describe_pack
     from scenepack import check_target, save_pack
+    from tools.procedural import write_procedural_scene
     from training.config import PRESETS
     from training.loop import train
-    from training.scenes.procedural import write_procedural_scene
 
     check_target(out)
     folder = work or Path(tempfile.mkdtemp(prefix="snerg-demo-"))
@@ -48,7 +48,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
         run = train(scene, folder / "run", config)
         pack = with_pictures(bake(run, BakeConfig(resolution=resolution)), run.scene, COPIES)
         # The files of the photographs do not travel with the demo, only their copies: say what they were, not where.
-        provenance = {**pack.metadata["provenance"], "scene": "training.scenes.procedural", "run": "baker.demo"}
+        provenance = {**pack.metadata["provenance"], "scene": "tools.procedural", "run": "tools.demo"}
         out.parent.mkdir(parents=True, exist_ok=True)
         save_pack(pack.with_metadata(provenance=provenance), out, codec="webp")
         print(describe_pack(pack, out))
@@ -59,9 +59,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(
-        demo, prog="python -m baker.commands.demo", description="Makes the bundled demo pack again.", args=args
-    )
+    return run_command(demo, prog="python -m tools.demo", description="Makes the bundled demo pack again.", args=args)
 
 
 if __name__ == "__main__":

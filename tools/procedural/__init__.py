@@ -1,6 +1,6 @@
 """Scenes of our own, rendered from shapes and written in Blender layout: test fixture and bundled demo.
 
-    python -m training.scenes.procedural OUT --scene island --size 400 --views 96 --seed 0
+    python -m tools.procedural OUT --scene island --size 400 --views 96 --seed 0
 
 Deterministic by seed, views and size. The still life and the scenes of `stress` are quick to draw: see shapes, shading and
 tracing (how). The island is the bundled demo; see island.
@@ -19,10 +19,10 @@ import numpy as np
 from PIL import Image
 
 from console import progress
-from training.scenes.procedural.shading import Thing
-from training.scenes.procedural.still_life import still_life
-from training.scenes.procedural.stress import glass, wires
-from training.scenes.procedural.tracing import picture
+from tools.procedural.shading import Thing
+from tools.procedural.still_life import still_life
+from tools.procedural.stress import glass, wires
+from tools.procedural.tracing import picture
 from training.scenes.scene import Camera
 
 Arrangement = Literal["still-life", "glass", "wires", "island"]
@@ -56,7 +56,7 @@ def spread_cameras(count: int, size: int, phase: float) -> list[Camera]:
 def drawn(arrangement: Arrangement, seed: int, subpixels: int) -> Callable[[Camera], np.ndarray]:
     """What draws `arrangement` as a camera sees it: uint8 [H, W, 4], transparent background, RGB not premultiplied."""
     if arrangement == "island":
-        from training.scenes.procedural.island import island_picture, make_island  # numba compiles it
+        from tools.procedural.island import island_picture, make_island  # numba compiles it
 
         island = make_island(seed)
         return lambda camera: island_picture(island, camera, subpixels)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from training.scenes.procedural.shapes import Disc, Shape, dot
+from tools.procedural.shapes import Disc, Shape, dot
 
 
 def unit(*xyz: float) -> np.ndarray:

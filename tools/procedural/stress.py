@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from training.scenes.procedural.shading import Material, Thing
-from training.scenes.procedural.shapes import Disc, Implicit, Rod, Sphere, box_distance, torus_distance
-from training.scenes.procedural.still_life import (
+from tools.procedural.shading import Material, Thing
+from tools.procedural.shapes import Disc, Implicit, Rod, Sphere, box_distance, torus_distance
+from tools.procedural.still_life import (
     FLOOR,
     TURNTABLE,
     bands,

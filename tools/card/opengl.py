@@ -1,4 +1,4 @@
-"""What OpenGL does on this machine: which card it is, and of each pack whether its picture is exact and how long it takes."""
+"""What OpenGL does here: which card it is, and of each pack whether its picture is exact and how long it takes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -18,9 +19,9 @@ from PIL import Image
 
 from console.atomic import replacing
 from scenepack import Pack, load_pack
-from viewer.benchmark.card.parts import Facts
+from tools.card.parts import Facts
 from viewer.benchmark.frames import measure
-from viewer.benchmark.power import PowerMeter, card_facts
+from viewer.benchmark.power import PowerMeter
 from viewer.benchmark.protocols import flight, protocol_for
 from viewer.benchmark.sustained import sustained
 from viewer.rendering.camera import ViewCamera
@@ -37,8 +38,8 @@ LEAST_IDLE_S = 1.0
 
 
 @dataclass(frozen=True)
-class Look:
-    """How packs are looked at. size: width, height in pixels. frames: of the camera path, for times. views: for exactness.
+class Sizes:
+    """How much is drawn of a pack. size: width, height in pixels. frames: of the camera path, for times. views: for exactness.
 
     power_s: seconds of drawing without a pause for each marcher, for watts.
     """
@@ -78,6 +79,36 @@ def device() -> Facts:
     return facts
 
 
+def card_facts(renderer: str) -> dict[str, Any]:
+    """What NVML says of the card: name, driver, bytes, watts allowed, MHz; {} where it says nothing. renderer: GL_RENDERER."""
+    if "nvidia" not in renderer.lower():
+        return {}
+    try:
+        import pynvml  # pyright: ignore[reportMissingImports]
+
+        pynvml.nvmlInit()
+        card = pynvml.nvmlDeviceGetHandleByIndex(0)
+    except Exception:  # no package, or no driver: each has errors of its own
+        return {}
+    asked: dict[str, Callable[[], Any]] = {
+        "name": lambda: _text(pynvml.nvmlDeviceGetName(card)),
+        "driver": lambda: _text(pynvml.nvmlSystemGetDriverVersion()),
+        "bytes": lambda: int(pynvml.nvmlDeviceGetMemoryInfo(card).total),
+        "watts_allowed": lambda: pynvml.nvmlDeviceGetEnforcedPowerLimit(card) / 1000.0,
+        "mhz": lambda: int(pynvml.nvmlDeviceGetMaxClockInfo(card, pynvml.NVML_CLOCK_GRAPHICS)),
+        "memory_mhz": lambda: int(pynvml.nvmlDeviceGetMaxClockInfo(card, pynvml.NVML_CLOCK_MEM)),
+    }
+    facts = {}
+    for name, ask in asked.items():
+        with suppress(Exception):  # a card that does not tell this one
+            facts[name] = ask()
+    return facts
+
+
+def _text(told: Any) -> str:
+    return told.decode(errors="replace") if isinstance(told, bytes) else str(told)
+
+
 def _version(name: str) -> str:
     try:
         return version(name)
@@ -85,30 +116,30 @@ def _version(name: str) -> str:
         return ""
 
 
-def pack_figures(path: Path, name: str, out: Path, look: Look) -> Facts:
+def pack_figures(path: Path, name: str, out: Path, sizes: Sizes) -> Facts:
     """Exactness, frame times, power and a picture of one pack, out/NAME.png."""
     pack = load_pack(path)
     protocol = protocol_for(pack)
 
     def path_of(frames: int) -> Sequence[ViewCamera]:
-        return flight(pack, protocol, frames, size=look.size).cameras
+        return flight(pack, protocol, frames, size=sizes.size).cameras
 
     facts: dict[str, Any] = {
         "path": str(path),
         "voxels": list(pack.grid_size),
         "macroblocks": int(pack.occupied.sum()),
         "view_mlp": pack.view_mlp is not None,
-        **flight(pack, protocol, 1, size=look.size).facts,
+        **flight(pack, protocol, 1, size=sizes.size).facts,
     }
     with OffscreenRenderer(pack, allow_half=False) as renderer:
-        facts["exactness"] = exactness(renderer, path_of(look.views))
+        facts["exactness"] = exactness(renderer, path_of(sizes.views))
         with replacing(out / f"{name}.png") as new:
-            Image.fromarray(renderer.render(path_of(look.views)[0])).save(new, format="PNG")
+            Image.fromarray(renderer.render(path_of(sizes.views)[0])).save(new, format="PNG")
         facts["picture"] = f"{name}.png"
-        facts["timer"] = timer(renderer, path_of(min(look.frames, 30)))
-        cameras = path_of(look.frames)
+        facts["timer"] = timer(renderer, path_of(min(sizes.frames, 30)))
+        cameras = path_of(sizes.frames)
         facts["power"] = {
-            marcher: sustained(renderer, cameras, RenderSettings(marcher=marcher), look.power_s)
+            marcher: sustained(renderer, cameras, RenderSettings(marcher=marcher), sizes.power_s)
             for marcher in ("exact", "paper")
         }
     facts["times"] = times(pack, list(cameras))

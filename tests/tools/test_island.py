@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from training.scenes.procedural import drawn, spread_cameras
-from training.scenes.procedural.island import make_island
-from training.scenes.procedural.island.shapes import COTTAGE_AT, SEA, TOWER, TOWER_AT, WATER, Island, ground, nearest
+from tools.procedural import drawn, spread_cameras
+from tools.procedural.island import make_island
+from tools.procedural.island.shapes import COTTAGE_AT, SEA, TOWER, TOWER_AT, WATER, Island, ground, nearest
 
 CAMERA = spread_cameras(12, 40, 0.0)[4]
 

@@ -1,21 +1,81 @@
-"""`python -m viewer.commands.card_report --out DIR`: every figure that a graphics card owes, in one run (docs/card.md)."""
+"""`python -m tools.card --out DIR`: measures all figures of a graphics card, and writes a report (docs/card.md)."""
 
 from __future__ import annotations
 
+import os
+import shlex
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from console import UserError, check_results, run_command, write_text
 from console.arguments import parse_size
-from viewer.benchmark.card.drawing import Look
-from viewer.benchmark.card.page import page
-from viewer.benchmark.card.parts import run_parts
-from viewer.benchmark.card.plan import Wanted, parts_of
+from tools.card.opengl import Sizes, device, pack_figures
+from tools.card.page import page
+from tools.card.parts import Part, run_parts
+from tools.card.subprocesses import ROOT, Training, golden
 
-PROG = "python -m viewer.commands.card_report"
+PROG = "python -m tools.card"
 DESCRIPTION = "Measures everything that this repository wants to know of a graphics card, and writes a report."
+DEMO = ROOT / "viewer" / "demo" / "demo.zip"
+DATA = "SNERG_DATA"
+PARAMS = "scene_params.json"
+LEGO = Path("nerf_synthetic") / "lego"
+LEAST_PACK_S, LEAST_TRAINING_S = 30.0, 60.0
+
+
+def packs_at_hand(given: Sequence[Path], *, only: bool = False) -> dict[str, Path]:
+    """Packs by a name of their own: those given, the bundled demo, and those in packs/ and out/ here and below SNERG_DATA."""
+    found = list(given)
+    if not only:
+        found.append(DEMO)
+        data = os.environ.get(DATA)
+        folders = [Path("packs"), Path("out"), *([Path(data) / "packs"] if data else [])]
+        for folder in folders:
+            for depth in ("*", "*/*"):
+                found += sorted(params.parent for params in folder.glob(f"{depth}/{PARAMS}"))
+    named: dict[str, Path] = {}
+    for path in found:
+        if path.resolve() in [other.resolve() for other in named.values()]:
+            continue
+        name = path.resolve().stem if path.suffix == ".zip" else path.resolve().name
+        name = f"{path.resolve().parent.name}-{name}" if name == "pack" or name in named else name
+        while name in named:
+            name += "-again"
+        named[name] = path
+    return named
+
+
+def scene_at_hand(given: Path | None) -> Path | None:
+    """The scene to train on; None where one must be rendered."""
+    data = os.environ.get(DATA)
+    if given is None and data and (Path(data) / LEGO).is_dir():
+        return Path(data) / LEGO
+    return given
+
+
+def drawing_parts(out: Path, packs: Mapping[str, Path], sizes: Sizes) -> list[Part]:
+    """The parts that need OpenGL alone."""
+    parts = [Part("device", lambda _: device()), Part("golden pictures", partial(golden, out))]
+    for name, path in packs.items():
+
+        def figures(_: object, path: Path = path, name: str = name) -> dict:
+            return pack_figures(path, name, out, sizes)
+
+        parts.append(Part(f"pack {name}", figures, LEAST_PACK_S))
+    return parts
+
+
+def training_parts(training: Training, curve_preset: str, step_preset: str, minutes: float) -> list[Part]:
+    """The parts that train. minutes: of the PSNR over time of `curve_preset`."""
+    return [
+        Part("jax", training.devices),
+        Part(f"curve of {curve_preset}", partial(training.curve_of, curve_preset, minutes)),
+        Part(f"step of {step_preset}", partial(training.step_of, step_preset), LEAST_TRAINING_S),
+        Part(f"step of {curve_preset}, in parts", partial(training.parts_of_step, curve_preset), LEAST_TRAINING_S),
+    ]
 
 
 def card_report(
@@ -65,7 +125,7 @@ def card_report(
         raise UserError(
             "do not fit together", where="--minutes and --train-minutes", expected="0 <= --train-minutes <= --minutes"
         )
-    look = Look(parse_size(size), frames, views, power_seconds)
+    sizes = Sizes(parse_size(size), frames, views, power_seconds)
     check_results(folder=out)
     for path in (*pack, *([scene] if scene is not None else [])):
         if not path.exists():
@@ -74,12 +134,14 @@ def card_report(
     out.mkdir(parents=True, exist_ok=True)
     runs = out / "work"
     shutil.rmtree(runs, ignore_errors=True)  # of a report that was interrupted
-    wanted = Wanted(
-        pack, only, look, scene, downscale, train_minutes, curve_preset, step_preset, curve_options, step_options,
-        processor_too,
-    )  # fmt: skip
+    parts = drawing_parts(out, packs_at_hand(pack, only=only), sizes)
+    if train_minutes > 0:
+        found = scene_at_hand(scene)
+        options = {curve_preset: shlex.split(curve_options), step_preset: shlex.split(step_options)}
+        training = Training(out, found and found.resolve(), downscale, processor_too, options)
+        parts += training_parts(training, curve_preset, step_preset, train_minutes)
     try:
-        report = run_parts(parts_of(wanted, out), out, minutes)
+        report = run_parts(parts, out, minutes)
     finally:
         if not keep_runs:
             shutil.rmtree(runs, ignore_errors=True)

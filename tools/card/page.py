@@ -9,7 +9,7 @@ Facts = Mapping[str, Any]
 
 
 def page(report: Facts) -> str:
-    """Markdown of a report (viewer.benchmark.card.parts.run_parts); pictures are named as they lie beside it."""
+    """Markdown of a report (tools.card.parts.run_parts); pictures are named as they lie beside it."""
     parts: Mapping[str, Facts] = report["parts"]
     device = parts.get("device", {})
     blocks = [f"# Figures of {_card(device)}", *_device(device), *_state(parts)]

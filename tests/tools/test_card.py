@@ -15,15 +15,15 @@ from PIL import Image
 
 from scenepack import Pack, save_pack
 from tests.told import told
-from training.profile_report import PARTS, Profile, Times
-from training.scenes.procedural import write_procedural_scene
+from tools.card import __main__ as card_report
+from tools.card import opengl, subprocesses
+from tools.card.__main__ import packs_at_hand, scene_at_hand
+from tools.card.page import page
+from tools.card.parts import Budget, Part, Skipped, run_parts
+from tools.card.subprocesses import Training, run_child, speed
+from tools.procedural import write_procedural_scene
+from tools.profile_step import PARTS, Profile, Times
 from viewer.benchmark import power
-from viewer.benchmark.card import children, drawing, plan
-from viewer.benchmark.card.children import Training, run_child, speed
-from viewer.benchmark.card.page import page
-from viewer.benchmark.card.parts import Budget, Part, Skipped, run_parts
-from viewer.benchmark.card.plan import packs_at_hand, scene_at_hand
-from viewer.commands import card_report
 from viewer.rendering import gpu_clock
 from viewer.rendering.camera import orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -45,7 +45,7 @@ def no_golden_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     def skip(out: Path, budget: Budget) -> dict:
         raise Skipped("not this time")
 
-    monkeypatch.setattr(plan, "golden", skip)
+    monkeypatch.setattr(card_report, "golden", skip)
 
 
 def read(out: Path) -> dict:
@@ -103,10 +103,11 @@ def test_what_only_a_card_has_is_asked_of_one_that_pretends(
     nvml.nvmlDeviceGetPowerUsage = lambda card: 50_000  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "pynvml", nvml)
     monkeypatch.setattr(gpu_clock, "SOFTWARE", ())
-    monkeypatch.setattr(drawing, "LEAST_IDLE_S", 0.2)
+    monkeypatch.setattr(opengl, "LEAST_IDLE_S", 0.2)
     ours = power.PowerMeter.__init__
     monkeypatch.setattr(power.PowerMeter, "__init__", lambda meter, renderer: ours(meter, "NVIDIA " + renderer))
-    monkeypatch.setattr(drawing, "card_facts", lambda renderer: power.card_facts("NVIDIA " + renderer))
+    card_facts = opengl.card_facts
+    monkeypatch.setattr(opengl, "card_facts", lambda renderer: card_facts("NVIDIA " + renderer))
     out = tmp_path / "card"
     words = [
         "--out",
@@ -147,7 +148,7 @@ def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
     def broken() -> dict:
         raise RuntimeError("the driver is moody")
 
-    monkeypatch.setattr(plan, "device", broken)
+    monkeypatch.setattr(card_report, "device", broken)
     out = tmp_path / "card"
     words = ["--out", str(out), "--only", "--pack", str(folder), *QUICK, "--train-minutes", "0"]
     assert card_report.main(words) == 2
@@ -160,14 +161,14 @@ def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
 def test_a_picture_that_is_not_exact_fails_its_pack(shapes: Pack, ctx, monkeypatch: pytest.MonkeyPatch) -> None:
     with OffscreenRenderer(shapes, ctx=ctx) as renderer:
         cameras = orbit_path(shapes, 2, size=(32, 24))
-        assert drawing.exactness(renderer, cameras)["holds"]
+        assert opengl.exactness(renderer, cameras)["holds"]
         draw = renderer.render_float
 
         def shifted(camera, settings):
             return draw(camera, settings) + (0.01 if settings.marcher == "exact" else 0.0)
 
         monkeypatch.setattr(renderer, "render_float", shifted)
-        found = drawing.exactness(renderer, cameras)
+        found = opengl.exactness(renderer, cameras)
         assert not found["holds"] and found["worst"] == pytest.approx(2.55, abs=0.01) and found["beyond"] == 1.0
 
 
@@ -198,13 +199,13 @@ def test_training_is_followed_by_what_the_runs_write(tmp_path: Path, monkeypatch
     """The commands that are started, and what becomes of their files; see also the test below, which starts them."""
     started = []
 
-    def pretended(words, log: Path, seconds: float) -> children.Ended:
+    def pretended(words, log: Path, seconds: float) -> subprocesses.Ended:
         started.append(list(words))
         log.write_text("a line\n")
         named = dict(itertools.pairwise(words))
         if words[0] == "-c":
-            return children.Ended(0, json.dumps({"backend": "gpu", "devices": ["H"], "jax": "1"}), log)
-        if words[1] == "training.profile_step":
+            return subprocesses.Ended(0, json.dumps({"backend": "gpu", "devices": ["H"], "jax": "1"}), log)
+        if words[1] == "tools.profile_step":
             facts = {"step": 1, "rows": 2, "rays": 3, "rounds": 15, "device": "1 x H"}
             step = Profile("jax", dict.fromkeys(PARTS["jax"], Times(3.0, 3.0)), 100.0, 2, False, facts)
             Path(named["--json"]).write_text(json.dumps(step.to_json()))
@@ -217,9 +218,9 @@ def test_training_is_followed_by_what_the_runs_write(tmp_path: Path, monkeypatch
             lines.append({"step": 3, "training_seconds": 1.5, "validation_psnr": 27.5})
             (run / "metrics.jsonl").write_text("\n".join(map(json.dumps, lines)) + '\n{"step": 4, "trai')
             Image.new("RGB", (4, 4)).save(run / "curves.png")
-        return children.Ended(None if "paper" in words else 0, "", log)
+        return subprocesses.Ended(None if "paper" in words else 0, "", log)
 
-    monkeypatch.setattr(children, "run_child", pretended)
+    monkeypatch.setattr(subprocesses, "run_child", pretended)
     training = Training(tmp_path, None, 2, False, {"full": ["--seed", "3"], "paper": []})
     parts = [
         Part("jax", training.devices),
@@ -239,7 +240,7 @@ def test_training_is_followed_by_what_the_runs_write(tmp_path: Path, monkeypatch
 
 
 def test_without_jax_training_is_skipped_with_the_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(children, "DEVICES", "import a_package_that_nobody_has")
+    monkeypatch.setattr(subprocesses, "DEVICES", "import a_package_that_nobody_has")
     training = Training(tmp_path, None, 1, True, {})
     parts = [Part("jax", training.devices), Part("curve of full", lambda left: training.curve_of("full", 1.0, left))]
     report = run_parts(parts, tmp_path, 20.0)["parts"]

@@ -14,7 +14,7 @@ from math import atan2, exp, floor, hypot, sqrt
 import numpy as np
 from numba import njit
 
-from training.scenes.procedural.island.shapes import (
+from tools.procedural.island.shapes import (
     COTTAGE_AT,
     GLASS,
     GROUND,

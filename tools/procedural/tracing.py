@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from training.scenes.procedural.shading import Thing, coverage, display, shade
-from training.scenes.procedural.shapes import INFINITY, dot
+from tools.procedural.shading import Thing, coverage, display, shade
+from tools.procedural.shapes import INFINITY, dot
 from training.scenes.scene import Camera
 
 LAYERS = 12  # of glass, and one of what is not, that a ray may go through

@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from training.scenes.procedural.shading import Material, Thing
-from training.scenes.procedural.shapes import Disc, Implicit, Rod, Sphere, box_distance, torus_distance
+from tools.procedural.shading import Material, Thing
+from tools.procedural.shapes import Disc, Implicit, Rod, Sphere, box_distance, torus_distance
 
 FLOOR = -0.72  # z of the turntable's top
 TURNTABLE = 1.22  # its radius

@@ -1,4 +1,4 @@
-"""python -m training.profile_step: the parts of a step add up to it, and profiling is training."""
+"""python -m tools.profile_step: the parts of a step add up to it, and profiling is training."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ import jax
 import numpy as np
 import pytest
 
+from tools.profile_step import PARTS, Profile, Times, main, profile
 from training.config import QUICK
 from training.dataset import make_dataset
 from training.multires.config import MultiresConfig
 from training.multires.method import MultiresMethod
-from training.profile_report import PARTS, Profile, Times
-from training.profile_step import main, profile
 from training.scenes import Scene
 
 SMALL = MultiresConfig(resolutions=(8, 16), occupancy=16, samples_per_step=2048, steps_across=(16, 16, 16))

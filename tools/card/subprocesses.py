@@ -1,4 +1,4 @@
-"""What other processes do for a report: golden pictures (of the tests), and training (of JAX, which the viewer never loads).
+"""What other processes do for a report: golden pictures and training. (JAX takes most of a card's memory.)
 
 A child writes into out/work, and what it prints into out/NAME.log. One that takes too long is interrupted as by Ctrl-C, and
 killed where that does not help; what it has written until then still counts.
@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from console.json_text import parse_json
-from viewer.benchmark.card.parts import Budget, Facts, Skipped
+from tools.card.parts import Budget, Facts, Skipped
 
-ROOT = Path(__file__).resolve().parents[3]  # of the checkout, or of the installed packages
+ROOT = Path(__file__).resolve().parents[2]  # of the checkout
 GOLDEN = "tests.viewer.rendering.golden_variants"
 DEVICES = """
 import json, jax
@@ -83,9 +83,7 @@ def _ended(child: subprocess.Popen[str]) -> str:
 
 
 def golden(out: Path, budget: Budget) -> Facts:
-    """Compares this card's pictures with those of tests/golden. Skipped where there is no checkout."""
-    if not (ROOT / "tests" / "golden").is_dir():
-        raise Skipped(f"there are no golden pictures in {ROOT}: run it in a checkout of the repository")
+    """Compares this card's pictures with those of tests/golden."""
     ended = run_child(["-m", GOLDEN, str(out / "golden")], out / "golden.log", min(GOLDEN_S, budget.left))
     if ended.status != 0:
         raise RuntimeError(f"golden pictures: {ended.last_line}")
@@ -129,7 +127,7 @@ class Training:
         if not self.available:
             raise Skipped("there is nothing to train on: see jax")
         if self.scene is None:
-            words = ["-m", "training.scenes.procedural", str(self.out / "work" / "scene")]
+            words = ["-m", "tools.procedural", str(self.out / "work" / "scene")]
             words += ["--size", str(SCENE_SIZE), "--views", str(SCENE_VIEWS)]
             ended = run_child(words, self.out / "scene.log", min(SCENE_S, budget.left))
             if ended.status != 0:
@@ -178,7 +176,7 @@ class Training:
         file = run / "step.json"
         if not (run / "metrics.jsonl").is_file():
             raise Skipped(f"there is no run of {preset}")
-        words = ["-m", "training.profile_step", str(run), "--rounds", "15", "--json", str(file)]
+        words = ["-m", "tools.profile_step", str(run), "--rounds", "15", "--json", str(file)]
         ended = run_child(words, self.out / f"{preset}-parts.log", budget.left)
         if ended.status != 0:
             raise RuntimeError(ended.last_line)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tools.procedural import ARRANGEMENTS, picture, spread_cameras, still_life
+from tools.procedural.__main__ import procedural
+from tools.procedural.shading import Material, Thing, coverage
+from tools.procedural.shapes import Disc, Implicit, Rod, Sphere, dot, torus_distance
+from tools.procedural.tracing import trace
 from training.scenes import load_scene
-from training.scenes.procedural import ARRANGEMENTS, picture, spread_cameras, still_life
-from training.scenes.procedural.__main__ import procedural
-from training.scenes.procedural.shading import Material, Thing, coverage
-from training.scenes.procedural.shapes import Disc, Implicit, Rod, Sphere, dot, torus_distance
-from training.scenes.procedural.tracing import trace
 
 CAMERA = spread_cameras(12, 32, 0.0)[4]
 

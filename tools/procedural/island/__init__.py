@@ -9,8 +9,8 @@ import itertools
 
 import numpy as np
 
-from training.scenes.procedural.island.light import rows_of
-from training.scenes.procedural.island.shapes import (
+from tools.procedural.island.light import rows_of
+from tools.procedural.island.shapes import (
     BOAT_AT,
     COTTAGE_AT,
     JETTY_AT,

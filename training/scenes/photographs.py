@@ -1,0 +1,73 @@
+"""Photographs from described cameras: fitted to the picture on disk (smaller ones, ones that EXIF turns), and moved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from console import UserError
+from training.scenes.messages import notice, times
+from training.scenes.pictures import PictureLoader, is_turned, picture_size
+from training.scenes.scene import Camera, Photograph
+from training.scenes.space import Frame, poses_of
+
+SHAPE_TOLERANCE = 0.01  # how far width over height may differ, as a share; or by a pixel, as shrunk sizes are rounded
+Size = tuple[int, int]  # width, height
+
+
+def photograph_of(
+    name: str, picture: Path, described: Camera | Callable[[Size], Camera], shrink: Callable[[Size], Size],
+    mask: Path | None, shape: Size | None = None,
+) -> Photograph:  # fmt: skip
+    """described: the camera, or what it is for a picture of a size. shrink: the size to train on, for the stored one. shape: a
+    size whose shape the picture must have, too. Pictures are turned as EXIF says, unless the camera fits them only as they are
+    stored. UserError where it fits neither."""
+    upright = picture_size(picture)
+    for as_stored in [False, True] if is_turned(picture) else [False]:
+        stored = picture_size(picture, as_stored)
+        camera = described if isinstance(described, Camera) else described(stored)
+        if _same_shape(stored, (camera.width, camera.height)) and (shape is None or _same_shape(stored, shape)):
+            size = shrink(stored)
+            return Photograph(name, camera.resized(*size), PictureLoader(picture, stored, size, mask, as_stored))
+    camera = described if isinstance(described, Camera) else described(upright)
+    expected = (camera.width, camera.height)
+    expected = shape if shape is not None and _same_shape(upright, expected) else expected
+    raise UserError("the picture is of another size", where=picture, expected=f"the shape of {times(expected)}",
+                    found=times(upright))  # fmt: skip
+
+
+def target_size(stored: Size, factor: int, downscale: int) -> Size:
+    """Size of the pictures to train on, from stored ones that are `factor` times smaller than full size: fractions of a pixel
+    are left out."""
+    scale = min(1.0, factor / downscale)
+    size = int(stored[0] * scale + 1e-6), int(stored[1] * scale + 1e-6)
+    if min(size) < 1:
+        raise UserError("downscale leaves no picture", where=f"--downscale {downscale}", found=times(stored),
+                        remedy="use a smaller factor")  # fmt: skip
+    return size
+
+
+def tell_turned(where: Path, photographs: Sequence[Photograph]) -> None:
+    """A notice of pictures that EXIF turns: which are turned, and which are taken as they are stored."""
+    loaders = [(one.name, one.load) for one in photographs if isinstance(one.load, PictureLoader)]
+    for what, names in {
+        "are turned as EXIF says": [name for name, load in loaders if not load.as_stored and is_turned(load.path)],
+        "are not turned as EXIF says: their cameras fit otherwise": [name for name, load in loaders if load.as_stored],
+    }.items():
+        if names:
+            notice(where, f"{len(names)} of {len(photographs)} pictures {what}", names)
+
+
+def moved(photographs: Sequence[Photograph], frame: Frame) -> tuple[Photograph, ...]:
+    """The photographs in the training frame."""
+    P = frame.poses(poses_of([photograph.camera for photograph in photographs]))
+    return tuple(
+        replace(one, camera=replace(one.camera, world_T_camera=world_T_camera))
+        for one, world_T_camera in zip(photographs, P, strict=True)
+    )
+
+
+def _same_shape(size: Size, other: Size) -> bool:
+    (w, h), (width, height) = size, other
+    return abs(w * height - h * width) <= max(SHAPE_TOLERANCE * h * width, width, height)

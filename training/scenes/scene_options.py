@@ -1,0 +1,131 @@
+"""What the user says of a scene in place of its files: the box that holds the content (--aabb), and what is up (--up).
+
+Both are told in the training frame as it is without --up (docs/scenes.md): the frame that the window shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from console import UserError
+from console.arguments import parse_numbers
+from training.scenes.messages import notice
+from training.scenes.poses import normalised
+from training.scenes.rays import camera_rays, pixel_grid
+from training.scenes.scene import Box, Camera, Direction, Scene
+
+AABB, UP = "--aabb", "--up"
+PROBES = 17  # pixels along each side of a picture whose rays are tried
+FEWEST_MEETING = 0.5  # share of the photographs that see the box, else a user is told
+SHORTEST = 1e-6  # of a direction
+
+
+def parse_box(text: str) -> Box:
+    """ "x0,y0,z0,x1,y1,z1" as six numbers. UserError for anything else."""
+    return checked_box(parse_numbers(text, 6, AABB))
+
+
+def checked_box(values: Sequence[float]) -> Box:
+    """Six finite numbers, the low corner before the high one. UserError for anything else."""
+    numbers = np.array(values, np.float64)
+    if numbers.shape != (6,) or not np.isfinite(numbers).all():
+        raise UserError("is not a box", where=AABB, expected="x0,y0,z0,x1,y1,z1", found=values)
+    for axis, low, high in zip("xyz", numbers[:3], numbers[3:], strict=True):
+        if low >= high:
+            found = f"{axis}0 = {low:g}, {axis}1 = {high:g}"
+            raise UserError("the box is empty", where=AABB, expected=f"{axis}0 below {axis}1", found=found)
+    x0, y0, z0, x1, y1, z1 = map(float, numbers)
+    return x0, y0, z0, x1, y1, z1
+
+
+def with_box(scene: Scene, box: Box) -> Scene:
+    """The scene with that box, its far end moved out to reach all of it. UserError for NDC scenes, whose box is all that the
+    cameras see, and where no training photograph sees the box."""
+    if scene.ndc:
+        what = "a forward-facing scene has no box: in NDC, the box is everything that the cameras see"
+        raise UserError(what, where=AABB, remedy="leave it out, or use --spherify")
+    aabb = np.array(checked_box(box)).reshape(2, 3)
+    eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
+    farthest = np.linalg.norm(np.maximum(np.abs(eyes - aabb[0]), np.abs(eyes - aabb[1])), axis=-1).max()
+    boxed = replace(scene, aabb=aabb, far=max(scene.far, float(farthest)))
+    if not any(_meets(photograph.camera, boxed) for photograph in scene.splits["train"]):
+        expected = f"something about {box_text(scene.aabb)}"
+        raise UserError("no photograph sees this box", where=AABB, expected=expected, found=box_text(aabb))
+    return boxed
+
+
+def require_rays(scene: Scene) -> None:
+    """UserError where no ray of the training photographs meets the box between near and far: there would be nothing to train.
+    A Notice where that holds for most of the photographs."""
+    if scene.ndc:
+        return
+    cameras = [photograph.camera for photograph in scene.splits["train"]]
+    meeting = sum(_meets(camera, scene) for camera in cameras)
+    if not meeting:
+        found = f"{box_text(scene.aabb)} at {scene.near:.3g} to {scene.far:.3g} from the cameras"
+        raise UserError("no photograph sees the box of the content", where=scene.path, found=found,
+                        remedy=f"check the camera poses, or name the box with {AABB}")  # fmt: skip
+    if meeting < FEWEST_MEETING * len(cameras):
+        text = f"{len(cameras) - meeting} of {len(cameras)} photographs see nothing of the box of the content"
+        notice(scene.path, f"{text} {box_text(scene.aabb)}; name another with {AABB}")
+
+
+def box_text(aabb: np.ndarray) -> str:
+    """A box [2, 3] as --aabb takes it."""
+    return ",".join(f"{value:.4g}" for value in np.asarray(aabb).ravel())
+
+
+def box_line(scene: Scene, given: bool) -> str | None:
+    """What a user must know to choose another box; None where there is nothing to choose."""
+    if scene.ndc:
+        return None
+    eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
+    distance = np.linalg.norm(eyes, axis=-1).mean()
+    whose = "as told by --aabb" if given else "another one: --aabb x0,y0,z0,x1,y1,z1"
+    return f"box of the content: {box_text(scene.aabb)} where cameras stand {distance:.3g} from the origin; {whose}"
+
+
+def _meets(camera: Camera, scene: Scene) -> bool:
+    """Whether any of some rays through the picture meets the scene's box between near and far."""
+    origins, directions = (v.reshape(-1, 3) for v in camera_rays(camera, *pixel_grid(camera, PROBES)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = (scene.aabb[:, None] - origins) / directions
+    enter = np.nanmax(np.fmin(ends[0], ends[1]), axis=-1).clip(scene.near)
+    leave = np.nanmin(np.fmax(ends[0], ends[1]), axis=-1).clip(max=scene.far)
+    return bool((enter < leave).any())
+
+
+def parse_up(text: str) -> Direction:
+    """ "x,y,z" as a direction. UserError for anything else."""
+    return checked_up(parse_numbers(text, 3, UP))
+
+
+def checked_up(values: Sequence[float]) -> Direction:
+    """Three finite numbers, not all 0. UserError for anything else."""
+    try:
+        numbers = np.array(values, np.float64)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all() or np.linalg.norm(numbers) < SHORTEST:
+        raise UserError("is no direction", where=UP, expected="x,y,z, not all 0", found=str(values)[:60])
+    x, y, z = map(float, numbers)
+    return x, y, z
+
+
+def axes_of(up: Direction) -> np.ndarray:
+    """Axes [3, 3] (columns), in the frame without the option, of the frame whose z is `up`: turned there the shortest way."""
+    z = normalised(np.array(checked_up(up)))
+    if z[2] < -1 + SHORTEST:
+        return np.diag([1.0, -1.0, -1.0])
+    x, y, height = z
+    across = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # Rodrigues' formula, about (-y, x, 0)
+    return np.eye(3) + across + across @ across / (1.0 + height)
+
+
+def composed(before: Direction | None, up: np.ndarray) -> Direction:
+    """The option for what is up in the frame that another value of it has led to."""
+    x, y, z = (float(f"{value:.5g}") for value in (up if before is None else axes_of(before) @ up))
+    return x, y, z
