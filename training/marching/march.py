@@ -65,8 +65,9 @@ def before_within(values: jax.Array) -> jax.Array:
 def march(
     layout: Layout, rays: GridRays, phase: jax.Array, sizes: MarchSizes, step: float, last_depth: int | None = None
 ) -> Samples:
-    """The samples of N rays at start + (phase + k) step, k = 0, 1, …, that have support. step in voxels, at most 1.
+    """The samples of N rays at start + (phase + k) step, k = 0, 1, …, that have support.
 
+    step: in voxels, at most 1; at most 2 where near_content looks two voxels further than it must.
     last_depth: early termination: what lies behind this much optical depth (see training.marching.layout) is left out.
     """
     count = rays.start.shape[0]

@@ -31,9 +31,9 @@ class MultiresConfig:
     """Samples per step, without those in empty space. The number of rays adapts to it. None: from 65,536 for small photographs
     to 262,144 for those of 512 pixels and more."""
     steps_across: tuple[int, ...] | None = None
-    """Samples along the cube's side: at first, and after each of steps_from. None: 256, then as many as the finest level has
-    cells, at last twice as many."""
-    steps_from: tuple[float, ...] = (0.15, 0.85)
+    """Samples along the cube's side: at first, and after each of steps_from. None: half as many as the finest level has cells, as
+    many, at last twice as many."""
+    steps_from: tuple[float, ...] = (0.25, 0.85)
     """When samples lie closer, as fractions of all steps."""
     view_octaves: int = 1
     """Octaves of the view direction that the view MLP sees, at most 4."""

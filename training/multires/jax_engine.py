@@ -22,7 +22,7 @@ from training.marching.batches import until_complete
 from training.marching.layout import COARSE, coarse_cell, flat_index, segments_across
 from training.marching.march import MarchSizes, Samples, march, occupied_segments
 from training.marching.rays import to_grid
-from training.marching.sparse_grid import coarse_occupancy
+from training.marching.sparse_grid import coarse_occupancy, dilate
 from training.method import Rays, RenderOutput
 from training.multires.field import (
     Level,
@@ -93,7 +93,9 @@ def cells_of(state: State) -> Cells:
     """The occupancy grid of a state."""
     occupied = is_on(state.codes).astype(np.uint8)
     side = occupied.shape[0]
-    coarse = coarse_occupancy(np.pad(occupied, (0, 2)), occupied.shape)
+    # a run of COARSE steps is tested at its middle: steps of up to two cells reach two cells further
+    near = dilate(dilate(occupied)) if state.step_cells > 1 else occupied
+    coarse = coarse_occupancy(np.pad(near, (0, 2)), occupied.shape)
     return Cells(
         jnp.asarray(state.box.origin, jnp.float32), jnp.asarray(state.box.cell, jnp.float32),
         jnp.asarray(state.box.dims), jnp.asarray(occupied.ravel()), jnp.int32(side), jnp.asarray(coarse.ravel()),

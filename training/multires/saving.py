@@ -49,7 +49,7 @@ def restored(
     _require_range(arrays, "dims", 1, side)
     _require_range(arrays, "updates", 0, 2**40)
     _require_range(arrays, "samples_per_ray", 0.0, MOST_SAMPLES)
-    _require_range(arrays, "step_cells", 0.01, 1.0)
+    _require_range(arrays, "step_cells", 0.01, 2.0)
     bricks = tuple(_bricks(arrays, resolution) for resolution in resolutions)
     rows = make_levels(resolutions, bricks).total
     parameters = decoder_size(inputs_of(len(resolutions))) + VIEW_PARAMETERS

@@ -17,7 +17,6 @@ from training.multires.config import MultiresConfig, settings_for
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
 COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
 SAMPLES, MOST_SAMPLES = 65_536, 262_144  # of a step
-COARSE_STEPS = 256  # samples along the cube's side, at first
 LARGEST_RAW = 12.0  # of density, before its exponential
 LEAST_LIGHT = 1e-3  # a ray ends where its transmittance falls below this
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
@@ -87,7 +86,7 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
     """The plan of a run."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
     resolutions = own.resolutions or resolutions_for(longest_side(dataset))
-    steps_across = own.steps_across or tuple(max(n * resolutions[-1], COARSE_STEPS) for n in (0, 1, 2))
+    steps_across = own.steps_across or tuple(max(int(n * resolutions[-1]), own.occupancy // 2) for n in (0.5, 1, 2))
     _require_sensible(own, resolutions, steps_across)
     return Plan(
         resolutions=resolutions,
@@ -112,7 +111,7 @@ def _require_sensible(own: MultiresConfig, resolutions: tuple[int, ...], steps_a
             f"one more than --multires.steps-from, {len(own.steps_from) + 1}", list(steps_across),
         ),
         (
-            "steps-across", min(steps_across) >= own.occupancy, f"as many as the occupancy grid has cells, {own.occupancy}",
+            "steps-across", min(steps_across) >= own.occupancy // 2, f"half the cells of the occupancy grid, {own.occupancy // 2}",
             list(steps_across),
         ),
     ):  # fmt: skip

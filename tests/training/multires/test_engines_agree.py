@@ -32,7 +32,7 @@ pytest.importorskip("numba", reason="the fused engine needs Numba: pip install '
 from training.multires.fused.engine import FusedEngine
 from training.multires.fused.rays import Batch
 
-SMALL = MultiresConfig(resolutions=(16, 32, 128), occupancy=32, samples_per_step=4096, steps_across=(32, 64, 96))
+SMALL = MultiresConfig(resolutions=(16, 32, 128), occupancy=32, samples_per_step=4096, steps_across=(20, 64, 96))
 CONFIG = TrainConfig(method="multires", engine="fused", steps=40, multires=SMALL)
 TRAINED = 12  # steps: enough for mist of all densities, and for rays that end
 ROOM = 1 << 17  # samples of the JAX lists: for everything

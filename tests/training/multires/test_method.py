@@ -26,7 +26,7 @@ from training.multires.settings import plan_of
 from training.scenes import Scene
 
 SMALL = MultiresConfig(
-    resolutions=(8, 16, 128, 256), occupancy=32, samples_per_step=4096, steps_across=(32, 48, 64), finest_from=0.2
+    resolutions=(8, 16, 128, 256), occupancy=32, samples_per_step=4096, steps_across=(16, 48, 64), finest_from=0.2
 )
 CONFIG = dataclasses.replace(QUICK, engine="fused", steps=300, multires=SMALL)
 SAVED, LAST = 250, 255  # steps: cells have been visited by then, and all levels have joined
@@ -203,7 +203,7 @@ def test_exposures_are_fitted_by_this_method_alone(dataset: RayDataset) -> None:
         ({"view_octaves": 5}, "view-octaves"),
         ({"resolutions": (2, 16)}, "resolutions"),
         ({"steps_across": (32, 64)}, "steps-across"),
-        ({"steps_across": (16, 32, 64)}, "steps-across"),
+        ({"steps_across": (8, 32, 64)}, "steps-across"),
     ],
 )
 def test_settings_that_do_not_fit_together_are_refused_by_name(dataset: RayDataset, settings: Any, option: str) -> None:
