@@ -111,7 +111,7 @@ def _require_sensible(own: MultiresConfig, resolutions: tuple[int, ...], steps_a
             f"one more than --multires.steps-from, {len(own.steps_from) + 1}", list(steps_across),
         ),
         (
-            "steps-across", min(steps_across) >= own.occupancy // 2, f"at least {own.occupancy // 2}, half of --multires.occupancy",
+            "steps-across", min(steps_across) >= own.occupancy // 2, f"at least half of --multires.occupancy, {own.occupancy}",
             list(steps_across),
         ),
     ):  # fmt: skip
