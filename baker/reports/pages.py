@@ -14,7 +14,7 @@ Row = Mapping[str, Any]
 NONE = "–"
 FIGURES_NAME = "figures"  # of a table: the pictures beside it
 THEIRS = ("*paper:* PSNR", "*SSIM*", "*LPIPS*")
-NO_SUCH_FIELD = "It shares the head and the loss of the paper's deferred NeRF, but is not that field."
+NO_SUCH_FIELD = "It shares the head and the sparsity term of the paper's deferred NeRF, but is not that field."
 
 
 def report_text(document: Mapping[str, Any]) -> str:
