@@ -78,7 +78,7 @@ def is_writer() -> bool:
 
 
 def split(tree: Tree, mesh: Mesh) -> Tree:
-    """Within a compiled program: arrays [N, ...] whose rows are to be computed by the devices, N / D each. A hint to the compiler: no value changes."""
+    """Within a compiled program: arrays [N, ...] whose rows the devices shall compute, N / D each. No value changes."""
     return tree if mesh.size == 1 else jax.lax.with_sharding_constraint(tree, NamedSharding(mesh, SPLIT))
 
 

@@ -27,7 +27,6 @@ def test_the_sparsity_term_is_log_1_plus_2_sigma_squared_summed_over_a_rays_samp
     sigma = jnp.asarray([[0.0, 1.0, 2.0], [0.0, 0.0, 10.0]])
     first, second = math.log(3) + math.log(9), math.log(201)
     assert float(cauchy_sparsity(sigma)) == pytest.approx((first + second) / 2)
-    assert float(cauchy_sparsity(sigma, over_samples="mean")) == pytest.approx((first + second) / 6)
     assert float(cauchy_sparsity(sigma, c=2.0)) == pytest.approx((math.log(1.5) + math.log(3) + math.log(51)) / 2)
 
 

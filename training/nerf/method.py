@@ -1,10 +1,9 @@
 """The paper's method behind the Method interface: the loss of section 4.3, the optimiser of section 6.
 
-    L = |C_coarse - C|^2 + |C_fine - C|^2 + lambda_s (S(sigma_coarse) + S(sigma_fine)),  S at the coarse
-    samples
+    L = |C_coarse - C|^2 + |C_fine - C|^2 + lambda_s (S(sigma_coarse) + S(sigma_fine)),  S at the coarse samples
 
-Gradients are clipped by value, then by norm, and go to Adam. Compiled once: shapes never change between
-steps. Rays are spread over the devices of the dataset's mesh (training.devices), parameters are whole on each.
+Gradients are clipped by value, then by norm, and go to Adam. Compiled once: shapes never change between steps. Rays are spread
+over the devices of the dataset's mesh (training.devices), parameters are whole on each.
 """
 
 from __future__ import annotations
@@ -156,7 +155,7 @@ class NerfMethod:
 
 def sparsity_of(coarse_sigma: jax.Array, fine_sigma: jax.Array, config: TrainConfig) -> jax.Array:
     """S of both fields at the coarse samples. coarse_sigma [N, K]; fine_sigma [N, K + F], 0 at the fine samples."""
-    coarse, fine = (cauchy_sparsity(sigma, config.sparsity_scale, "sum") for sigma in (coarse_sigma, fine_sigma))
+    coarse, fine = (cauchy_sparsity(sigma, config.sparsity_scale) for sigma in (coarse_sigma, fine_sigma))
     total = coarse + fine
     # zeros add nothing to a sum, but a mean must be over the K coarse samples alone
     return total / coarse_sigma.shape[-1] if config.sparsity_over_samples == "mean" else total

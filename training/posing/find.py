@@ -58,7 +58,7 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
     key = {"files": fingerprint(source), "frames": most_frames if source.kind == "film" else 0}
     scene = out / SCENE
     if (scene / REPORT).is_file():
-        if _made_of(scene) == key:
+        if _key_of(scene) == key:
             return scene
         if (out / "run" / "config.json").is_file():
             raise UserError("holds a run of other photographs, or they were changed since", where=out,
@@ -190,7 +190,7 @@ def _link(picture: Path, target: Path) -> None:
         shutil.copyfile(picture, target)
 
 
-def _made_of(scene: Path) -> Any:
+def _key_of(scene: Path) -> Any:
     """The key of a finished scene; None where it cannot be told."""
     try:
         report = read_json_file(scene / REPORT)
