@@ -44,7 +44,13 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
     Bad values of --preset and --out are not complained of here: the parser and the command do that.
     """
     name, out, resuming = _look_ahead(args)
-    describe = cache(_describe)  # of an --out with --resume
+
+    @cache
+    def describe(run: Path) -> RunDescription:
+        from training.run import read_description
+
+        return read_description(run)
+
     defaults = PRESETS.get(cast(PresetName, name), PRESETS[DEFAULT_PRESET])
     if resuming and out is not None:
         with contextlib.suppress(UserError):  # the command meets it again, and tells
@@ -118,12 +124,6 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
             print(f"{out}: {run.step} of {config.steps} steps done; bake it with: snerg-bake {out} --out PACK")
 
     return snerg_train
-
-
-def _describe(out: Path) -> RunDescription:
-    from training.run import read_description
-
-    return read_description(out)
 
 
 def _refuse_another_reading(stored: SceneOptions, asked: Mapping[str, object]) -> None:
