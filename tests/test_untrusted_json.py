@@ -20,8 +20,9 @@ from console.json_text import MOST_BYTES, parse_json
 from scenepack import load_pack
 from tests.scenepack.helpers import small_pack, written
 from tools.procedural import write_procedural_scene
-from training.config import TINY, from_json, to_json
-from training.journal import Journal
+from training.config import TINY
+from training.config_validation import from_json
+from training.metrics_log import MetricsLog
 from training.run import read_description
 from training.scenes import load_scene
 from viewer.app import preferences
@@ -110,7 +111,7 @@ def test_scenes(tmp_path: Path) -> None:
 def test_descriptions_of_runs(tmp_path: Path) -> None:
     document = {
         "format": 1, "scene": "/scene", "scene_options": {"downscale": 2, "aabb": [-1, -1, -1, 1, 1, 1]},
-        "config": to_json(TINY), "provenance": {"host": "here"},
+        "config": dataclasses.asdict(TINY), "provenance": {"host": "here"},
     }  # fmt: skip
     assert read_all(document, tmp_path / "config.json", lambda: read_description(tmp_path)) > 400
 
@@ -118,7 +119,7 @@ def test_descriptions_of_runs(tmp_path: Path) -> None:
 def test_journals(tmp_path: Path) -> None:
     """Records that make no sense are left out, like the one that a kill cut off."""
     file = tmp_path / "metrics.jsonl"
-    read_all({"step": 3, "seconds": 2.5, "training_seconds": 2.0}, file, lambda: Journal(file, 10))
+    read_all({"step": 3, "seconds": 2.5, "training_seconds": 2.0}, file, lambda: MetricsLog(file, 10))
 
 
 def test_settings_paths_poses_and_progress(tmp_path: Path) -> None:
@@ -163,7 +164,7 @@ def test_more_than_anybody_writes_is_not_parsed() -> None:
      ("nerf.first_rate", -1.0), ("checkpoint_every", 0), ("nerf.depth", 2.5), ("method", "magic")],
 )  # fmt: skip
 def test_settings_that_make_no_sense_are_refused_by_name(name: str, value: object) -> None:
-    document = to_json(TINY)
+    document = dataclasses.asdict(TINY)
     inner = document
     for part in name.split(".")[:-1]:
         inner = inner[part]

@@ -1,7 +1,8 @@
 """Checkpoints of a run: checkpoints/step_%08d.safetensors, written aside and renamed, the last two kept.
 
-A file holds the arrays that Method.save named, and in its metadata the step and a checksum of the arrays.
-A reader that finds the newest damaged goes back to the one before it, and says so.
+A file holds the arrays that Method.save named, and in its metadata the step and a checksum of the arrays. A reader that finds
+the newest damaged goes back to the one before it, and says so. The leaves of a tree of arrays are named by their paths,
+"params/fine/field/0/weight".
 """
 
 from __future__ import annotations
@@ -13,10 +14,14 @@ import struct
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import keystr, tree_leaves_with_path
 from safetensors import SafetensorError, safe_open
 
 from console import Notice, UserError
@@ -29,6 +34,55 @@ DTYPES = {
 }  # fmt: skip
 FORMAT = "1"
 NAME = re.compile(r"step_(\d{8,})\.safetensors")
+Tree = TypeVar("Tree")
+
+
+# --- trees of arrays --------------------------------------------------------------------------------------------------
+
+
+def named_leaves(tree: Any) -> dict[str, Any]:
+    """The leaves of a tree by their names."""
+    return {keystr(path, simple=True, separator="/"): leaf for path, leaf in tree_leaves_with_path(tree)}
+
+
+def to_arrays(tree: Any) -> dict[str, np.ndarray]:
+    """Copies a tree's leaves to the host, by name."""
+    return {name: np.asarray(leaf) for name, leaf in jax.device_get(named_leaves(tree)).items()}
+
+
+def from_arrays(template: Tree, arrays: Mapping[str, np.ndarray]) -> Tree:
+    """The tree of the template's structure (of arrays or of jax.ShapeDtypeStruct) with the named arrays as leaves, on the device.
+
+    UserError where a name is missing or an array's shape or type is another.
+    """
+    where, remedy = "checkpoint", "the file belongs to another configuration"
+    leaves = []
+    for name, expected in named_leaves(template).items():
+        if name not in arrays:
+            raise UserError(f'no array "{name}"', where=where, remedy=remedy)
+        shapes = [f"{array.dtype} {list(array.shape)}" for array in (expected, arrays[name])]
+        if shapes[0] != shapes[1]:
+            raise UserError(
+                f'array "{name}" does not fit', where=where, expected=shapes[0], found=shapes[1], remedy=remedy
+            )
+        leaves.append(jnp.asarray(arrays[name]))
+    return jax.tree.unflatten(jax.tree.structure(template), leaves)
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turns an OSError met while writing `path` into a UserError."""
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        what, remedy = ("the disk is full", "free some space") if full else ("cannot be written", "make it writable")
+        raise UserError(
+            what, where=path, found=error.strerror, remedy=f"{remedy}, then continue with --resume"
+        ) from error
 
 
 def checkpoint_path(folder: Path, step: int) -> Path:
@@ -49,17 +103,15 @@ def list_checkpoints(folder: Path) -> list[tuple[int, Path]]:
 def write_checkpoint(folder: Path, step: int, arrays: Mapping[str, np.ndarray]) -> Path:
     """Writes the state after `step` steps and drops all but the newest KEPT checkpoints.
 
-    A killed writer leaves the old checkpoints and at most a temporary file. UserError where the disk is
-    full or the folder cannot be written; no temporary file stays then.
+    A killed writer leaves the old checkpoints and at most a temporary file. UserError where the disk is full or the folder
+    cannot be written; no temporary file stays then.
     """
     arrays = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     metadata = {"format": FORMAT, "step": str(step), "crc32": _checksum(arrays)}
     path = checkpoint_path(folder, step)
-    try:
+    with writing(path):
         folder.mkdir(parents=True, exist_ok=True)
         write_file(path, _serialised(arrays, metadata))
-    except OSError as error:
-        raise cannot_write(path, error) from error
     for _, old in list_checkpoints(folder)[:-KEPT]:
         old.unlink(missing_ok=True)
     return path
@@ -95,28 +147,14 @@ def read_newest_checkpoint(folder: Path) -> tuple[int, dict[str, np.ndarray]]:
         except UserError as error:
             warnings.warn(Notice(f"{error}; going back to the checkpoint before it"), stacklevel=2)
             damage = damage or error
-    raise UserError(
-        "no checkpoint can be read",
-        where=folder,
-        found=damage,
-        remedy="train the run again into another folder",
-    )
-
-
-def cannot_write(path: Path, error: OSError) -> UserError:
-    """The UserError for an OSError met while writing `path`."""
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    remedy = "free some space, then continue with --resume" if full else "make it writable, then continue with --resume"
-    return UserError(
-        "the disk is full" if full else "cannot be written", where=path, found=error.strerror, remedy=remedy
-    )
+    remedy = "train the run again into another folder"
+    raise UserError("no checkpoint can be read", where=folder, found=damage, remedy=remedy)
 
 
 def _checksum(arrays: Mapping[str, np.ndarray]) -> str:
     crc = 0
     for name in sorted(arrays):
-        crc = zlib.crc32(name.encode(), crc)
-        crc = zlib.crc32(_bytes_of(arrays[name]), crc)
+        crc = zlib.crc32(_bytes_of(arrays[name]), zlib.crc32(name.encode(), crc))
     return f"{crc:08x}"
 
 

@@ -1,4 +1,4 @@
-"""What a training run is told: one frozen dataclass, one documented field a line. The run stores it as config.json.
+"""Settings of a training run: one frozen dataclass, one documented field a line. The run stores it as config.json.
 
 TrainConfig holds what every method shares; each method's own numbers are nested under its name. PRESETS
 names whole configurations; the command line overrides single fields of one (`--nerf.width 128`).
@@ -6,15 +6,12 @@ names whole configurations; the command line overrides single fields of one (`--
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
-from console import UserError
 from training.exposure import Choice as Exposure
 from training.multires.config import MultiresConfig
-from training.plausible import require_plausible
 from training.scenes.presets import PresetName
 
 
@@ -110,43 +107,22 @@ PAPER = TrainConfig(nerf=NerfConfig(gradient_rays=1024))
 
 def ablation(view: Literal["deferred", "tiny", "nerf", "none"], sparsity_weight: float = 1e-4) -> TrainConfig:
     """`paper` with one thing changed (tables 1 and 2, appendix "Baselines")."""
-    return dataclasses.replace(
-        PAPER, sparsity_weight=sparsity_weight, nerf=dataclasses.replace(PAPER.nerf, view=view)
-    )  # fmt: skip
+    return replace(PAPER, sparsity_weight=sparsity_weight, nerf=replace(PAPER.nerf, view=view))
 
 
 # The sparsity loss is the paper's own; its baselines, which nothing bakes, do without.
 JAXNERF_PLUS, TINYVIEW = ablation("nerf", 0.0), ablation("tiny", 0.0)
-JAXNERF = dataclasses.replace(
-    JAXNERF_PLUS,
-    nerf=dataclasses.replace(JAXNERF_PLUS.nerf, width=256, coarse_samples=64, fine_samples=128, gradient_rays=4096),
+HALF_AS_WIDE = NerfConfig(width=256, coarse_samples=64, fine_samples=128)
+JAXNERF = replace(JAXNERF_PLUS, nerf=replace(HALF_AS_WIDE, view="nerf", gradient_rays=4096))
+SMALL = TrainConfig(batch_size=1024, validate_every=2500, checkpoint_every=2500, nerf=HALF_AS_WIDE)
+TINY_NERF = NerfConfig(
+    depth=4, width=32, coarse_samples=16, fine_samples=16, warmup_steps=30, first_rate=1e-2, last_rate=1e-3
 )
-SMALL = TrainConfig(
-    batch_size=1024,
-    validate_every=2500,
-    checkpoint_every=2500,
-    nerf=NerfConfig(width=256, coarse_samples=64, fine_samples=128),
-)
-TINY = TrainConfig(
-    steps=300,
-    batch_size=256,
-    log_every=25,
-    validate_every=0,
-    checkpoint_every=100,
-    nerf=NerfConfig(
-        depth=4,
-        width=32,
-        coarse_samples=16,
-        fine_samples=16,
-        warmup_steps=30,
-        first_rate=1e-2,
-        last_rate=1e-3,
-    ),
-)
+TINY = TrainConfig(steps=300, batch_size=256, log_every=25, validate_every=0, checkpoint_every=100, nerf=TINY_NERF)
 # The distortion loss and the occupancy grid keep space empty here; the paper's sparsity weight costs 0.4 dB then.
 QUICK = TrainConfig(method="multires", steps=5000, sparsity_weight=2e-6, validate_every=1000, checkpoint_every=1000)
-NORMAL = dataclasses.replace(QUICK, steps=6000)
-FULL = dataclasses.replace(QUICK, steps=18_000, validate_every=2000, checkpoint_every=2000)
+NORMAL = replace(QUICK, steps=6000)
+FULL = replace(QUICK, steps=18_000, validate_every=2000, checkpoint_every=2000)
 
 PRESETS: Mapping[PresetName, TrainConfig] = {
     "quick": QUICK,
@@ -163,34 +139,3 @@ PRESETS: Mapping[PresetName, TrainConfig] = {
     "diffuse": ablation("none"),
     "no-sparsity": ablation("deferred", 0.0),
 }
-
-
-def to_json(config: Any) -> dict[str, Any]:
-    """A config as plain dicts, for config.json."""
-    return dataclasses.asdict(config)
-
-
-def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
-    """The inverse of to_json. Keys that are gone and values that make no sense are refused, keys that are new take their
-    defaults.
-    """
-    if not isinstance(values, Mapping):
-        raise UserError("settings are no object", where=where, expected="{…}", found=type(values).__name__)
-    names = {f.name: f for f in dataclasses.fields(cls)}
-    unknown = sorted(set(values) - set(names))
-    if unknown:
-        raise UserError(
-            "unknown settings: " + ", ".join(unknown),
-            where=where,
-            remedy="the run was made by another version of snerg",
-        )
-    nested = {"nerf": NerfConfig, "multires": MultiresConfig}
-    made = {}
-    for name, value in values.items():
-        if cls is TrainConfig and name in nested:
-            made[name] = from_json(nested[name], value, f"{where} {name}")
-        else:
-            made[name] = tuple(value) if isinstance(value, list) else value
-    config = cls(**made)
-    require_plausible(config, where)
-    return config

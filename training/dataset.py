@@ -42,26 +42,19 @@ OPAQUE = (
 
 
 class SceneFacts(NamedTuple):
-    """What is known of the space, hashable: a static part of every jitted function.
+    """What is known of the space, hashable: a static part of every jitted function."""
 
-    near, far: bounds of t. aabb: ((x, y, z), (x, y, z)), training frame (NDC space where ndc). ndc_camera:
-    (width, height, focal) or None. disparity: spread samples in 1/t. background: sRGB. distorted: some
-    lens is not a pinhole. size: (width, rows) of every view, or None where they differ. cut_out: photographs of an
-    object were cut out of what surrounded it, by masks. row_step: one row in so many is rows of pixels. rendered: by a program,
-    not by a camera that meters.
-    """
-
-    near: float
+    near: float  # bounds of t
     far: float
-    aabb: tuple[tuple[float, ...], ...]
-    ndc_camera: tuple[int, int, float] | None
-    disparity: bool
-    background: tuple[float, float, float]
-    distorted: bool
-    size: tuple[int, int] | None
-    cut_out: bool = False
-    row_step: int = 1
-    rendered: bool = False
+    aabb: tuple[tuple[float, ...], ...]  # ((x, y, z), (x, y, z)), training frame (NDC space where ndc)
+    ndc_camera: tuple[int, int, float] | None  # (width, height, focal)
+    disparity: bool  # spread samples in 1/t
+    background: tuple[float, float, float]  # sRGB
+    distorted: bool  # some lens is not a pinhole
+    size: tuple[int, int] | None  # (width, rows) of every view, or None where they differ
+    cut_out: bool = False  # photographs of an object were cut out of what surrounded it, by masks
+    row_step: int = 1  # one row in so many is rows of pixels
+    rendered: bool = False  # by a program, not by a camera that meters
 
 
 @partial(
@@ -71,31 +64,25 @@ class SceneFacts(NamedTuple):
 )
 @dataclass(frozen=True)
 class RayDataset:
-    """pixels uint8 [P (padded to a multiple of D), C], stored along the mesh. Of each view: world_T_camera [V, 3, 4];
-    intrinsics [V, 4] = fx, fy, cx, cy; distortion [V, 4]; first int32 [V], the id of its first ray; width int32 [V].
-    count: P, all rays. gains [V, 3]: what the colours of each photograph are divided by (training.exposure); None: they stay as
-    they are.
-    """
+    """The rays of V views; see above."""
 
-    pixels: jax.Array
-    world_T_camera: jax.Array
-    intrinsics: jax.Array
-    distortion: jax.Array
-    first: jax.Array
-    width: jax.Array
+    pixels: jax.Array  # uint8 [P (padded to a multiple of D), C], stored along the mesh
+    world_T_camera: jax.Array  # [V, 3, 4]
+    intrinsics: jax.Array  # [V, 4] = fx, fy, cx, cy
+    distortion: jax.Array  # [V, 4] = k1, k2, p1, p2
+    first: jax.Array  # int32 [V]: the id of a view's first ray
+    width: jax.Array  # int32 [V]
     facts: SceneFacts = field(repr=False)
-    count: int
+    count: int  # P, all rays
     mesh: Mesh = field(repr=False)
-    gains: jax.Array | None = None
+    gains: jax.Array | None = None  # [V, 3]: what the colours of each view are divided by (training.exposure)
 
     @property
     def near(self) -> float:
-        """Where rays begin (t)."""
         return self.facts.near
 
     @property
     def far(self) -> float:
-        """Where rays end (t)."""
         return self.facts.far
 
     @property
@@ -105,12 +92,10 @@ class RayDataset:
 
     @property
     def background(self) -> tuple[float, float, float]:
-        """Colour behind everything."""
         return self.facts.background
 
     @property
     def ndc(self) -> bool:
-        """Whether rays are warped to NDC space."""
         return self.facts.ndc_camera is not None
 
     @property
@@ -120,7 +105,6 @@ class RayDataset:
 
     @property
     def views(self) -> int:
-        """Number of training photographs V."""
         return self.width.shape[0]
 
     def local(self) -> RayDataset:
@@ -173,8 +157,7 @@ class RayDataset:
             colour = jnp.where(colour < 1.0, jnp.minimum(colour / self.gains[self.view_of(ids)], 1.0), 1.0)
         if pixel.shape[-1] == 3:
             return colour
-        alpha = pixel[:, 3:]
-        return colour * alpha + (1.0 - alpha) * background
+        return colour * pixel[:, 3:] + (1.0 - pixel[:, 3:]) * background
 
     def pixels_at(self, ids: jax.Array) -> jax.Array:
         """Pixels uint8 [N, C] from the devices that have them; N is padded to a multiple of D within."""
@@ -209,7 +192,11 @@ class RayDataset:
         in_camera = jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1)
         directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], in_camera, precision=jax.lax.Precision.HIGHEST)
         directions /= jnp.linalg.norm(directions, axis=-1, keepdims=True)
-        return finish_rays(pose[:, :, 3], directions, self.facts)
+        origins, viewdirs = pose[:, :, 3], directions
+        if self.facts.ndc_camera is not None:
+            origins, directions = ndc_warp(origins, directions, *self.facts.ndc_camera)
+        near, far = (jnp.full(origins.shape[:-1], t, jnp.float32) for t in (self.near, self.far))
+        return Rays(origins, directions, viewdirs, near, far)
 
     def view_rays(self, camera: Camera) -> Rays:
         """Rays [H W] of every pixel of any camera, row by row, for evaluation (float64 geometry on the host)."""
@@ -219,15 +206,6 @@ class RayDataset:
             origins, directions = ndc_rays(origins, directions, *self.facts.ndc_camera)
         bounds = (np.full(len(origins), t, np.float32) for t in (self.near, self.far))
         return Rays(*(jnp.asarray(v, jnp.float32) for v in (origins, directions, viewdirs)), *map(jnp.asarray, bounds))
-
-
-def finish_rays(origins: jax.Array, directions: jax.Array, facts: SceneFacts) -> Rays:
-    """Rays of world-space origins and unit directions [N, 3]: bounds added, warped to NDC where the scene is."""
-    viewdirs = directions
-    if facts.ndc_camera is not None:
-        origins, directions = ndc_warp(origins, directions, *facts.ndc_camera)
-    near, far = (jnp.full(origins.shape[:-1], t, jnp.float32) for t in (facts.near, facts.far))
-    return Rays(origins, directions, viewdirs, near, far)
 
 
 def ndc_warp(o: jax.Array, d: jax.Array, width: int, height: int, focal: float) -> tuple[jax.Array, jax.Array]:
@@ -273,9 +251,8 @@ def row_step_for(scene: Scene, split: str) -> int:
     if step > 1:
         told = f"{scene.path}: {count:,} pixels are more than the {MOST_RAYS:,} rays that training can count"
         shrink = math.ceil(math.sqrt(count / MOST_RAYS)) * int(str(scene.notes.get("downscale", 1)))
-        warnings.warn(
-            Notice(f"{told}; it takes one row in {step} of each photograph (or use --downscale {shrink})"), stacklevel=2
-        )
+        remedy = f"it takes one row in {step} of each photograph (or use --downscale {shrink})"
+        warnings.warn(Notice(f"{told}; {remedy}"), stacklevel=2)
     return step
 
 

@@ -1,9 +1,9 @@
 """Many devices and hosts as one mesh, by JAX's own runtime.
 
-Notation: D devices of P processes stand in one line, the mesh axis "rays". Rays and samples are split along it (each
-device computes its share), pixels are stored along it, parameters and everything else are whole on every device. The
-programs are ordinary `jit`s of the global batch: the compiler inserts the sums, so that what is computed does not
-depend on D, but for the order in which floats are added.
+Notation: D devices of P processes stand in one line, the mesh axis "rays". Rays and samples are split along it (each device
+computes its share), pixels are stored along it, parameters and everything else are whole on every device. The programs are
+ordinary `jit`s of the global batch: the compiler inserts the sums, so that what is computed does not depend on D, but for the
+order in which floats are added.
 
 Every process runs the same lines in the same order; process 0 alone writes files. Whatever a process decides by itself
 (a signal, a clock, a file it cannot read) is agreed upon first, or the others would wait for it for ever.
@@ -48,25 +48,21 @@ def join_processes(coordinator: str | None = None, processes: int | None = None,
     What is left out is taken from the launcher (Slurm, Open MPI and MPICH's environment; JAX itself knows Slurm, Open
     MPI 4, Kubernetes jobs and TPU pods). UserError where the options do not fit together, or the others do not come.
     """
-    told = (coordinator, processes, process_id)
     found = launched()
     address = coordinator or os.environ.get("JAX_COORDINATOR_ADDRESS")
-    if told == (None, None, None) and address is None and (found is None or found[0] == 1):
-        in_a_job = "KUBERNETES_SERVICE_HOST" in os.environ and "JOB_COMPLETION_INDEX" in os.environ
-        if not in_a_job:
-            return
+    in_kubernetes_job = "KUBERNETES_SERVICE_HOST" in os.environ and "JOB_COMPLETION_INDEX" in os.environ
+    is_alone = address is None and processes is None and process_id is None and (found is None or found[0] == 1)
+    if is_alone and not in_kubernetes_job:
+        return
     if address is not None and found is not None:
         processes = found[0] if processes is None else processes
         process_id = found[1] if process_id is None else process_id
     try:
         jax.distributed.initialize(address, processes, process_id)
     except (ValueError, TypeError, RuntimeError) as error:
-        raise UserError(
-            "the processes of this run could not be joined",
-            where="--coordinator, --processes, --process-id",
-            expected="HOST:PORT of process 0, the number of processes, and the number of this one (from 0)",
-            found=str(error).split("\n")[0][:160],
-        ) from error
+        expected = "HOST:PORT of process 0, the number of processes, and the number of this one (from 0)"
+        raise UserError("the processes of this run could not be joined", where="--coordinator, --processes, --process-id",
+                        expected=expected, found=str(error).split("\n")[0][:160]) from error  # fmt: skip
 
 
 @lru_cache
@@ -81,15 +77,9 @@ def is_writer() -> bool:
     return jax.process_index() == 0
 
 
-# --- within compiled programs ------------------------------------------------------------------------------------------
-
-
 def split(tree: Tree, mesh: Mesh) -> Tree:
-    """Arrays [N, ...] whose rows are to be computed by the devices, N / D each. A hint to the compiler: no value changes."""
+    """Within a compiled program: arrays [N, ...] whose rows the devices shall compute, N / D each. No value changes."""
     return tree if mesh.size == 1 else jax.lax.with_sharding_constraint(tree, NamedSharding(mesh, SPLIT))
-
-
-# --- between programs --------------------------------------------------------------------------------------------------
 
 
 def put_whole(tree: Tree, mesh: Mesh) -> Tree:

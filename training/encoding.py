@@ -1,9 +1,7 @@
-"""Positional encoding of points and view directions (NeRF section 5.1; SNeRG section 6, "Implementation
-Details").
+"""Positional encoding of points and view directions (NeRF section 5.1; SNeRG section 6).
 
-Notation: x [..., D] coordinates; k = min_degree ... max_degree - 1 the frequencies 2^k.
-The order, which the pack's view MLP and the shader share (frequency-major: all of x, y, z at one
-frequency, then the next):
+Notation: x [..., D] coordinates; k = 0 ... degrees - 1 the frequencies 2^k. The order, which the pack's view MLP and the shader
+share, is frequency-major (all of x, y, z at one frequency, then the next):
 
     x,  sin(2^k x) for each k,  sin(2^k x + pi/2) for each k
 """

@@ -1,18 +1,14 @@
 """Exposure and white balance of each photograph, fitted along with the field and left out of the pack.
 
-A camera on automatic meters and balances every photograph anew. A field that is shown them as they are takes on the difference,
-as mist before the cameras and as colours that turn with the view. So each photograph has a gain for each colour channel,
+A camera on automatic meters and balances every photograph anew. A field takes on the difference as mist before the cameras and as
+colours that turn with the view. So each photograph has a gain for each colour channel (display colours are about a power of the
+light, so that an exposure is a gain there, too):
 
     photograph = gain look,      mean of log gain over the photographs = 0,
 
-where `look` is what the field shows. The mean fixes what all photographs could share: the pack has their average look. Field
-and pack are compared with photograph / gain. Colours of a display are about a power of the light, so that an exposure is a gain
-there, too.
-
-Given the field, gains are a least-squares problem with a closed form. It is solved every few steps from when the field shows
-something: alternating least squares. A field that is still blurred biases little, since a mean is what it shows. What alternation
-does not tell is a gain that changes slowly from view to view, which a field takes on as easily: a ridge towards 1 keeps such
-gains from drifting.
+where `look` is what the field shows. The pack has the average look; field and pack are compared with photograph / gain. Gains are
+fitted every few steps by alternating least squares. A ridge towards 1 keeps gains from drifting that change slowly from view to
+view, which a field takes on as easily.
 
 Notation: V photographs, K rays of each that are looked at.
 """

@@ -68,10 +68,9 @@ def _check_flags() -> None:
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE_S, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return  # another problem, which is met again
-    lines = done.stderr.decode(errors="replace").splitlines()
-    if done.returncode == 0 or not any(FATAL.match(line) for line in lines):
-        return
-    raise _problem(XLA_FLAGS, value, next(line for line in lines if FATAL.match(line)).partition("] ")[2])
+    fatal = [line for line in done.stderr.decode(errors="replace").splitlines() if FATAL.match(line)]
+    if done.returncode and fatal:
+        raise _problem(XLA_FLAGS, value, fatal[0].partition("] ")[2])
 
 
 @contextmanager

@@ -31,26 +31,18 @@ def only_one_trains(run: Path, doing: str = "training into this run") -> Iterato
         with suppress(OSError):  # where nothing can be written, writing tells why
             run.mkdir(parents=True, exist_ok=True)
             handle = os.open(run, os.O_RDONLY)
-        try:
-            _hold(handle, run, doing)
-            yield
-        finally:
-            if handle >= 0:
-                os.close(handle)
+        if handle >= 0:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                remedy = "wait for it, or choose another --out"
+                raise UserError(f"another process is {doing}", where=run, remedy=remedy) from error
+            except OSError:
+                pass  # some network file systems have no locks
+        yield
     finally:
+        if handle >= 0:
+            os.close(handle)
         for folder in missing:
             with suppress(OSError):  # not empty: the run is in it
                 folder.rmdir()
-
-
-def _hold(handle: int, run: Path, doing: str) -> None:
-    if fcntl is None or handle < 0:
-        return
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise UserError(
-            f"another process is {doing}", where=run, remedy="wait for it, or choose another --out"
-        ) from error
-    except OSError:  # some network file systems have no locks
-        return

@@ -1,16 +1,19 @@
 """The training loop: one Method, step by step, with checkpoints, and what training.recorder leaves to look at.
 
-Randomness comes from (seed, step) alone, so a run that was stopped and resumed repeats the losses of an
-unbroken one. With many processes (training.devices) all run this loop alike, and process 0 writes.
+Randomness comes from (seed, step) alone, so a run that was stopped and resumed repeats the losses of an unbroken one. With many
+processes (training.devices) all run this loop alike, and process 0 writes.
 """
 
 from __future__ import annotations
 
 import math
 import shlex
+import signal
 import sys
+import threading
 import warnings
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Protocol
 
@@ -18,12 +21,11 @@ import jax
 import numpy as np
 
 from console import Notice, UserError, progress
-from training.allocator import keep_freed_memory
 from training.checkpoints import list_checkpoints, write_checkpoint
 from training.config import TrainConfig
 from training.devices import agree, anywhere, is_writer, together
-from training.interrupt import interruptible
 from training.lock import only_one_trains
+from training.memory import keep_freed_memory
 from training.recorder import Recorder
 from training.run import Run, RunDescription, read_description, resume_run, start_run
 from training.scenes import SceneOptions
@@ -61,30 +63,28 @@ def train(
     a single process. Ctrl-C saves a checkpoint and raises KeyboardInterrupt that says how to go on. UserError for bad scenes,
     divergence, a full disk, and for an `out` that exists already or that another process trains into.
     """
+    scene_path, out = Path(scene_path), Path(out)
     with ExitStack() as held:
         with together():
             if is_writer():
-                held.enter_context(only_one_trains(Path(out)))
-        return _train(Path(scene_path), Path(out), config, options, resume, watcher)
+                held.enter_context(only_one_trains(out))
+        if resume:
+            run = resume_run(out, read_description(out) if resume is True else resume, scene_path, config)
+        else:
+            run = start_run(out, scene_path, config, options)
+        return _train(run, watcher)
 
 
-def _train(
-    scene_path: Path, out: Path, config: TrainConfig, options: SceneOptions, resume: bool | RunDescription,
-    watcher: Watcher | None,
-) -> Run:  # fmt: skip
-    if resume:
-        stored = read_description(out) if resume is True else resume
-        run = resume_run(out, stored, scene_path, config)
-    else:
-        run = start_run(out, scene_path, config, options)
-    if run.config.engine != "fused":  # whose loops keep their memory themselves, and leave the rest to the system
+def _train(run: Run, watcher: Watcher | None) -> Run:
+    config = run.config
+    if config.engine != "fused":  # whose loops keep their memory themselves, and leave the rest to the system
         keep_freed_memory()
-    if is_writer() and (line := few_line(run.scene)):
-        warnings.warn(Notice(f"{run.scene.path}: {line}"), stacklevel=2)
     if is_writer():
-        print(split_line(run.scene), file=sys.stderr, flush=True)
-    if is_writer() and (line := box_line(run.scene, given=run.options.aabb is not None)):
-        print(line, file=sys.stderr, flush=True)
+        if line := few_line(run.scene):
+            warnings.warn(Notice(f"{run.scene.path}: {line}"), stacklevel=2)
+        for line in (split_line(run.scene), box_line(run.scene, given=run.options.aabb is not None)):
+            if line:
+                print(line, file=sys.stderr, flush=True)
     with together():
         recorder = Recorder(run)
         if run.step and _is_pictured(run) and not recorder.has_validated():  # killed between checkpoint and validation
@@ -92,7 +92,7 @@ def _train(
 
     annealing = Annealing(config.steps, config.minutes)
     shown = progress("training", config.steps, quiet=not is_writer(), begun=run.step)
-    with interruptible() as asked_to_stop, shown as bar:
+    with _stop_on_signal() as asked_to_stop, shown as bar:
         for step in range(run.step, config.steps):
             progress_made = annealing.progress(step, recorder.seconds)
             run.state, metrics = run.method.step(run.state, step, progress_made)
@@ -106,14 +106,14 @@ def _train(
                 _refuse_emptiness(run, values)
                 values["progress"] = progress_made
                 with together():
-                    bar.update(run.step, metrics=recorder.log(values))
+                    bar.update(run.step, metrics=recorder.record(values))
             if last or run.step % config.checkpoint_every == 0:
                 _checkpoint(run)
             if (last or _is_pictured(run)) and not stopping:
                 with together():
                     recorder.validate()
             if watcher is not None and not (last or stopping) and jax.process_count() == 1 and watcher.due(run):
-                with recorder.clock.paused():
+                with recorder.paused():
                     watcher.look(run)
             if stopping and run.step < config.steps:
                 raise KeyboardInterrupt(f"saved at step {run.step}; continue with: {how_to_resume(run)}")
@@ -122,6 +122,30 @@ def _train(
     with together():
         recorder.report()
     return run
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[Callable[[], bool]]:
+    """Yields a function that tells whether Ctrl-C or SIGTERM asked for a stop. A second Ctrl-C stops at once, with nothing saved.
+
+    An exception within a step could come between the old state's buffers being given away and the new state's arrival.
+    """
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked.is_set  # signals reach the main thread only
+        return
+
+    def ask(number: int, frame: object) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, before[signal.SIGINT])
+        print("stopping after this step (Ctrl-C again to stop at once) ...", file=sys.stderr, flush=True)
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield asked.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _is_pictured(run: Run) -> bool:
@@ -174,12 +198,10 @@ def _refuse_emptiness(run: Run, metrics: dict[str, float]) -> None:
     """UserError where no ray of a step met anything: a field without content agrees with photographs of nothing."""
     if metrics.get("samples") == 0:
         raise UserError(
-            f"the field is empty after step {run.step}: no ray meets anything in it",
-            where=run.path,
-            expected="photographs that show something within the box",
-            found=box_text(run.scene.aabb),
+            f"the field is empty after step {run.step}: no ray meets anything in it", where=run.path,
+            expected="photographs that show something within the box", found=box_text(run.scene.aabb),
             remedy="check the camera poses and the masks, or name the box with --aabb",
-        )
+        )  # fmt: skip
 
 
 def _refuse_divergence(run: Run, loss: float) -> None:
@@ -187,8 +209,5 @@ def _refuse_divergence(run: Run, loss: float) -> None:
         return
     saved = list_checkpoints(run.checkpoints)
     good = f"the last good checkpoint is of step {saved[-1][0]}" if saved else "no checkpoint was saved before"
-    raise UserError(
-        f"training diverged at step {run.step}: the loss is not finite; {good}",
-        where=run.path,
-        remedy="train again with a lower learning rate or another --seed",
-    )
+    raise UserError(f"training diverged at step {run.step}: the loss is not finite; {good}", where=run.path,
+                    remedy="train again with a lower learning rate or another --seed")  # fmt: skip

@@ -1,18 +1,13 @@
 """The terms of the training loss (SNeRG sections 4.1 and 4.3) and PSNR.
 
-Notation: i rays of a batch, k samples of a ray; lambda_s, c weight and scale of the Cauchy term (1e-4 and
-1/2). The paper sums over rays; a batch is a sample of rays, so we divide both terms by the number of rays
-in it. That changes the size of the gradient, not the balance of the terms.
+The paper sums over rays; a batch is a sample of rays, so we divide both terms by the number of rays in it. That changes the
+size of the gradient, not the balance of the terms.
 """
 
 from __future__ import annotations
 
-from typing import Literal
-
 import jax
 import jax.numpy as jnp
-
-Reduction = Literal["sum", "mean"]  # over the samples of a ray: the paper's text, the release's code
 
 
 def squared_error(rgb: jax.Array, target: jax.Array) -> jax.Array:
@@ -20,13 +15,9 @@ def squared_error(rgb: jax.Array, target: jax.Array) -> jax.Array:
     return jnp.mean(jnp.sum(jnp.square(rgb - target), axis=-1))
 
 
-def cauchy_sparsity(sigma: jax.Array, c: float = 0.5, over_samples: Reduction = "sum") -> jax.Array:
-    """L_s / lambda_s per ray: mean over rays of the sum (or mean) over samples of log(1 + sigma^2 / c);
-    sigma [N, K].
-    """
-    penalty = jnp.log1p(jnp.square(sigma) / c)
-    per_ray = jnp.sum(penalty, axis=-1) if over_samples == "sum" else jnp.mean(penalty, axis=-1)
-    return jnp.mean(per_ray)
+def cauchy_sparsity(sigma: jax.Array, c: float = 0.5) -> jax.Array:
+    """L_s / lambda_s per ray: mean over rays of the sum over samples of log(1 + sigma^2 / c); sigma [N, K]."""
+    return jnp.mean(jnp.sum(jnp.log1p(jnp.square(sigma) / c), axis=-1))
 
 
 def mean_squared_error(rgb: jax.Array, target: jax.Array) -> jax.Array:

@@ -14,40 +14,32 @@ import numpy as np
 
 
 class Rays(NamedTuple):
-    """origins, directions [N, 3]: point(t) = origin + t direction. viewdirs [N, 3]. near, far [N]: bounds of t."""
-
-    origins: jax.Array
-    directions: jax.Array
-    viewdirs: jax.Array
-    near: jax.Array
+    origins: jax.Array  # [N, 3]
+    directions: jax.Array  # [N, 3]: point(t) = origin + t direction
+    viewdirs: jax.Array  # [N, 3]
+    near: jax.Array  # [N]: bounds of t
     far: jax.Array
 
 
 class FieldOutput(NamedTuple):
-    """density [N] per unit of world length (>= 0), diffuse [N, 3] and features [N, 4] in [0, 1]."""
-
-    density: jax.Array
-    diffuse: jax.Array
-    features: jax.Array
+    density: jax.Array  # [N] per unit of world length, >= 0
+    diffuse: jax.Array  # [N, 3] in [0, 1]
+    features: jax.Array  # [N, 4] in [0, 1]
 
 
 class RenderOutput(NamedTuple):
-    """rgb [N, 3] final colour; diffuse [N, 3] (background included), features [N, 4], alpha [N], depth [N],
-    the mean t of what the ray meets.
-    """
-
-    rgb: jax.Array
-    diffuse: jax.Array
-    features: jax.Array
-    alpha: jax.Array
-    depth: jax.Array
+    rgb: jax.Array  # [N, 3], the final colour
+    diffuse: jax.Array  # [N, 3], background included
+    features: jax.Array  # [N, 4]
+    alpha: jax.Array  # [N]
+    depth: jax.Array  # [N], the mean t of what the ray meets
 
 
 class ViewMlpParams(NamedTuple):
-    """The view MLP (paper section 4.2): weights [34, 16], [16, 16], [16, 3] and biases [16], [16], [3]."""
+    """The view MLP (paper section 4.2)."""
 
-    weights: tuple[jax.Array, jax.Array, jax.Array]
-    biases: tuple[jax.Array, jax.Array, jax.Array]
+    weights: tuple[jax.Array, jax.Array, jax.Array]  # [34, 16], [16, 16], [16, 3]
+    biases: tuple[jax.Array, jax.Array, jax.Array]  # [16], [16], [3]
 
 
 class Method(Protocol):

@@ -14,11 +14,8 @@ def make_method(config: TrainConfig, dataset: RayDataset) -> Method:
     """The method that config names, for the rays of a dataset; its modules are imported only when asked for."""
     if config.method == "nerf":
         if config.exposure == "on":
-            raise UserError(
-                "is fitted by the method multires only",
-                where="--exposure on",
-                remedy="use --preset quick, normal or full",
-            )
+            remedy = "use --preset quick, normal or full"
+            raise UserError("is fitted by the method multires only", where="--exposure on", remedy=remedy)
         from training.nerf.method import NerfMethod
 
         return NerfMethod(config, dataset)

@@ -7,8 +7,6 @@ the mean over channels.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 WINDOW, SIGMA = 11, 1.5
@@ -58,8 +56,8 @@ def blur(picture: np.ndarray) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(windows, WINDOW, axis=1) @ kernel
 
 
-def lpips(a: np.ndarray, b: np.ndarray, network: Literal["alexnet", "vgg16"] = "vgg16") -> float | None:
+def lpips(a: np.ndarray, b: np.ndarray) -> float | None:
     """Perceptual distance (training.lpips); None where its weights are not installed."""
     from training import lpips as networks  # JAX, which PSNR and SSIM do without
 
-    return networks.lpips(a, b, network)
+    return networks.lpips(a, b)

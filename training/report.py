@@ -1,4 +1,4 @@
-"""The report of a finished run, in its folder report/: report.md, report.json, and pictures beside them.
+"""A run in figures and pictures: curves.png, and in the end the folder report/ with report.md, report.json and pictures.
 
 report.json: {"scene", "step", "steps", "seconds", "training_seconds", "psnr" and "loss" (of the last logged batch),
 "validation" [{"step", "seconds", "psnr"}], "best_validation_psnr", "rays_per_second" (median), "config", "provenance"}.
@@ -6,6 +6,7 @@ report.json: {"scene", "step", "steps", "seconds", "training_seconds", "psnr" an
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from collections.abc import Mapping, Sequence
@@ -15,36 +16,64 @@ from typing import Any
 import numpy as np
 
 from console.atomic import write_file
+from console.plots import Line, Plot, draw_plots
 from console.progress import duration
-from training.checkpoints import cannot_write
-from training.config import to_json
-from training.curves import draw_psnr_over_minutes, series
+from training.checkpoints import writing
 from training.run import Run
 
 Records = Sequence[Mapping[str, Any]]
+POINTS = 400  # a picture shows no more; longer runs are averaged
 
 
-def write_report(run: Run, records: Records) -> Path:
-    """Writes the folder and returns report.md. UserError where the disk is full."""
+def draw_curves(records: Records, path: Path, title: str) -> None:
+    """PSNR, loss and rays per second over the steps as a PNG; curves without a value yet are left out. OSError where it cannot
+    be written."""
+    psnr = _curve("training rays", records, "psnr")
+    psnr += _curve("photographs held out", records, "validation_psnr", marked=True)
+    loss = _curve("loss", [r for r in records if r.get("loss", 0.0) > 0], "loss")
+    speed = _curve("rays per second", records, "rays_per_second")
+    plots = [
+        Plot(psnr, title, "steps", "PSNR (dB)", "data"),
+        Plot(loss, "loss", "steps", "loss", "log"),
+        Plot(speed, "rays per second", "steps", "rays per second", "zero"),
+    ]
+    if plots := [plot for plot in plots if plot.lines]:
+        draw_plots(path, plots, (720, 270))
+
+
+def _curve(label: str, records: Records, name: str, *, marked: bool = False) -> list[Line]:
+    """At most POINTS points, means of equal numbers of neighbours; nothing where no record has a value."""
+    xs, ys = (np.asarray(values) for values in _series(records, name))
+    parts = np.array_split(np.arange(len(xs)), min(len(xs), POINTS)) if len(xs) else []
+    return [Line(label, *([float(v[p].mean()) for p in parts] for v in (xs, ys)), marked=marked)] if parts else []
+
+
+def _series(records: Records, name: str, over: str = "step") -> tuple[list[float], list[float]]:
+    """The finite values of a name in the records, and what they lie over ("step", "training_seconds")."""
+    pairs = [(float(r[over]), float(r[name])) for r in records if name in r and over in r and np.isfinite(r[name])]
+    return [x for x, _ in pairs], [y for _, y in pairs]
+
+
+def write_report(run: Run, records: Records) -> None:
+    """Writes the folder report/. UserError where the disk is full."""
     folder = run.path / "report"
-    figures = report_figures(run, records)
-    try:
+    figures = _figures(run, records)
+    with writing(folder):
         folder.mkdir(exist_ok=True)
         write_file(folder / "report.json", json.dumps(figures, indent=2) + "\n")
         if figures["validation"]:
-            draw_psnr_over_minutes(
-                {"held out": records}, folder / "psnr-minutes.png", f"{run.scene.path.name}: PSNR against minutes"
-            )
+            seconds, values = _series(records, "validation_psnr", "training_seconds")
+            line = Line("held out", [s / 60 for s in seconds], values, marked=True)
+            title = f"{run.scene.path.name}: PSNR against minutes"
+            plot = Plot([line], title, "minutes of training", "PSNR (dB)", "data")
+            draw_plots(folder / "psnr-minutes.png", [plot])
         for source in (run.path / "curves.png", run.path / "validation" / "latest.png"):
             if source.is_file():
                 shutil.copyfile(source, folder / source.name)
-        write_file(folder / "report.md", report_text(run, figures, folder))
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-    return folder / "report.md"
+        write_file(folder / "report.md", _text(run, figures, folder))
 
 
-def report_figures(run: Run, records: Records) -> dict[str, Any]:
+def _figures(run: Run, records: Records) -> dict[str, Any]:
     """What report.json holds."""
     batches = [r for r in records if "loss" in r]
     validation = [
@@ -52,7 +81,7 @@ def report_figures(run: Run, records: Records) -> dict[str, Any]:
         for r in records
         if "validation_psnr" in r
     ]
-    speeds = series(records, "rays_per_second")[1]
+    speeds = _series(records, "rays_per_second")[1]
     last: Mapping[str, Any] = batches[-1] if batches else {}
     return {
         "scene": str(run.scene.path),
@@ -65,12 +94,12 @@ def report_figures(run: Run, records: Records) -> dict[str, Any]:
         "validation": validation,
         "best_validation_psnr": max((v["psnr"] for v in validation), default=None),
         "rays_per_second": float(np.median(speeds)) if speeds else None,
-        "config": to_json(run.config),
+        "config": dataclasses.asdict(run.config),
         "provenance": run.description.provenance,
     }
 
 
-def report_text(run: Run, figures: Mapping[str, Any], folder: Path) -> str:
+def _text(run: Run, figures: Mapping[str, Any], folder: Path) -> str:
     """What report.md says."""
     provenance, config = figures["provenance"], run.config
     photographs = ", ".join(f"{len(p)} {split}" for split, p in run.scene.splits.items())

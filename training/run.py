@@ -11,7 +11,7 @@ import json
 import os
 import platform
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,13 @@ import numpy as np
 from console import UserError, progress
 from console.atomic import is_leftover, write_file
 from console.json_text import read_json_file
-from training.checkpoints import cannot_write, list_checkpoints, read_newest_checkpoint
-from training.config import TrainConfig, from_json, to_json
+from training.checkpoints import list_checkpoints, read_newest_checkpoint, writing
+from training.config import TrainConfig
+from training.config_validation import from_json, require_valid
 from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
 from training.method import Method
 from training.methods import make_method, settled
-from training.plausible import require_plausible
 from training.scenes import Scene, SceneOptions, load_scene
 from training.scenes.scene_options import checked_box, checked_up, require_rays
 
@@ -59,29 +59,26 @@ class Run:
 
     @property
     def config(self) -> TrainConfig:
-        """How it is trained."""
         return self.description.config
 
     @property
     def options(self) -> SceneOptions:
-        """How the photographs were read."""
         return self.description.options
 
     @property
     def downscale(self) -> int:
-        """What the photographs were shrunk by."""
         return self.options.downscale
 
     @property
     def checkpoints(self) -> Path:
-        """Folder of the checkpoints."""
         return self.path / "checkpoints"
 
 
 def start_run(path: Path, scene_path: Path, config: TrainConfig, options: SceneOptions) -> Run:
     """A new run, its method initialised, its config.json written. UserError where `path` holds something already."""
     with together():
-        if is_writer() and path.exists() and not _may_begin(path):
+        # a killed process may have left hidden files before it had begun a run
+        if is_writer() and path.exists() and not (path.is_dir() and all(is_leftover(p.name) for p in path.iterdir())):
             remedy = "continue it with --resume, or choose another --out" if is_run(path) else "choose another --out"
             raise UserError("exists already", where=path, remedy=remedy)
     description = RunDescription(settled(config), scene_path.resolve(), options, _provenance())
@@ -89,11 +86,6 @@ def start_run(path: Path, scene_path: Path, config: TrainConfig, options: SceneO
     with together():
         write_description(path, run.description)
     return run
-
-
-def _may_begin(path: Path) -> bool:
-    """Whether a folder is empty, but for what a killed process may have left before it had begun a run."""
-    return path.is_dir() and all(is_leftover(entry.name) for entry in path.iterdir())
 
 
 def load_run(path: str | Path, *, scene_path: str | Path | None = None) -> Run:
@@ -105,12 +97,9 @@ def load_run(path: str | Path, *, scene_path: str | Path | None = None) -> Run:
     path = Path(path)
     description = read_description(path)
     if scene_path is None and not os.path.exists(description.scene):  # Path.exists raises where a name is too long
-        raise UserError(
-            "the photographs of this run are gone: no such folder",
-            where=path,
-            found=str(description.scene),
-            remedy="put them back, or say where they are now: snerg-bake, -eval and -report take --scene FOLDER",
-        )
+        remedy = "put them back, or say where they are now: snerg-bake, -eval and -report take --scene FOLDER"
+        raise UserError("the photographs of this run are gone: no such folder", where=path, found=str(description.scene),
+                        remedy=remedy)  # fmt: skip
     return _assemble(path, description, Path(scene_path or description.scene), _newest_checkpoint(path))
 
 
@@ -157,7 +146,12 @@ def _assemble(
         state, step = method.start(jax.random.PRNGKey(config.seed)), 0
     else:
         step, arrays = checkpoint
-        state = _restored(method, arrays, path)
+        try:
+            state = method.restore(arrays)
+        except KeyError as missing:
+            raise UserError("the run was trained by another version of snerg", where=path,
+                            expected=f"{missing.args[0]!r} in its checkpoint",
+                            remedy="train it again into another folder") from missing  # fmt: skip
     return Run(path, description, scene, dataset, method, state, step)
 
 
@@ -168,27 +162,9 @@ def _newest_checkpoint(path: Path) -> tuple[int, dict[str, np.ndarray]]:
     first_step = int(agree(np.array(step)))
     with together():
         if step != first_step:
-            raise UserError(
-                "the processes of this run see different checkpoints",
-                where=path,
-                expected=f"step {first_step}",
-                found=f"step {step}",
-                remedy="use a folder that all hosts share",
-            )
+            raise UserError("the processes of this run see different checkpoints", where=path, expected=f"step {first_step}",
+                            found=f"step {step}", remedy="use a folder that all hosts share")  # fmt: skip
     return step, arrays
-
-
-def _restored(method: Method, arrays: dict[str, np.ndarray], path: Path) -> Any:
-    """The method's state. UserError where the checkpoint lacks what this version of the method keeps."""
-    try:
-        return method.restore(arrays)
-    except KeyError as missing:
-        raise UserError(
-            "the run was trained by another version of snerg",
-            where=path,
-            expected=f"{missing.args[0]!r} in its checkpoint",
-            remedy="train it again into another folder",
-        ) from missing
 
 
 def require_bakeable(run: Run) -> None:
@@ -196,12 +172,10 @@ def require_bakeable(run: Run) -> None:
     view = run.config.nerf.view
     if run.config.method == "nerf" and view not in ("deferred", "none"):
         raise UserError(
-            "this run cannot be baked: its colour depends on the viewing direction at every sample",
-            where=run.path,
-            expected="a deferred or diffuse model",
-            found=f"--nerf.view {view}",
+            "this run cannot be baked: its colour depends on the viewing direction at every sample", where=run.path,
+            expected="a deferred or diffuse model", found=f"--nerf.view {view}",
             remedy="train with another preset (normal, paper, diffuse); snerg-eval scores this run as it is",
-        )
+        )  # fmt: skip
 
 
 def is_run(path: Path) -> bool:
@@ -217,14 +191,12 @@ def write_description(path: Path, description: RunDescription) -> None:
         "format": FORMAT,
         "scene": str(description.scene),
         "scene_options": vars(description.options),
-        "config": to_json(description.config),
+        "config": asdict(description.config),
         "provenance": description.provenance,
     }
-    try:
+    with writing(path):
         path.mkdir(parents=True, exist_ok=True)
         write_file(path / "config.json", json.dumps(document, indent=2) + "\n")
-    except OSError as error:
-        raise cannot_write(path, error) from error
 
 
 def read_description(path: Path) -> RunDescription:
@@ -240,12 +212,8 @@ def read_description(path: Path) -> RunDescription:
             raise UserError("made by another version of snerg", where=file, expected=FORMAT, found=document["format"])
         os.fsencode(document["scene"])  # ValueError where it could be no path
         config = from_json(TrainConfig, document["config"], str(file))
-        return RunDescription(
-            config,
-            Path(document["scene"]),
-            _scene_options(document["scene_options"], str(file)),
-            dict(document.get("provenance", {})),
-        )
+        options = _scene_options(document["scene_options"], str(file))
+        return RunDescription(config, Path(document["scene"]), options, dict(document.get("provenance", {})))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError("the run's description is damaged", where=file, found=str(error)[:100]) from error
 
@@ -254,7 +222,7 @@ def _scene_options(values: dict[str, Any], where: str) -> SceneOptions:
     """Options from JSON, which knows no tuples; those that an older run lacks have their defaults."""
     box, up = values.get("aabb"), values.get("up")
     options = SceneOptions(**{**values, "aabb": None, "up": None})
-    require_plausible(options, where)
+    require_valid(options, where)
     return replace(options, aabb=None if box is None else checked_box(box), up=None if up is None else checked_up(up))
 
 

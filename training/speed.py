@@ -13,9 +13,7 @@ them.
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
-import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from training.posing.worker import end_with_stdin
+from training.posing.child_process import json_answers
 from training.scenes import Camera, Photograph, Scene
 
 PRESETS = ("quick", "normal", "full")  # of the multi-resolution field
@@ -87,13 +85,7 @@ def seconds_per_sample() -> float:
     return REAL_BY_SMALL * (time.perf_counter() - began) / samples
 
 
-def main(words: Sequence[str]) -> None:
-    """Tells all of the above."""
-    sides = [int(word) for word in words if word.isdigit()]
-    print(json.dumps({"runs": whole_runs(sides)}), flush=True)
-    print(json.dumps({"seconds_per_sample": seconds_per_sample()}), flush=True)
-
-
 if __name__ == "__main__":
-    threading.Thread(target=end_with_stdin, daemon=True).start()
-    main(sys.argv[1:])
+    answer = json_answers()
+    answer(runs=whole_runs([int(word) for word in sys.argv[1:] if word.isdigit()]))
+    answer(seconds_per_sample=seconds_per_sample())

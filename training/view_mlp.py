@@ -1,9 +1,8 @@
 """The view MLP of the deferred head (SNeRG section 4.2): one tiny network per ray, not per sample.
 
-Input, 34 channels: encoded view direction (27, see training.encoding), accumulated diffuse colour with the
-background included (3), accumulated features (4). Two hidden layers of 16 with ReLU; the output goes
-through a sigmoid and is the residual that is added to the diffuse colour (equation 8). Weights are
-input-major: x @ W + b.
+Input, 34 channels: encoded view direction (27, see training.encoding), accumulated diffuse colour with the background (3),
+accumulated features (4). Two hidden layers of 16 with ReLU; the output goes through a sigmoid and is the residual that is
+added to the diffuse colour (equation 8). Weights are input-major: x @ W + b.
 """
 
 from __future__ import annotations
@@ -32,8 +31,7 @@ def apply_view_mlp(
 ) -> jax.Array:
     """The residual [..., 3] in [0, 1] for diffuse [..., 3], features [..., 4] and unit viewdirs [..., 3].
 
-    The view direction is encoded here, in the training frame. The caller adds the residual to the diffuse
-    colour: unclamped in training (as in the release), clamped to [0, 1] for a picture.
+    The caller adds it to the diffuse colour: unclamped in training (as in the release), clamped to [0, 1] for a picture.
     """
     x = jnp.concatenate([encode_viewdirs(viewdirs), diffuse_with_background, features], axis=-1)
     for weight, bias in zip(params.weights[:-1], params.biases[:-1], strict=True):

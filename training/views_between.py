@@ -47,9 +47,8 @@ def _midway(world_T_camera: np.ndarray, neighbours: int) -> tuple[np.ndarray, np
     """
     places, turns = world_T_camera[:, :, 3], world_T_camera[:, :, :3]
     spread = max(np.median(np.linalg.norm(places - places.mean(0), axis=-1)), 1e-12)
-    features = np.concatenate(
-        [places / spread, turns[:, :, 2]], axis=1
-    )  # the chord of unit directions is about the angle
+    # the chord of unit directions is about the angle
+    features = np.concatenate([places / spread, turns[:, :, 2]], axis=1)
     pairs = set()
     for view, feature in enumerate(features):
         apart = np.linalg.norm(features - feature, axis=-1)

@@ -65,9 +65,8 @@ def shade(
 ) -> RenderOutput:
     """The deferred end of a ray: background, view MLP, sum (equation 8).
 
-    diffuse [..., 3] and features [..., 4] are accumulated and premultiplied, alpha and depth [...],
-    viewdirs [..., 3]. The residual is added at every pixel and nothing is clamped, as in the release's
-    training. No view MLP: diffuse.
+    diffuse [..., 3] and features [..., 4] are accumulated and premultiplied, alpha and depth [...], viewdirs [..., 3]. The
+    residual is added at every pixel and nothing is clamped, as in the release's training. No view MLP: diffuse.
     """
     diffuse = over_background(diffuse, alpha, background)
     rgb = diffuse if view is None else diffuse + apply_view_mlp(view, diffuse, features, viewdirs)

@@ -32,7 +32,7 @@ from console.progress import Progress
 from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
-from training.allocator import keep_freed_memory
+from training.memory import keep_freed_memory
 from training.method import ViewMlpParams
 from training.run import Run, require_bakeable
 from training.scenes.scene import Box, cameras_of

@@ -89,8 +89,8 @@ def snerg_make(
     from baker.baking.to_pack import bake_to
     from scenepack import check_target
     from training.config import PRESETS as CONFIGS
+    from training.config_validation import require_valid
     from training.loop import train
-    from training.plausible import require_plausible
     from training.run import is_run, read_description
     from training.scenes import SceneOptions, load_scene
     from training.scenes.read import suggested_downscale
@@ -102,7 +102,7 @@ def snerg_make(
     config = dataclasses.replace(CONFIGS[preset], seed=seed, exposure=exposure)
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
-    require_plausible(config)
+    require_valid(config)
     baking = BakeConfig(PRESETS[preset].resolution if resolution is None else resolution, fine_tune=fine_tune)
     baking.check()
     if frames < FEWEST:

@@ -25,7 +25,7 @@ from baker.reports.study import Baked, Study
 from baker.tuning.choice import FineTune
 from scenepack import Pack, open_pack
 from scenepack.report import pack_facts
-from training.journal import read_journal
+from training.metrics_log import read_metrics
 from training.run import Run, load_run
 
 Row = dict[str, Any]
@@ -170,7 +170,7 @@ def _stored(study: Study, row: Row) -> Row:
 
 def trained_seconds(run: Run) -> float | None:
     """Seconds of training, where the run's journal tells."""
-    told = [row["training_seconds"] for row in read_journal(run.path / "metrics.jsonl") if "training_seconds" in row]
+    told = [row["training_seconds"] for row in read_metrics(run.path / "metrics.jsonl") if "training_seconds" in row]
     return told[-1] if told else None
 
 

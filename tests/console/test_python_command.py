@@ -14,7 +14,7 @@ from console import UserError
 from console.python_command import module_command
 from scenepack.codecs.apart import Decoders
 from scenepack.codecs.base import CodecError
-from training.posing import child
+from training.posing import child_process
 from viewer.app.telling import Telling
 
 ROOT = Path(__file__).parents[2]
@@ -70,7 +70,7 @@ def test_finding_poses_does_not_run_modules_of_the_user(shadowed: Path, tmp_path
     film.write_bytes(np.zeros(100, np.uint8).tobytes())
     request = {"film": str(film), "images": str(tmp_path), "most": 2}
     with pytest.raises(UserError):
-        child.ask("take_frames", request, tmp_path / "log.txt", lambda *told: None)
+        child_process.ask("take_frames", request, tmp_path / "log.txt", lambda *told: None)
     assert not shadowed.exists()
 
 

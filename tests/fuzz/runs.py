@@ -12,9 +12,8 @@ import jax
 import numpy as np
 
 from training.commands.train import FREE, changed_settings
-from training.curves import draw_curves
-from training.journal import Journal, read_journal
-from training.report import write_report
+from training.metrics_log import MetricsLog, read_metrics
+from training.report import draw_curves, write_report
 from training.run import Run, read_description, resume_run
 
 OLDER = Path(__file__).parents[1] / "data" / "older"
@@ -41,12 +40,12 @@ def open_it(path: Path, base: str, scene: Path) -> None:
     description = read_description(path)
     moved = description.scene == read_description(OLDER / base).scene
     run = resume_run(path, description, scene if moved else description.scene, description.config)
-    journal = Journal(path / "metrics.jsonl", run.step)
-    if not np.isfinite([journal.seconds, journal.training_seconds]).all():
+    log = MetricsLog(path / "metrics.jsonl", run.step)
+    if not np.isfinite([log.seconds, log.training_seconds]).all():
         raise AssertionError("the run took no time that could be told")
-    if journal.records != read_journal(OLDER / base / "metrics.jsonl"):
-        draw_curves(journal.records, path / "curves.png", "fuzz")
-        write_report(run, journal.records)
+    if log.records != read_metrics(OLDER / base / "metrics.jsonl"):
+        draw_curves(log.records, path / "curves.png", "fuzz")
+        write_report(run, log.records)
     if base == "multires" and not changed_settings(
         read_description(OLDER / base).config, description.config, leave_out=FREE
     ):

@@ -16,8 +16,14 @@ import numpy as np
 import pytest
 
 from console import Notice, UserError
-from training.arrays import from_arrays, to_arrays
-from training.checkpoints import list_checkpoints, read_checkpoint, read_newest_checkpoint, write_checkpoint
+from training.checkpoints import (
+    from_arrays,
+    list_checkpoints,
+    read_checkpoint,
+    read_newest_checkpoint,
+    to_arrays,
+    write_checkpoint,
+)
 
 ARRAYS = {"weight": np.arange(12, dtype=np.float32).reshape(3, 4), "count": np.array(7, np.int32)}
 

@@ -10,10 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from training.config import PAPER, TrainConfig
+from training.config import PAPER, NerfConfig, TrainConfig
 from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, squared_error
-from training.nerf.method import make_optimizer, rate_at, sparsity_of
-from training.schedule import learning_rate
+from training.nerf.method import learning_rate, make_optimizer, sparsity_of
 
 
 def test_the_photometric_term_sums_channels_and_averages_rays():
@@ -28,7 +27,6 @@ def test_the_sparsity_term_is_log_1_plus_2_sigma_squared_summed_over_a_rays_samp
     sigma = jnp.asarray([[0.0, 1.0, 2.0], [0.0, 0.0, 10.0]])
     first, second = math.log(3) + math.log(9), math.log(201)
     assert float(cauchy_sparsity(sigma)) == pytest.approx((first + second) / 2)
-    assert float(cauchy_sparsity(sigma, over_samples="mean")) == pytest.approx((first + second) / 6)
     assert float(cauchy_sparsity(sigma, c=2.0)) == pytest.approx((math.log(1.5) + math.log(3) + math.log(51)) / 2)
 
 
@@ -58,11 +56,13 @@ def test_psnr_of_a_tenth_off_everywhere_is_20_db_and_colours_beyond_1_count_as_1
     ],
 )
 def test_the_papers_learning_rate(step, rate):
-    assert float(rate_at(PAPER.nerf, PAPER.steps, step)) == pytest.approx(rate, rel=1e-5)
+    assert float(learning_rate(PAPER.nerf, PAPER.steps, step)) == pytest.approx(rate, rel=1e-5)
 
 
 def test_without_warm_up_the_rate_starts_at_its_first_value():
-    assert float(learning_rate(0, steps=100, first=1e-2, last=1e-4)) == pytest.approx(1e-2)
+    assert float(learning_rate(NerfConfig(first_rate=1e-2, last_rate=1e-4, warmup_steps=0), 100, 0)) == pytest.approx(
+        1e-2
+    )
 
 
 def test_gradients_are_clipped_by_value_then_by_norm():

@@ -18,7 +18,7 @@ from console import UserError
 from tests.training.train_both import SHARED, TWINS
 from training.checkpoints import list_checkpoints, read_checkpoint
 from training.devices import join_processes, own_rows
-from training.journal import read_journal
+from training.metrics_log import read_metrics
 
 pytestmark = pytest.mark.slow
 
@@ -66,7 +66,7 @@ def trained(procedural_path: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 def losses_of(run: Path) -> np.ndarray:
-    found = {r["step"]: r["loss"] for r in read_journal(run / "metrics.jsonl") if "loss" in r}
+    found = {r["step"]: r["loss"] for r in read_metrics(run / "metrics.jsonl") if "loss" in r}
     assert list(found) == list(range(1, 51)), "each step once: one process alone writes"
     return np.array(list(found.values()))
 

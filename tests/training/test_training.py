@@ -22,11 +22,12 @@ from console import Notice, UserError
 from console.driven import PROGRESS, read_report
 from tests.compiling import as_users_have_it
 from tests.told import told
-from training.arrays import to_arrays
+from training.checkpoints import to_arrays
 from training.commands.train import main
-from training.config import PRESETS, TINY, TrainConfig, from_json, to_json
-from training.journal import Journal, read_journal
+from training.config import PRESETS, TINY, TrainConfig
+from training.config_validation import from_json
 from training.loop import train
+from training.metrics_log import MetricsLog, read_metrics
 from training.multires.config import MultiresConfig
 from training.multires.jax_engine import JaxEngine
 from training.nerf.method import NerfMethod
@@ -45,7 +46,7 @@ def _compiled_as_for_users() -> Iterator[None]:
 
 
 def losses(run: Path) -> dict[int, float]:
-    return {r["step"]: r["loss"] for r in read_journal(run / "metrics.jsonl") if "loss" in r}
+    return {r["step"]: r["loss"] for r in read_metrics(run / "metrics.jsonl") if "loss" in r}
 
 
 # compiles and steps as fast as can be
@@ -76,7 +77,7 @@ def test_a_run_holds_config_checkpoints_metrics_and_a_validation_picture(unbroke
         "step_00000012.safetensors",
     ]
     assert (unbroken / "validation" / "step_00000012.png").is_file()
-    records = read_journal(unbroken / "metrics.jsonl")
+    records = read_metrics(unbroken / "metrics.jsonl")
     assert [r["step"] for r in records] == [*range(1, 13), 12] and "validation_psnr" in records[-1]
 
 
@@ -127,7 +128,7 @@ def test_a_run_killed_between_checkpoint_and_validation_makes_up_for_it(
     shutil.rmtree(killed / "validation")
     for _ in range(2):  # once, however often it is resumed
         train(procedural_path, killed, MINUTE, resume=True)
-        [again] = [record for record in read_journal(killed / "metrics.jsonl") if "validation_psnr" in record]
+        [again] = [record for record in read_metrics(killed / "metrics.jsonl") if "validation_psnr" in record]
         assert (again["step"], again["validation_psnr"]) == (12, json.loads(lost)["validation_psnr"])
     assert (killed / "validation" / "step_00000012.png").is_file()
 
@@ -193,13 +194,7 @@ def test_time_can_be_limited(procedural_path: Path, tmp_path: Path):
 def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
     procedural_path: Path, tmp_path: Path, monkeypatch, method: str
 ):
-    clock = {"seconds": 0.0}
-
-    def seconds(_) -> float:  # a clock by which each look takes 5 s
-        clock["seconds"] += 5.0
-        return clock["seconds"]
-
-    monkeypatch.setattr(Recorder, "seconds", property(seconds))
+    monkeypatch.setattr(Recorder, "seconds", property(lambda recorder: 5.0 * recorder.run.step))  # a step takes 5 s
     multires = MultiresConfig(resolutions=(12,), occupancy=16, samples_per_step=1024, steps_across=(16, 16, 16))
     config = dataclasses.replace(MINUTE, method=method, engine="jax", steps=100_000, minutes=1.0, multires=multires)
     moved = []
@@ -207,9 +202,9 @@ def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
         step = JaxEngine.step
         monkeypatch.setattr(JaxEngine, "step", lambda *words: moved.append(words[-1]) or step(*words))
     run = train(procedural_path, tmp_path / "run", config)
-    records = [r for r in read_journal(run.path / "metrics.jsonl") if "loss" in r]
+    records = [r for r in read_metrics(run.path / "metrics.jsonl") if "loss" in r]
     shares = [r["progress"] for r in records]
-    assert shares == sorted(shares) and shares[0] < 0.2 and 0.9 < shares[-1] <= 1.0 and run.step < 10
+    assert shares == sorted(shares) and shares[0] < 0.2 and 0.9 < shares[-1] <= 1.0 and run.step == 12
     if method == "multires":
         assert moved == shares
     else:
@@ -217,15 +212,15 @@ def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
         assert records[-1]["learning_rate"] == pytest.approx(last, rel=1e-4)
     more = dataclasses.replace(run.config, minutes=2.0)
     resumed = train(procedural_path, run.path, more, resume=True)
-    records = [r for r in read_journal(run.path / "metrics.jsonl") if "loss" in r and r["step"] > run.step]
+    records = [r for r in read_metrics(run.path / "metrics.jsonl") if "loss" in r and r["step"] > run.step]
     assert resumed.step > run.step and 0.4 < records[0]["progress"] < 0.7 and records[-1]["progress"] > 0.9
 
 
 def test_seconds_of_training_go_on_counting_after_a_resume(tmp_path: Path):
     path = tmp_path / "metrics.jsonl"
     path.write_text('{"step": 1, "seconds": 2.5}\n{"step": 2, "seconds": 5.0}\n{"step": 3, "seconds": 7.5}\n')
-    assert Journal(path, 2).seconds == 5.0
-    assert [r["step"] for r in read_journal(path)] == [1, 2]
+    assert MetricsLog(path, 2).seconds == 5.0
+    assert [r["step"] for r in read_metrics(path)] == [1, 2]
 
 
 # --- the command
@@ -383,7 +378,7 @@ def test_bad_scenes_and_presets_end_with_status_2(tmp_path: Path, capsys):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_config_goes_through_json_and_back(name: str):
-    written = json.loads(json.dumps(to_json(PRESETS[name])))
+    written = json.loads(json.dumps(dataclasses.asdict(PRESETS[name])))
     assert from_json(TrainConfig, written, "config.json") == PRESETS[name]
 
 

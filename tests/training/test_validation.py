@@ -10,8 +10,8 @@ import pytest
 
 from training.dataset import make_dataset
 from training.method import Rays
+from training.recorder import render_photograph
 from training.scenes.scene import Scene
-from training.validation import render_photograph
 
 
 class Seer:

@@ -16,8 +16,8 @@ import tyro
 from console import UserError, run_command
 from console.arguments import join_negative_values
 from training.config import PRESETS, TrainConfig
+from training.config_validation import require_valid
 from training.libraries import find_devices, import_libraries
-from training.plausible import require_plausible
 from training.scenes import SceneOptions
 from training.scenes.presets import PresetName, names_with_about
 from training.scenes.scene_options import AABB, UP, parse_box, parse_up
@@ -28,14 +28,8 @@ if TYPE_CHECKING:
 DEFAULT_PRESET = "normal"
 PRESET_HELP = f"Named settings. The defaults below are those of the chosen preset. {names_with_about(PresetName)}."
 DESCRIPTION = "Trains a deferred NeRF on photographs with camera poses. You can stop and resume a run at any time."
-FREE = (
-    "steps",
-    "minutes",
-    "log_every",
-    "validate_every",
-    "validate_views",
-    "checkpoint_every",
-)  # may change with --resume
+# Settings that --resume may change: the run's length and its reports.
+FREE = ("steps", "minutes", "log_every", "validate_every", "validate_views", "checkpoint_every")
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -45,13 +39,18 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def make_command(args: Sequence[str]) -> Callable[..., None]:
-    """The command whose defaults are the preset's (with --resume: the run's own), so that options change
-    single fields.
+    """The command whose defaults are the preset's (with --resume: the run's own), so that options change single fields.
 
     Bad values of --preset and --out are not complained of here: the parser and the command do that.
     """
     name, out, resuming = _look_ahead(args)
-    describe = cache(_describe)  # of an --out with --resume
+
+    @cache
+    def describe(run: Path) -> RunDescription:
+        from training.run import read_description
+
+        return read_description(run)
+
     defaults = PRESETS.get(cast(PresetName, name), PRESETS[DEFAULT_PRESET])
     if resuming and out is not None:
         with contextlib.suppress(UserError):  # the command meets it again, and tells
@@ -95,7 +94,7 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         import_libraries()  # JAX starts here, not for --help
         from training.devices import join_processes
 
-        require_plausible(config)
+        require_valid(config)
         join_processes(coordinator, processes, process_id)
         find_devices()
         from training.devices import is_writer
@@ -105,7 +104,10 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         upwards = None if up is None else parse_up(up)
         if resume:
             stored = describe(out)
-            _refuse_changes(stored.config, config)
+            if changed := changed_settings(stored.config, config, leave_out=FREE):
+                names = ", ".join("--" + name for name in changed)
+                remedy = "leave them out, or start another run"
+                raise UserError("a resumed run keeps its settings", where=names, remedy=remedy)
             asked = {
                 "downscale": downscale,
                 "spherify": spherify or None,
@@ -124,35 +126,14 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
     return snerg_train
 
 
-def _describe(out: Path) -> RunDescription:
-    from training.run import read_description
-
-    return read_description(out)
-
-
 def _refuse_another_reading(stored: SceneOptions, asked: Mapping[str, object]) -> None:
     """A resumed run reads the same pictures in the same way; options that say otherwise are refused. None says nothing."""
     for name, value in asked.items():
         before = getattr(stored, name)
         if value is not None and value != before:
-            raise UserError(
-                "a run cannot change how its scene is read",
-                where=f"--{name}",
-                expected="none" if before is None else before,
-                found=value,
-                remedy="leave it out with --resume",
-            )
-
-
-def _refuse_changes(stored: TrainConfig, config: TrainConfig) -> None:
-    """A resumed run goes on as it began; only its length and its reports may change."""
-    changed = changed_settings(stored, config, leave_out=FREE)
-    if changed:
-        raise UserError(
-            "a resumed run keeps its settings",
-            where=", ".join("--" + name for name in changed),
-            remedy="leave them out, or start another run",
-        )
+            raise UserError("a run cannot change how its scene is read", where=f"--{name}", found=value,
+                            expected="none" if before is None else before,
+                            remedy="leave it out with --resume")  # fmt: skip
 
 
 def changed_settings(before: object, after: object, leave_out: Container[str] = (), prefix: str = "") -> list[str]:

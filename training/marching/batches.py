@@ -1,4 +1,4 @@
-"""Many rays, some at a time: which of them meet content, and all of them marched whole."""
+"""Batches of many rays: which of them meet content, and all of them marched whole."""
 
 from __future__ import annotations
 

@@ -20,25 +20,24 @@ from training.marching.rays import GridRays
 
 
 class MarchSizes(NamedTuple):
-    """Static sizes: segments tested a ray, coarse list, sample list, most samples a ray may have."""
+    """Static sizes."""
 
-    segments: int
-    coarse: int
-    samples: int
-    per_ray: int
+    segments: int  # that are tested a ray
+    coarse: int  # of the coarse list
+    samples: int  # of the sample list
+    per_ray: int  # samples that a ray may have
 
 
 class Samples(NamedTuple):
-    """S samples in ray order. ray int32 [S], rank int32 [S] (k-th sample of its ray), g [S, 3] grid coordinates, t [S]
-    distance in voxels, valid bool [S]. complete bool [N]: all samples of this ray are in the list. counts int32 [N]."""
+    """S samples in ray order."""
 
-    ray: jax.Array
-    rank: jax.Array
-    g: jax.Array
-    t: jax.Array
-    valid: jax.Array
-    complete: jax.Array
-    counts: jax.Array
+    ray: jax.Array  # int32 [S]
+    rank: jax.Array  # int32 [S]: which sample of its ray
+    g: jax.Array  # [S, 3] grid coordinates
+    t: jax.Array  # [S] distance in voxels
+    valid: jax.Array  # bool [S]
+    complete: jax.Array  # bool [N]: all samples of this ray are in the list
+    counts: jax.Array  # int32 [N]
 
 
 def occupied_segments(layout: Layout, rays: GridRays, phase: jax.Array, segments: int, step: float) -> jax.Array:

@@ -42,15 +42,14 @@ class GridFrameRays(NamedTuple):
 
 
 class GridRays(NamedTuple):
-    """Rays in grid coordinates: origins, unit directions [N, 3], start and end [N] in voxels, scale [N] voxels per t,
-    length [N] world units per voxel along the ray."""
+    """Rays in grid coordinates."""
 
-    origins: jax.Array
-    directions: jax.Array
-    start: jax.Array
-    end: jax.Array
-    scale: jax.Array
-    length: jax.Array
+    origins: jax.Array  # [N, 3]
+    directions: jax.Array  # [N, 3], unit length
+    start: jax.Array  # [N] voxels
+    end: jax.Array  # [N] voxels
+    scale: jax.Array  # [N] voxels per t
+    length: jax.Array  # [N] world units per voxel along the ray
 
 
 def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:

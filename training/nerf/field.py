@@ -1,12 +1,12 @@
-"""MLP_Theta: a point in space to density, diffuse colour and features (SNeRG equation 5, sections 4.2 and 6); and the
-heads of the paper's baselines.
+"""MLP_Theta: a point in space to density, diffuse colour and features (SNeRG equation 5, sections 4.2 and 6); and the heads
+of the paper's baselines.
 
-Notation: p [..., 3] points of the training frame; gamma(p) [..., 63] their encoding; D layers of W
-channels with ReLU. The encoding is concatenated again behind layer `skip_after`. One linear head follows the trunk, of
-as many of these as NerfConfig.view asks for: density (1, ReLU), diffuse (3, sigmoid), features (4, sigmoid).
+Notation: p [..., 3] points of the training frame; gamma(p) [..., 63] their encoding; D layers of W channels with ReLU. The
+encoding is concatenated again behind layer `skip_after`. One linear head follows the trunk, of as many of these as
+NerfConfig.view asks for: density (1, ReLU), diffuse (3, sigmoid), features (4, sigmoid).
 
-The hidden layers' products may be of bfloat16 numbers; what they add up to is float32, and so are the encoding's own
-weights (2^9 p needs more than 8 bits) and the head.
+The hidden layers' products may be of bfloat16 numbers; sums are float32, and so are the encoding's own weights (2^9 p needs
+more than 8 bits) and the head.
 """
 
 from __future__ import annotations
@@ -33,20 +33,16 @@ class Dense(NamedTuple):
 
 
 class FieldParams(NamedTuple):
-    """trunk: D hidden layers; head: the linear layer of HEAD_OUTPUTS."""
-
-    trunk: tuple[Dense, ...]
-    head: Dense
+    trunk: tuple[Dense, ...]  # D hidden layers
+    head: Dense  # the linear layer of HEAD_OUTPUTS
 
 
 class NerfHead(NamedTuple):
-    """JAXNeRF's colour: a linear bottleneck of W channels, the encoded viewing direction beside it, one hidden layer of
-    CONDITION_WIDTH with ReLU, and a linear layer of 3 with sigmoid.
-    """
+    """JAXNeRF's colour."""
 
-    bottleneck: Dense
-    hidden: Dense
-    rgb: Dense
+    bottleneck: Dense  # linear, W channels; the encoded viewing direction beside it
+    hidden: Dense  # CONDITION_WIDTH with ReLU
+    rgb: Dense  # 3 with sigmoid
 
 
 def init_field(key: jax.Array, config: NerfConfig) -> FieldParams:
@@ -90,17 +86,15 @@ def apply_trunk(params: FieldParams, points: jax.Array, config: NerfConfig) -> j
     return jnp.concatenate([x, encoded], axis=-1) if joined else x
 
 
-def apply_field(
-    params: FieldParams, points: jax.Array, config: NerfConfig, density_noise: jax.Array | float = 0.0
-) -> FieldOutput:
-    """Asks the field at points [..., 3]; density_noise [...] is added to the raw density, before its ReLU. What the head
-    does not have is zero.
-    """
-    return field_of(params, apply_trunk(params, points, config), density_noise)
+def apply_field(params: FieldParams, points: jax.Array, config: NerfConfig) -> FieldOutput:
+    """Asks the field at points [..., 3]."""
+    return field_of(params, apply_trunk(params, points, config))
 
 
 def field_of(params: FieldParams, trunk: jax.Array, density_noise: jax.Array | float = 0.0) -> FieldOutput:
-    """The field's outputs from its last hidden layer."""
+    """The field's outputs from its last hidden layer; zero what the head does not have. density_noise [...] is added to the raw
+    density, before its ReLU.
+    """
     raw = trunk @ params.head.weight + params.head.bias
     outputs = raw.shape[-1]
     none = jnp.zeros((*raw.shape[:-1], FEATURES), raw.dtype)

@@ -1,16 +1,14 @@
 """The paper's method behind the Method interface: the loss of section 4.3, the optimiser of section 6.
 
-    L = |C_coarse - C|^2 + |C_fine - C|^2 + lambda_s (S(sigma_coarse) + S(sigma_fine)),  S at the coarse
-    samples
+    L = |C_coarse - C|^2 + |C_fine - C|^2 + lambda_s (S(sigma_coarse) + S(sigma_fine)),  S at the coarse samples
 
-Gradients are clipped by value, then by norm, and go to Adam. Compiled once: shapes never change between
-steps. Rays are spread over the devices of the dataset's mesh (training.devices), parameters are whole on each.
+Gradients are clipped by value, then by norm, and go to Adam. Compiled once: shapes never change between steps. Rays are spread
+over the devices of the dataset's mesh (training.devices), parameters are whole on each.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +18,7 @@ import optax
 from jax.sharding import NamedSharding
 
 from console import UserError
-from training.arrays import from_arrays, to_arrays
+from training.checkpoints import from_arrays, to_arrays
 from training.config import NerfConfig, TrainConfig
 from training.dataset import RayDataset
 from training.devices import SPLIT, WHOLE, here, put_whole, split
@@ -28,7 +26,6 @@ from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, square
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.nerf.field import apply_field
 from training.nerf.render import NerfParams, Perturbation, draw_perturbation, init_nerf, render_rays
-from training.schedule import learning_rate
 
 
 class NerfState(NamedTuple):
@@ -62,7 +59,6 @@ class NerfMethod:
         self._query = jax.jit(lambda params, points: apply_field(params.fine.field, points, nerf))
 
     def start(self, key: jax.Array) -> NerfState:
-        """The state before step 0."""
         return put_whole(self._fresh(key), self.mesh)
 
     def step(
@@ -74,22 +70,19 @@ class NerfMethod:
         return self._update(self.dataset, state, np.int32(step), np.float32(ahead))
 
     def render(self, state: NerfState, rays: Rays) -> RenderOutput:
-        """Renders any number of rays with the fine model, `render_rays` at a time; colours are clamped to [0, 1]."""
+        """Renders rays with the fine model; colours are clamped to [0, 1]."""
         params = here(state.params)
         out = in_slices(lambda part: self._render(params, part), rays, self.config.nerf.render_rays)
         return out._replace(rgb=jnp.clip(out.rgb, 0.0, 1.0))
 
     def query(self, state: NerfState, points: jax.Array) -> FieldOutput:
-        """The fine field at points [N, 3], `query_points` at a time."""
         params = here(state.params)
         return in_slices(lambda part: self._query(params, part), points, self.config.nerf.query_points)
 
     def may_hold(self, state: NerfState, low: np.ndarray, high: np.ndarray) -> None:
-        """An MLP cannot tell without being asked everywhere."""
         return None
 
     def grain(self, state: NerfState) -> None:
-        """Nothing limits the detail of an MLP with positional encoding."""
         return None
 
     def view_mlp(self, state: NerfState) -> ViewMlpParams | None:
@@ -102,17 +95,12 @@ class NerfMethod:
         return None
 
     def save(self, state: NerfState) -> dict[str, np.ndarray]:
-        """Parameters and optimiser as named arrays."""
         return to_arrays(here(state))
 
     def restore(self, arrays: dict[str, np.ndarray]) -> NerfState:
         """The inverse of save; UserError where the arrays are of another configuration."""
-        return put_whole(from_arrays(self._template, arrays), self.mesh)
-
-    @cached_property
-    def _template(self) -> NerfState:
-        """A state's shapes and types, without its numbers."""
-        return jax.eval_shape(self._fresh, jax.random.PRNGKey(0))
+        template = jax.eval_shape(self._fresh, jax.random.PRNGKey(0))
+        return put_whole(from_arrays(template, arrays), self.mesh)
 
     def _fresh(self, key: jax.Array) -> NerfState:
         params = init_nerf(key, self.config.nerf)
@@ -132,7 +120,7 @@ class NerfMethod:
         updates = jax.tree.map(lambda change: further * change, updates)
         mse = metrics.pop("mse")
         metrics |= {"psnr": psnr_of(mse), "gradient_norm": optax.tree.norm(gradient)}
-        metrics["learning_rate"] = further * rate_at(self.config.nerf, self.config.steps, step)
+        metrics["learning_rate"] = further * learning_rate(self.config.nerf, self.config.steps, step)
         params: Any = optax.apply_updates(state.params, updates)  # type: ignore[arg-type]
         return NerfState(params, optimizer), metrics
 
@@ -167,22 +155,26 @@ class NerfMethod:
 
 def sparsity_of(coarse_sigma: jax.Array, fine_sigma: jax.Array, config: TrainConfig) -> jax.Array:
     """S of both fields at the coarse samples. coarse_sigma [N, K]; fine_sigma [N, K + F], 0 at the fine samples."""
-    coarse, fine = (cauchy_sparsity(sigma, config.sparsity_scale, "sum") for sigma in (coarse_sigma, fine_sigma))
+    coarse, fine = (cauchy_sparsity(sigma, config.sparsity_scale) for sigma in (coarse_sigma, fine_sigma))
     total = coarse + fine
     # zeros add nothing to a sum, but a mean must be over the K coarse samples alone
     return total / coarse_sigma.shape[-1] if config.sparsity_over_samples == "mean" else total
 
 
-def rate_at(config: NerfConfig, steps: int, step: jax.Array | int) -> jax.Array:
-    """The learning rate at a step (training.schedule)."""
-    return learning_rate(
-        step,
-        steps=steps,
-        first=config.first_rate,
-        last=config.last_rate,
-        warmup_steps=config.warmup_steps,
-        warmup_factor=config.warmup_factor,
-    )
+def learning_rate(config: NerfConfig, steps: int, step: jax.Array | int) -> jax.Array:
+    """The rate at a step of so many, float32, jittable in `step`: log-linear decay, times a warm-up that eases in along a sine.
+
+    With s the step, S steps in all, W those of the warm-up and m its factor (paper section 6; JAXNeRF):
+
+        rate(s) = exp((1 - s/S) log first + (s/S) log last)  *  (m + (1 - m) sin(pi/2 min(1, s/W)))
+    """
+    now = jnp.asarray(step, jnp.float32)
+    progress = jnp.clip(now / steps, 0.0, 1.0)
+    decayed = jnp.exp((1.0 - progress) * jnp.log(config.first_rate) + progress * jnp.log(config.last_rate))
+    if config.warmup_steps <= 0:
+        return decayed
+    warmed = jnp.sin(0.5 * jnp.pi * jnp.clip(now / config.warmup_steps, 0.0, 1.0))
+    return decayed * (config.warmup_factor + (1.0 - config.warmup_factor) * warmed)
 
 
 def make_optimizer(config: NerfConfig, steps: int) -> optax.GradientTransformation:
@@ -192,44 +184,30 @@ def make_optimizer(config: NerfConfig, steps: int) -> optax.GradientTransformati
         chain.append(optax.clip(config.clip_value))
     if config.clip_norm > 0:
         chain.append(optax.clip_by_global_norm(config.clip_norm))
-    return optax.chain(*chain, optax.adam(lambda count: rate_at(config, steps, jnp.asarray(count))))
+    return optax.chain(*chain, optax.adam(lambda count: learning_rate(config, steps, jnp.asarray(count))))
 
 
 def batch_slices(batch_size: int, gradient_rays: int, devices: int = 1) -> int:
-    """Into how many equal slices of at most gradient_rays a device a batch is cut; UserError where that does not go
-    evenly.
-    """
+    """Into how many equal slices of at most gradient_rays a device a batch is cut. UserError where that leaves a remainder."""
     if batch_size % devices:
-        raise UserError(
-            "the batch cannot be spread evenly over the devices",
-            where="--batch-size",
-            expected=f"a multiple of {devices}",
-            found=batch_size,
-        )
+        raise UserError("the batch cannot be spread evenly over the devices", where="--batch-size",
+                        expected=f"a multiple of {devices}", found=batch_size)  # fmt: skip
     share = batch_size // devices
     if gradient_rays <= 0 or gradient_rays >= share:
         return 1
     if share % gradient_rays:
-        raise UserError(
-            "the batch cannot be split evenly",
-            where="--nerf.gradient-rays",
-            expected=f"a divisor of {share}",
-            found=gradient_rays,
-        )
+        raise UserError("the batch cannot be split evenly", where="--nerf.gradient-rays",
+                        expected=f"a divisor of {share}", found=gradient_rays)  # fmt: skip
     return share // gradient_rays
 
 
 def in_slices(function, values: Any, size: int) -> Any:
-    """function(values) for a tree of [N, ...] arrays, `size` rows at a time; the last slice is padded, so
-    one compile.
-    """
+    """function(values) for a tree of [N, ...] arrays, `size` rows at a time; the last slice is padded, so one compile."""
     count = jax.tree.leaves(values)[0].shape[0]
     parts = []
     for start in range(0, max(count, 1), size):
         part = jax.tree.map(lambda v, s=start: v[s : s + size], values)
         missing = size - jax.tree.leaves(part)[0].shape[0]
-        padded = jax.tree.map(
-            lambda v, m=missing: jnp.pad(v, [(0, m)] + [(0, 0)] * (v.ndim - 1), mode="constant"), part
-        )
+        padded = jax.tree.map(lambda v, m=missing: jnp.pad(v, [(0, m)] + [(0, 0)] * (v.ndim - 1)), part)
         parts.append(jax.tree.map(lambda v, m=missing: v[: size - m], function(padded)))
     return jax.tree.map(lambda *p: jnp.concatenate(p), *parts) if len(parts) > 1 else parts[0]

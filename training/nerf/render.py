@@ -82,17 +82,15 @@ def draw_perturbation(key: jax.Array, count: int, config: NerfConfig) -> Perturb
 
 def init_nerf(key: jax.Array, config: NerfConfig) -> NerfParams:
     """Fresh parameters of both models."""
+
+    def model(k_field: jax.Array, k_view: jax.Array) -> ModelParams:
+        view = None
+        if config.view != "none":
+            view = init_nerf_head(k_view, config.width) if config.view == "nerf" else init_view_mlp(k_view)
+        return ModelParams(init_field(k_field, config), view)
+
     keys = jax.random.split(key, 4)
-    models = [
-        ModelParams(init_field(k_field, config), _init_head(k_view, config)) for k_field, k_view in (keys[:2], keys[2:])
-    ]
-    return NerfParams(*models)
-
-
-def _init_head(key: jax.Array, config: NerfConfig) -> ViewMlpParams | NerfHead | None:
-    if config.view == "none":
-        return None
-    return init_nerf_head(key, config.width) if config.view == "nerf" else init_view_mlp(key)
+    return NerfParams(model(*keys[:2]), model(*keys[2:]))
 
 
 def render_rays(

@@ -1,8 +1,7 @@
-"""Where along a ray a field is asked: stratified coarse samples, and fine ones drawn from the coarse
-weights (NeRF 5.2).
+"""Where along a ray a field is asked: stratified coarse samples, and fine ones drawn from the coarse weights (NeRF 5.2).
 
-Notation, per ray: t [N, K] sorted positions in [near, far]; weight [N, K] of the coarse samples; u in [0,
-1) quantiles; jitter in [0, 1), drawn by the caller. Without jitter, sampling is deterministic: what rendering uses.
+Notation, per ray: t [N, K] sorted positions in [near, far]; weight [N, K] of the coarse samples; u in [0, 1) quantiles; jitter in
+[0, 1), drawn by the caller. Without jitter, sampling is deterministic: what rendering uses.
 """
 
 from __future__ import annotations
@@ -37,14 +36,11 @@ def fine_samples(jitter: jax.Array | None, t: jax.Array, weights: jax.Array, cou
     stratified, one to each of `count` equal intervals (jitter [N, count] within them). No gradient flows through the positions.
     """
     edges = 0.5 * (t[:, 1:] + t[:, :-1])
-    new = inverse_cdf(jitter, edges, weights[:, 1:-1], count)
-    return jax.lax.stop_gradient(new)
+    return jax.lax.stop_gradient(inverse_cdf(jitter, edges, weights[:, 1:-1], count))
 
 
 def inverse_cdf(jitter: jax.Array | None, edges: jax.Array, weights: jax.Array, count: int) -> jax.Array:
-    """Stratified samples [N, count] of the histogram with edges [N, B + 1] and weights [N, B] >= 0 (not
-    normalised).
-    """
+    """Stratified samples [N, count] of the histogram with edges [N, B + 1] and weights [N, B] >= 0 (not normalised)."""
     # An even trifle everywhere (NeRF's): empty rays sample evenly instead of dividing by 0, and a quantile crosses an empty
     # bin over many floats, so that the last bit of a sum, which differs between devices, moves no sample far.
     weights = weights + EMPTY_BIN

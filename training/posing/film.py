@@ -25,9 +25,8 @@ from PIL import Image
 
 from console import UserError
 from console.contents import HEAD_BYTES, told
-from training.posing.camera_files import PREVIEW_SIDE, write_picture
-from training.posing.choice import same_view, sharpness, thumbnail
 from training.posing.film_colour import srgb_of, with_matrix
+from training.posing.photograph import PREVIEW_SIDE, same_view, sharpness, thumbnail, write_picture
 from training.scenes.film_containers import DEMUXERS, FILM_NAMES, container_of
 
 CODECS = (
@@ -43,26 +42,23 @@ PER_SECOND = 6.0  # frames at most: more show the same
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that was kept. name: of its file. size: (width, height) in pixels. seconds: into the film.
+    """A frame that was kept."""
 
-    sharpness: see training.posing.choice.
-    """
-
-    name: str
-    size: tuple[int, int]
-    seconds: float
+    name: str  # of its file
+    size: tuple[int, int]  # (width, height) in pixels
+    seconds: float  # into the film
     sharpness: float
 
 
 @dataclass
 class _Best:
-    """The sharpest frame of an interval so far, as it was decoded. aspect: width by height of its pixels."""
+    """The sharpest frame of an interval so far, as it was decoded."""
 
     interval: int
     seconds: float
     sharpness: float
     frame: Any
-    aspect: float
+    aspect: float  # width by height of its pixels
     preview: np.ndarray
 
     @property
@@ -70,18 +66,18 @@ class _Best:
         return self.frame.width, self.frame.height, self.frame.rotation or 0
 
 
-def take_frames(film: Path, folder: Path, most: int, tell: Callable[[str, float, float], None]) -> list[Frame]:
+def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str, float, float], None]) -> list[Frame]:
     """Writes at most `most` frames into `folder`: of each interval the sharpest, none that shows the same as the one before.
 
     UserError where the file is no film that can be read.
     """
-    with _told_plainly(film):
+    with _readable_errors(film):
         times = _times(film)
         start, end = min(times), max(times)
         kept: list[Frame] = []
 
         def on_frame(seconds: float) -> None:
-            tell("frames", seconds - start, max(end - start, 1e-3))
+            on_progress("frames", seconds - start, max(end - start, 1e-3))
 
         for best in _differing(_sharpest(film, times, most, on_frame)):
             picture = _upright(best.frame, best.aspect)
@@ -98,7 +94,7 @@ def glimpse(
     seconds, from GLIMPSED frames. count: told the first, at once. show: gets `some` frames, evenly spaced: number, seconds
     into the film, picture. UserError as take_frames.
     """
-    with _told_plainly(film):
+    with _readable_errors(film):
         times = _times(film)
         frames = max(intervals_of(times, most)) + 1
         count(frames)
@@ -136,11 +132,14 @@ def _times(film: Path) -> list[float]:
     """When each frame is shown, in seconds, without decoding any."""
     with _opened(film) as (container, stream):
         base = float(stream.time_base)
-        times = (packet.dts if packet.pts is None else packet.pts for packet in container.demux(stream))
-        return sorted({time * base for time in times if time is not None}) or _no_frames(film)
+        stamps = (packet.dts if packet.pts is None else packet.pts for packet in container.demux(stream))
+        times = sorted({stamp * base for stamp in stamps if stamp is not None})
+    if not times:
+        raise UserError("the film has no frames", where=film)
+    return times
 
 
-def _sharpest(film: Path, times: Sequence[float], most: int, tell: Callable[[float], None]) -> Iterator[_Best]:
+def _sharpest(film: Path, times: Sequence[float], most: int, on_frame: Callable[[float], None]) -> Iterator[_Best]:
     """The sharpest frame of each interval, in their order."""
     best: _Best | None = None
     intervals = intervals_of(times, most)
@@ -154,7 +153,7 @@ def _sharpest(film: Path, times: Sequence[float], most: int, tell: Callable[[flo
             if best is not None and interval != best.interval:
                 yield best
                 best = None
-            tell(seconds)
+            on_frame(seconds)
             preview = _grey(frame)
             value = sharpness(preview)
             if best is None or value > best.sharpness:
@@ -203,7 +202,7 @@ def _opened(film: Path) -> Iterator[tuple[Any, Any]]:
     with _demuxed(film) as container:  # anew: which one moves may have been asked of all its packets
         stream = container.streams[index]
         codec = stream.codec_context
-        if codec is None or (codec.name not in CODECS and codec.codec.canonical_name not in CODECS):
+        if codec is None or not {codec.name, codec.codec.canonical_name} & set(CODECS):
             raise UserError("the film's codec is not supported", where=film, expected=", ".join(CODECS),
                             found="one that FFmpeg does not know" if codec is None else codec.name)  # fmt: skip
         stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
@@ -243,7 +242,7 @@ def _moving(container: Any, film: Path) -> int:
 
 
 @contextmanager
-def _told_plainly(film: Path) -> Iterator[None]:
+def _readable_errors(film: Path) -> Iterator[None]:
     """FFmpeg's errors without their numbers."""
     try:
         yield
@@ -253,7 +252,3 @@ def _told_plainly(film: Path) -> Iterator[None]:
             raise
         raise UserError("the film cannot be read", where=film, found=error.strerror,
                         remedy="it may be damaged: copy it again") from error  # fmt: skip
-
-
-def _no_frames(film: Path) -> list[float]:
-    raise UserError("the film has no frames", where=film)

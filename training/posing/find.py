@@ -1,4 +1,4 @@
-"""From bare photographs or a film to a COLMAP scene: the stages, and what to say where they end too soon.
+"""From bare photographs or a film to a COLMAP scene, stage by stage.
 
 OUT/posing holds the work while it goes on; whoever is stopped or killed goes on from there. OUT/scene appears whole: images,
 sparse/0, and poses.json, which says what it was made of and what was left out.
@@ -20,22 +20,21 @@ from console import Notice, Progress, UserError, progress
 from console.atomic import is_leftover, replacing, write_file
 from console.json_text import read_json_file
 from training.lock import only_one_trains
-from training.posing.child import ask
-from training.posing.masks import MASKS, masked_names
-from training.posing.prepare import IMAGES, LOG, Prepared, cameras, fingerprint, focal_of, prepare, store, stored
-from training.posing.telling import (
-    few,
-    left_out,
-    require_enough,
-    require_poses,
-    tell_aside,
-    tell_masks,
-    why_left_out,
-    write_left_out,
-    write_table,
+from training.posing.child_process import ask
+from training.posing.prepare import (
+    IMAGES,
+    LOG,
+    Prepared,
+    camera_groups,
+    fingerprint,
+    masked_names,
+    prepare,
+    store,
+    stored,
 )
+from training.posing.rejection_report import report_rejections, require_enough, warn_left_out, warn_of_prepared
 from training.scenes.read import has_poses
-from training.scenes.sources import Source, require_source
+from training.scenes.sources import MASKS, Source, require_source
 
 SCENE, WORK, REPORT = "scene", "posing", "poses.json"
 MARK = "README.txt"  # in WORK: it is ours
@@ -59,7 +58,7 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
     key = {"files": fingerprint(source), "frames": most_frames if source.kind == "film" else 0}
     scene = out / SCENE
     if (scene / REPORT).is_file():
-        if _made_of(scene) == key:
+        if _key_of(scene) == key:
             return scene
         if (out / "run" / "config.json").is_file():
             raise UserError("holds a run of other photographs, or they were changed since", where=out,
@@ -68,8 +67,11 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
     _require_ours(out)
     if source.kind == "photographs":
         require_enough(source, len(source.files))  # before anything is written
-    with only_one_trains(out / WORK, "finding camera poses"), _told_how_to_go_on():
-        return _find(source, out, {**key, "seed": seed})
+    with only_one_trains(out / WORK, "finding camera poses"):
+        try:
+            return _find(source, out, {**key, "seed": seed})
+        except KeyboardInterrupt as interrupt:
+            raise KeyboardInterrupt(CONTINUE) from interrupt
 
 
 def posed_scene(path: Path, out: Path, *, seed: int = 0, most_frames: int = FRAMES) -> Path:
@@ -105,49 +107,36 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
         with _timed(work, "pictures"), progress("choosing pictures", len(source.files), stage=STAGE) as bar:
             prepared = prepare(source, work, key["frames"], bar)
         store(work, key, prepared)
-    tell_aside(source, prepared)
+    warn_of_prepared(source, prepared, masked_names(work))
     require_enough(source, len(prepared.pictures))
-    tell_masks(source, prepared, masked_names(work))
-    found = _asked(prepared, work, key["seed"])
-    by_name = {picture.name: picture for picture in prepared.pictures}
-    unposed = [picture.told_as for name, picture in by_name.items() if name not in set(found["registered"])]
-    write_table(work, prepared, found)
-    why = why_left_out(prepared, found)
-    write_left_out(source, work, prepared, why)
-    require_poses(source, work, prepared, found, unposed)
+    found = _reconstructed(prepared, work, key["seed"])
+    left_out = report_rejections(source, work, prepared, found)
+    unposed = [name for name in left_out if name not in prepared.aside]
+    told_as = {picture.name: picture.told_as for picture in prepared.pictures}
     report = {
         "format": FORMAT, "key": {name: key[name] for name in ("files", "frames")}, "photographs": str(source.path.resolve()),
-        "names": {name: by_name[name].told_as for name in found["registered"]}, "unposed": unposed,
-        "left_out": why,
+        "names": {name: told_as[name] for name in found["registered"]}, "unposed": unposed, "left_out": left_out,
         "aside": dict(prepared.aside), "points": found["points"], "error_pixels": round(found["error"], 3),
         "seconds": _seconds(work), "seed": key["seed"],
     }  # fmt: skip
     _assemble(out / SCENE, work, found["registered"], report)
     shutil.rmtree(work, ignore_errors=True)
     if unposed:
-        text = f"{left_out(len(unposed))}: no pose was found ({few(unposed)})"
-        warnings.warn(Notice(f"{source.path}: {text}"), stacklevel=2)
+        warn_left_out(source, unposed, "no pose was found")
     return out / SCENE
 
 
-# --- stages -----------------------------------------------------------------------------------------------------------
-
-
-def _asked(prepared: Prepared, work: Path, seed: int) -> dict[str, Any]:
+def _reconstructed(prepared: Prepared, work: Path, seed: int) -> dict[str, Any]:
     """Features, matches and poses from the child process, each with its bar and its time."""
     request = {
         "images": str((work / IMAGES).resolve()), "work": str(work.resolve()), "seed": seed,
         "names": [picture.name for picture in prepared.pictures],
-        "masks": str((work / MASKS).resolve()), "masked": masked_names(work),
-        "groups": [
-            {"names": [picture.name for picture in group], "focal": focal_of(group)}
-            for group in cameras(prepared.pictures).values()
-        ],
+        "masks": str((work / MASKS).resolve()), "masked": masked_names(work), "groups": camera_groups(prepared.pictures),
     }  # fmt: skip
     with contextlib.ExitStack() as held:
         bar: Progress | None = None
 
-        def tell(title: str, done: float, total: float) -> None:
+        def on_progress(title: str, done: float, total: float) -> None:
             nonlocal bar
             if bar is None or bar.title != title:
                 held.close()
@@ -155,7 +144,7 @@ def _asked(prepared: Prepared, work: Path, seed: int) -> dict[str, Any]:
                 bar = held.enter_context(progress(title, total, begun=done, stage=STAGE))
             bar.update(done)
 
-        return ask("reconstruct", request, work / LOG, tell)
+        return ask("reconstruct", request, work / LOG, on_progress)
 
 
 @contextlib.contextmanager
@@ -186,33 +175,25 @@ def _assemble(scene: Path, work: Path, names: Sequence[str], report: Mapping[str
             if picture.is_symlink():
                 os.symlink(os.readlink(picture), new / "images" / name)
             else:
-                _linked(picture, new / "images" / name)
+                _link(picture, new / "images" / name)
         shutil.copytree(work / MODEL, new / "sparse" / "0")
         for name in set(names) & set(masked_names(work)):
             (new / MASKS).mkdir(exist_ok=True)
-            _linked(work / MASKS / f"{name}.png", new / MASKS / f"{name}.png")
+            _link(work / MASKS / f"{name}.png", new / MASKS / f"{name}.png")
         write_file(new / REPORT, json.dumps(report, indent=1) + "\n")
 
 
-def _linked(picture: Path, target: Path) -> None:
+def _link(picture: Path, target: Path) -> None:
     try:
         os.link(picture, target)  # `work` goes away soon
     except OSError:
         shutil.copyfile(picture, target)
 
 
-def _made_of(scene: Path) -> Any:
+def _key_of(scene: Path) -> Any:
     """The key of a finished scene; None where it cannot be told."""
     try:
         report = read_json_file(scene / REPORT)
         return report["key"] if report["format"] == FORMAT else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-@contextlib.contextmanager
-def _told_how_to_go_on() -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt as interrupt:
-        raise KeyboardInterrupt(CONTINUE) from interrupt

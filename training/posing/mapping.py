@@ -12,7 +12,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ import numpy as np
 import pycolmap
 
 from training.posing.pairs import ALL_UP_TO, LARGEST, all_pairs, chosen_pairs
-from training.posing.stillness import pairs_that_stand_still, stands_still
 
 DATABASE, PAIRS, MODELS, MODEL = "database.db", "pairs.txt", "models", "model"
 LENS = "SIMPLE_RADIAL"  # while pictures are being added; the parameters of richer ones need many pictures
@@ -30,32 +29,29 @@ AT_ONCE = 60  # pairs between two reports
 FEWEST_INLIERS = 15  # COLMAP's own for a pair that matches
 FEWEST_FOR_LENS = 10  # pictures of one camera whose second distortion coefficient and principal point are fitted
 FARTHEST_CENTRE = 0.08  # of the picture's side, from its middle
+STILL = 0.003  # of the picture's longer side: matches that move less on average stand still
+MOST_STILL = 0.5  # of the pairs that match; a walk has neighbours that hardly differ, but not so many
 
-Tell = Callable[[str, float, float], None]  # what goes on, units done, units in all
+OnProgress = Callable[[str, float, float], None]  # what goes on, units done, units in all
 
 
 @dataclass(frozen=True)
 class Group:
-    """Pictures of one camera. names: in the folder of images. focal: in pixels, None where it is not known."""
+    """Pictures of one camera."""
 
     names: tuple[str, ...]
-    focal: float | None
+    focal: float | None  # in pixels, None where it is not known
 
 
 @dataclass(frozen=True)
 class Task:
-    """images: the folder of prepared pictures. work: what is found is kept there. names: of all pictures, in order.
-
-    masks: a folder of masks NAME.png. masked: the pictures that have one: features are found where it is not black.
-    """
-
-    images: Path
-    work: Path
-    names: tuple[str, ...]
+    images: Path  # the folder of prepared pictures
+    work: Path  # what is found is kept there
+    names: tuple[str, ...]  # of all pictures, in order
     groups: tuple[Group, ...]
     seed: int = 0
-    masks: Path = Path()
-    masked: frozenset[str] = frozenset()
+    masks: Path = Path()  # a folder of masks NAME.png
+    masked: frozenset[str] = frozenset()  # the pictures that have one: features are found where it is not black
 
     @property
     def database(self) -> Path:
@@ -64,31 +60,26 @@ class Task:
 
 @dataclass(frozen=True)
 class Found:
-    """registered: names of the pictures that have a pose in the largest model. features, matched: by name, how many features
-    a picture has and with how many others it matches. models: the pictures of each model, the largest first. points,
-    error: of the largest model: their number, and their mean distance in pixels from where they should be seen. still: of
-    how many pairs the camera stands still, and of how many pairs that match; where it is most, poses are not looked for.
-    """
-
-    registered: list[str] = field(default_factory=list)
-    features: dict[str, int] = field(default_factory=dict)
-    matched: dict[str, int] = field(default_factory=dict)
-    models: list[list[str]] = field(default_factory=list)
-    still: tuple[int, int] = (0, 0)
-    points: int = 0
-    error: float = 0.0
+    features: dict[str, int]  # by name, how many a picture has
+    matched: dict[str, int]  # by name, with how many others a picture matches
+    still: tuple[int, int]  # of how many pairs the camera stands still, and of how many that match
+    is_static: bool  # the camera stands still; poses are not looked for
+    registered: list[str] = field(default_factory=list)  # pictures that have a pose in the largest model
+    models: list[list[str]] = field(default_factory=list)  # the pictures of each model, the largest first
+    points: int = 0  # of the largest model
+    error: float = 0.0  # their mean distance in pixels from where they should be seen
 
 
-def reconstruct(task: Task, tell: Tell) -> Found:
+def reconstruct(task: Task, on_progress: OnProgress) -> Found:
     """Features, matches, poses; the largest model, its lens fitted, is left in `task.work` / MODEL."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)  # what goes wrong shows in what is found
     _begin_database(task)
-    _extract(task, tell)
-    _match(task, tell)
-    features, matched, still = _table(task)
-    models = [] if stands_still(*still) else _map(task, tell)
+    _extract(task, on_progress)
+    _match(task, on_progress)
+    found = _matches_found(task)
+    models = [] if found.is_static else _map(task, on_progress)
     if not models:
-        return Found(features=features, matched=matched, still=still)
+        return found
     best = _with_fitted_lens(models[0])
     folder = task.work / MODEL
     shutil.rmtree(folder, ignore_errors=True)
@@ -96,7 +87,7 @@ def reconstruct(task: Task, tell: Tell) -> Found:
     best.write_binary(folder)
     named = [sorted(model.image(number).name for number in model.reg_image_ids()) for model in (best, *models[1:])]
     error = best.compute_mean_reprojection_error()
-    return Found(named[0], features, matched, named, still, best.num_points3D(), error)
+    return replace(found, registered=named[0], models=named, points=best.num_points3D(), error=error)
 
 
 def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
@@ -117,15 +108,14 @@ def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
 
 def _begin_database(task: Task) -> None:
     """All cameras and pictures, numbered in their order, so that no thread's speed decides; begun anew where it is broken."""
-    if task.database.exists():
+    whole = task.database.exists()
+    if whole:
         database = pycolmap.Database.open(task.database)
         whole = database.num_images() == len(task.names) and all(
             database.exists_keypoints(image.image_id) == database.exists_descriptors(image.image_id)
             for image in database.read_all_images()
         )
         database.close()
-    else:
-        whole = False
     if not whole:
         for leftover in task.work.glob(f"{DATABASE}*"):
             leftover.unlink()
@@ -146,7 +136,7 @@ def _reading(**more: Any) -> Any:
     return pycolmap.ImageReaderOptions(camera_model=LENS, default_focal_length_factor=UNKNOWN_FOCAL, **more)
 
 
-def _extract(task: Task, tell: Tell) -> None:
+def _extract(task: Task, on_progress: OnProgress) -> None:
     options = pycolmap.FeatureExtractionOptions(use_gpu=False, max_image_size=LONGEST_SIDE, num_threads=_threads())
     database = pycolmap.Database.open(task.database)
     there = {image.name for image in database.read_all_images() if database.exists_keypoints(image.image_id)}
@@ -155,19 +145,19 @@ def _extract(task: Task, tell: Tell) -> None:
         todo = [name for name in task.names if name not in there and (name in task.masked) == masked]
         reading = _reading(mask_path=task.masks) if masked else _reading()
         for names in _batches(todo, max(_threads(), 2)):
-            tell("features", len(there), len(task.names))
+            on_progress("features", len(there), len(task.names))
             pycolmap.extract_features(
                 task.database, task.images, names, reader_options=reading, extraction_options=options,
                 device=pycolmap.Device.cpu,
             )  # fmt: skip
             there |= set(names)
-    tell("features", len(task.names), len(task.names))
+    on_progress("features", len(task.names), len(task.names))
 
 
 # --- matches ----------------------------------------------------------------------------------------------------------
 
 
-def _match(task: Task, tell: Tell) -> None:
+def _match(task: Task, on_progress: OnProgress) -> None:
     database = pycolmap.Database.open(task.database)
     number_of = {image.name: image.image_id for image in database.read_all_images()}
     numbers = [number_of[name] for name in task.names]
@@ -179,7 +169,7 @@ def _match(task: Task, tell: Tell) -> None:
     verifying.ransac.random_seed = task.seed
     done = len(pairs) - len(todo)
     for batch in _batches(todo, AT_ONCE):
-        tell("matches", done, len(pairs))
+        on_progress("matches", done, len(pairs))
         lines = [f"{task.names[i]} {task.names[j]}\n" for i, j in batch]
         (task.work / PAIRS).write_text("".join(lines), encoding="utf-8")
         pycolmap.match_image_pairs(
@@ -187,7 +177,7 @@ def _match(task: Task, tell: Tell) -> None:
             device=pycolmap.Device.cpu,
         )  # fmt: skip
         done += len(batch)
-    tell("matches", len(pairs), len(pairs))
+    on_progress("matches", len(pairs), len(pairs))
 
 
 def _largest_features(database: Any, numbers: Sequence[int]) -> list[np.ndarray]:
@@ -200,25 +190,45 @@ def _largest_features(database: Any, numbers: Sequence[int]) -> list[np.ndarray]
     return found
 
 
-def _table(task: Task) -> tuple[dict[str, int], dict[str, int], tuple[int, int]]:
-    """By name, how many features a picture has, and with how many others it matches; and Found.still."""
+def _matches_found(task: Task) -> Found:
+    """What is known before poses are looked for.
+
+    Before a turntable the camera stands still, and so does the background: there, features match with features at the same place
+    of the picture, and what turns is outvoted.
+    """
     database = pycolmap.Database.open(task.database)
-    names = {image.image_id: image.name for image in database.read_all_images()}
-    features = {name: database.num_keypoints_for_image(number) for number, name in names.items()}
-    matched = dict.fromkeys(names.values(), 0)
+    images = {image.image_id: image for image in database.read_all_images()}
+    features = {image.name: database.num_keypoints_for_image(number) for number, image in images.items()}
+    sides = {camera.camera_id: max(camera.width, camera.height) for camera in database.read_all_cameras()}
+    places: dict[int, np.ndarray] = {}
+    matched = dict.fromkeys(features, 0)
+    still = pairs = 0
     for pair, inliers in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
-        if inliers >= FEWEST_INLIERS:
-            for number in pycolmap.pair_id_to_image_pair(pair):
-                matched[names[number]] += 1
-    still = pairs_that_stand_still(database, FEWEST_INLIERS)
+        if inliers < FEWEST_INLIERS:
+            continue
+        both = pycolmap.pair_id_to_image_pair(pair)
+        for number in both:
+            matched[images[number].name] += 1
+            if number not in places:
+                places[number] = np.asarray(database.read_keypoints(number))[:, :2]
+        found = database.read_two_view_geometry(*both).inlier_matches
+        first, second = places[both[0]][found[:, 0]], places[both[1]][found[:, 1]]
+        longest = max(sides[images[number].camera_id] for number in both)
+        still += bool(np.median(np.linalg.norm(first - second, axis=-1)) < STILL * longest)
+        pairs += 1
     database.close()
-    return features, matched, still
+    return Found(features, matched, (still, pairs), is_static_camera(still, pairs))
+
+
+def is_static_camera(still: int, matched: int) -> bool:
+    """Whether so many of the matching pairs stand still that it was not the camera that moved."""
+    return matched > 0 and still > MOST_STILL * matched
 
 
 # --- poses ------------------------------------------------------------------------------------------------------------
 
 
-def _map(task: Task, tell: Tell) -> list[Any]:
+def _map(task: Task, on_progress: OnProgress) -> list[Any]:
     """Models, the largest first."""
     folder = task.work / MODELS
     shutil.rmtree(folder, ignore_errors=True)
@@ -231,9 +241,9 @@ def _map(task: Task, tell: Tell) -> list[Any]:
     def next_image() -> None:
         nonlocal added
         added += 1
-        tell("poses", min(added, total), total)
+        on_progress("poses", min(added, total), total)
 
-    tell("poses", 0, total)
+    on_progress("poses", 0, total)
     pycolmap.set_random_seed(task.seed)  # here, whatever this process did before
     models = pycolmap.incremental_mapping(
         task.database, task.images, folder, options, next_image_callback=next_image

@@ -1,6 +1,7 @@
 """The first stage: photographs, or the frames of a film, as pictures that every reader understands, in a folder of ours.
 
-What was prepared is kept in `pictures.json` beside that folder, so that a killed process need not do it again.
+Not used are pictures that show the same as another and those that are blurred. What was prepared is kept in `pictures.json`
+beside that folder, so that a killed process need not do it again.
 """
 
 from __future__ import annotations
@@ -8,67 +9,58 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from console import Progress, UserError
 from console.atomic import write_file
 from console.json_text import read_json_file
-from training.posing.camera_files import Look, look_at, put
-from training.posing.child import ask
-from training.posing.choice import blurred, repeated, sharpness, thumbnail
-from training.posing.masks import MASKS, put_mask
+from training.posing.child_process import ask
+from training.posing.photograph import PhotographFile, link_or_convert, read_photograph, same_view
 from training.scenes.files import is_hidden
+from training.scenes.pictures import as_bytes, read_mask
 from training.scenes.pixels import notice_masks
-from training.scenes.sources import Source
+from training.scenes.sources import MASKS, Source
 
 IMAGES, RECORD, LOG = "images", "pictures.json", "log.txt"
+BLURRED = 0.35  # of the median sharpness of the pictures to either side
+AROUND = 7  # pictures to either side
+MOST_BLURRED = 0.25  # of all pictures; where more seem so, they differ in what they show
 
 
 @dataclass(frozen=True)
 class Picture:
-    """name: of its file in the folder. told_as: how the user knows it. camera: the same for pictures of one camera with one
-    focal length. focal: in pixels, None where it is not known.
-    """
-
-    name: str
-    told_as: str
-    camera: str
-    focal: float | None = None
+    name: str  # of its file in the folder
+    told_as: str  # how the user knows it
+    camera: str  # the same for pictures of one camera with one focal length
+    focal: float | None = None  # in pixels, None where it is not known
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """pictures: in the order of their names. aside: what is not used, with the reason, by the name that the user knows."""
-
-    pictures: tuple[Picture, ...]
-    aside: Mapping[str, str] = field(default_factory=dict)
+    pictures: tuple[Picture, ...]  # in the order of their names
+    aside: Mapping[str, str] = field(default_factory=dict)  # why pictures are not used, by the name that the user knows
 
 
 def fingerprint(source: Source) -> list[list[object]]:
     """Names, sizes and times of the files and their masks: what was found for them holds as long as these stay."""
-    masks = (
-        []
-        if source.masks is None
-        else sorted(file for file in source.masks.rglob("*") if file.is_file() and not is_hidden(file))
-    )
+    masks = [] if source.masks is None else sorted(source.masks.rglob("*"))
     stats = [(source.name_of(file), file.stat()) for file in source.files]
-    stats += [(file.name, file.stat()) for file in masks]
+    stats += [(file.name, file.stat()) for file in masks if file.is_file() and not is_hidden(file)]
     return [[name, stat.st_size, str(stat.st_mtime_ns)] for name, stat in stats]  # JSON would round them
 
 
 def prepare(source: Source, work: Path, most_frames: int, bar: Progress) -> Prepared:
     """Pictures in `work` / IMAGES. bar: counts files, or the seconds of a film. UserError where nothing can be read."""
-    folder = work / IMAGES
-    for old in (folder, work / MASKS):
+    for old in (work / IMAGES, work / MASKS):
         shutil.rmtree(old, ignore_errors=True)
-    folder.mkdir()
-    if source.kind == "film":
-        return _frames(source, work, most_frames, bar)
-    return _photographs(source, folder, bar)
+    (work / IMAGES).mkdir()
+    return _frames(source, work, most_frames, bar) if source.kind == "film" else _photographs(source, work, bar)
 
 
 def stored(work: Path, key: object) -> Prepared | None:
@@ -87,55 +79,74 @@ def store(work: Path, key: object, prepared: Prepared) -> None:
     write_file(work / RECORD, json.dumps({"key": key, **asdict(prepared)}, indent=1))
 
 
+def camera_groups(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
+    """The pictures of each camera: {"names", "focal": in pixels, None where it is not known}."""
+    groups: dict[str, list[Picture]] = {}
+    for picture in pictures:
+        groups.setdefault(picture.camera, []).append(picture)
+    found = []
+    for group in groups.values():
+        known = [picture.focal for picture in group if picture.focal is not None]
+        names = [picture.name for picture in group]
+        found.append({"names": names, "focal": float(np.median(known)) if known else None})
+    return found
+
+
 # --- photographs ------------------------------------------------------------------------------------------------------
 
 
-def _photographs(source: Source, folder: Path, bar: Progress) -> Prepared:
-    looks: list[tuple[Path, Look]] = []
-    aside: dict[str, str] = {}
-    first_error: UserError | None = None
-    for done, file in enumerate(source.files):
-        bar.update(done)
+def read_photographs(
+    source: Source, on_file: Callable[[int, Path, bool], None]
+) -> tuple[list[PhotographFile], dict[str, UserError]]:
+    """All that can be read, and why the others cannot, by name. on_file: number, file, whether it could be read."""
+    photographs, errors = [], {}
+    for number, file in enumerate(source.files):
         try:
-            looks.append((file, look_at(file)))
+            photographs.append(read_photograph(file))
         except UserError as error:
-            first_error = first_error or error
-            aside[source.name_of(file)] = "; ".join(filter(None, (error.what, error.remedy)))
-    if first_error is not None and len(looks) < len(aside):
-        raise first_error
-    chosen = chosen_looks(source, looks, aside)
-    names = file_stems([source.name_of(file) for file, _ in chosen])
-    pictures, extremes = [], {}
-    for (file, look), name in zip(chosen, names, strict=True):
-        try:
-            pictures.append(Picture(put(file, look, folder, name), source.name_of(file), look.camera, look.focal))
-        except UserError as error:  # its header was whole
-            aside[source.name_of(file)] = error.what
-            continue
-        if (mask := source.mask_of(file)) is not None:
-            values = put_mask(mask, file, folder.with_name(MASKS), pictures[-1].name)
-            extremes[source.name_of(mask)] = (values.min(), values.max())
-    if extremes and not any(high for _, high in extremes.values()):
-        raise UserError("all masks hide everything", where=source.masks, expected="white where the object is",
-                        found=f"{len(extremes)} masks that are black", remedy="mend or remove the masks")  # fmt: skip
-    notice_masks(source.masks, extremes)
-    bar.update(len(source.files))
-    return Prepared(tuple(pictures), aside)
+            errors[source.name_of(file)] = error
+        on_file(number, file, source.name_of(file) not in errors)
+    return photographs, errors
 
 
-def chosen_looks(source: Source, looks: Sequence[tuple[Path, Look]], aside: dict[str, str]) -> list[tuple[Path, Look]]:
-    """Those that are neither blurred nor there before; the others go aside."""
-    repeats = repeated([look.digest for _, look in looks], [thumbnail(look.preview) for _, look in looks])
-    is_blurred = blurred([sharpness(look.preview) for _, look in looks])
+def choose(
+    source: Source, photographs: Sequence[PhotographFile], errors: Mapping[str, UserError]
+) -> tuple[list[PhotographFile], dict[str, str]]:
+    """Those that are neither blurred nor there before; and why the others, and those with errors, are not used, by name."""
+    aside = {name: "; ".join(filter(None, (error.what, error.remedy))) for name, error in errors.items()}
+    repeats = repeated([one.digest for one in photographs], [one.thumbnail for one in photographs])
     chosen = []
-    for (file, look), earlier, bad in zip(looks, repeats, is_blurred, strict=True):
+    is_blurred = blurred([one.sharpness for one in photographs])
+    for photograph, earlier, bad in zip(photographs, repeats, is_blurred, strict=True):
         if earlier is not None:
-            aside[source.name_of(file)] = f"the same as {source.name_of(looks[earlier][0])}"
+            aside[source.name_of(photograph.file)] = f"the same as {source.name_of(photographs[earlier].file)}"
         elif bad:
-            aside[source.name_of(file)] = "blurred"
+            aside[source.name_of(photograph.file)] = "blurred"
         else:
-            chosen.append((file, look))
-    return chosen
+            chosen.append(photograph)
+    return chosen, aside
+
+
+def blurred(sharpnesses: Sequence[float]) -> list[bool]:
+    """Which pictures, in the order they were taken, are far less sharp than those before and those after them."""
+    values = np.asarray(sharpnesses, np.float64)
+    found = []
+    for i, value in enumerate(values):
+        sides = [side for side in (values[max(i - AROUND, 0) : i], values[i + 1 : i + 1 + AROUND]) if len(side)]
+        found.append(bool(sides) and value < BLURRED * min(float(np.median(side)) for side in sides))
+    return found if sum(found) <= MOST_BLURRED * len(found) else [False] * len(found)
+
+
+def repeated(digests: Sequence[str], thumbnails: Sequence[np.ndarray]) -> list[int | None]:
+    """For each picture the number of an earlier one that it repeats, None where it repeats none."""
+    first: dict[str, int] = {}
+    out: list[int | None] = []
+    for i, digest in enumerate(digests):
+        kept = (j for j, repeats in enumerate(out) if repeats is None)
+        alike = (j for j in kept if same_view(thumbnails[i], thumbnails[j]))
+        out.append(first[digest] if digest in first else next(alike, None))
+        first.setdefault(digest, i)
+    return out
 
 
 def file_stems(names: Sequence[str]) -> list[str]:
@@ -155,21 +166,59 @@ def file_stems(names: Sequence[str]) -> list[str]:
     return stems
 
 
+def write_mask(mask: Path, photograph: Path, folder: Path, name: str) -> np.ndarray:
+    """Writes a mask as `folder` / `name`.png and returns its values uint8 [H, W]. UserError where it does not fit."""
+    values = as_bytes(read_mask(mask, photograph))
+    folder.mkdir(exist_ok=True)
+    Image.fromarray(values).save(folder / f"{name}.png", format="PNG", compress_level=3)
+    return values
+
+
+def masked_names(work: Path) -> list[str]:
+    """Names of the prepared pictures that have a mask NAME.png, as COLMAP calls its own, sorted."""
+    return sorted(file.name.removesuffix(".png") for file in (work / MASKS).glob("*.png"))
+
+
+def _photographs(source: Source, work: Path, bar: Progress) -> Prepared:
+    photographs, errors = read_photographs(source, lambda number, *_: bar.update(number))
+    if len(photographs) < len(errors):
+        raise next(iter(errors.values()))
+    chosen, aside = choose(source, photographs, errors)
+    pictures, extremes = [], {}
+    stems = file_stems([source.name_of(one.file) for one in chosen])
+    for photograph, stem in zip(chosen, stems, strict=True):
+        file = photograph.file
+        try:
+            name = link_or_convert(photograph, work / IMAGES, stem)
+        except UserError as error:  # its header was whole
+            aside[source.name_of(file)] = error.what
+            continue
+        pictures.append(Picture(name, source.name_of(file), photograph.camera, photograph.focal))
+        if (mask := source.mask_of(file)) is not None:
+            values = write_mask(mask, file, work / MASKS, name)
+            extremes[source.name_of(mask)] = (values.min(), values.max())
+    if extremes and not any(high for _, high in extremes.values()):
+        raise UserError("all masks hide everything", where=source.masks, expected="white where the object is",
+                        found=f"{len(extremes)} masks that are black", remedy="mend or remove the masks")  # fmt: skip
+    notice_masks(source.masks, extremes)
+    bar.update(len(source.files))
+    return Prepared(tuple(pictures), aside)
+
+
 # --- films ------------------------------------------------------------------------------------------------------------
 
 
 def _frames(source: Source, work: Path, most: int, bar: Progress) -> Prepared:
     film = source.files[0]
 
-    def tell(title: str, done: float, total: float) -> None:
+    def on_progress(title: str, done: float, total: float) -> None:
         bar.total = total
         bar.update(done)
 
     request = {"film": str(film.resolve()), "images": str(work / IMAGES), "most": most}
-    frames = ask("take_frames", request, work / LOG, tell)
-    is_blurred = blurred([frame["sharpness"] for frame in frames]) if frames else []
+    frames = ask("take_frames", request, work / LOG, on_progress)
     pictures, aside = [], {}
-    for frame, bad in zip(frames, is_blurred, strict=True):
+    for frame, bad in zip(frames, blurred([frame["sharpness"] for frame in frames]), strict=True):
         told_as = f"{source.name_of(film)} at {frame['seconds']:.2f} s"
         if bad:
             aside[told_as] = "blurred"
@@ -178,17 +227,3 @@ def _frames(source: Source, work: Path, most: int, bar: Progress) -> Prepared:
             width, height = frame["size"]
             pictures.append(Picture(frame["name"], told_as, f"{width}x{height}"))
     return Prepared(tuple(pictures), aside)
-
-
-def cameras(pictures: Sequence[Picture]) -> dict[str, list[Picture]]:
-    """The pictures of each camera. A focal length that EXIF states for some of them alone would not be theirs."""
-    groups: dict[str, list[Picture]] = {}
-    for picture in pictures:
-        groups.setdefault(picture.camera, []).append(picture)
-    return groups
-
-
-def focal_of(group: Sequence[Picture]) -> float | None:
-    """The focal length of a camera's pictures, in pixels."""
-    known = [picture.focal for picture in group if picture.focal is not None]
-    return float(np.median(known)) if known else None

@@ -1,6 +1,6 @@
-"""What is asked about bare photographs before anything is begun: which there are, which would be set aside and why, and how long
-finding their poses takes on this computer. `python -m training.posing.preview SOURCE FOLDER`, for programs such as the viewer.
+"""Preview of bare photographs before their poses are found: `python -m training.posing.preview SOURCE FOLDER`, for the viewer.
 
+It tells which there are, which would be set aside and why, and how long finding their poses takes on this computer.
 Small pictures go into FOLDER. Lines of JSON go to standard output as they are known:
   {"count": pictures in all}
   {"name": as the user knows it, "file": of the small picture in FOLDER}      for each picture; of a film, for some frames
@@ -12,22 +12,19 @@ It ends with its standard input.
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PIL import Image
 
 from console import UserError, refusal
-from training.posing.camera_files import Look, look_at, put
+from training.posing.child_process import json_answers
 from training.posing.pairs import how_many_pairs
-from training.posing.prepare import chosen_looks, file_stems
-from training.posing.worker import end_with_stdin
+from training.posing.photograph import link_or_convert
+from training.posing.prepare import choose, read_photographs
 from training.scenes.pictures import small_picture
 from training.scenes.sources import Source, find_source
 
@@ -39,66 +36,62 @@ FRAMES = 120  # of a film, at most: as of snerg-make
 POSES_BY_FEATURES = 0.5
 
 
-def preview(source: Source, folder: Path) -> None:
-    """Tells all of the above. UserError where nothing can be read."""
-    _film(source, folder) if source.kind == "film" else _photographs(source, folder)
+def preview(source: Source, folder: Path, answer: Callable[..., None]) -> None:
+    """Answers all of the above. UserError where nothing can be read."""
+    with tempfile.TemporaryDirectory(prefix="snerg-preview-") as probes:
+        show = _film if source.kind == "film" else _photographs
+        names, count, seconds = show(source, folder, Path(probes), answer)
+        _estimate(Path(probes), names, count, seconds, answer)
 
 
-def _photographs(source: Source, folder: Path) -> None:
-    _say(count=len(source.files))
-    looks: list[tuple[Path, Look]] = []
-    aside: dict[str, str] = {}
-    looked = 0.0
-    for number, file in enumerate(source.files):
-        name, small = source.name_of(file), f"{number:05d}.jpg"
-        try:
-            started = time.monotonic()
-            looks.append((file, look_at(file)))
-            looked += time.monotonic() - started
+def _photographs(
+    source: Source, folder: Path, probes: Path, answer: Callable[..., None]
+) -> tuple[list[str], int, float]:
+    """Names of the pictures in `probes`, how many pictures would be used, and the seconds that preparing all takes."""
+    answer(count=len(source.files))
+    started, shown = time.monotonic(), 0.0
+
+    def on_file(number: int, file: Path, readable: bool) -> None:
+        nonlocal shown
+        began, small = time.monotonic(), f"{number:05d}.jpg" if readable else ""
+        if readable:
             small_picture(file, SIDE, "RGB").save(folder / small, format="JPEG", quality=85)
-            _say(name=name, file=small)
-        except UserError as error:
-            aside[name] = "; ".join(filter(None, (error.what, error.remedy)))
-            _say(name=name, file="")
-    chosen = chosen_looks(source, looks, aside)
-    _say(aside=aside)
-    with tempfile.TemporaryDirectory(prefix="snerg-preview-") as temporary:
-        names = []
-        started = time.monotonic()
-        for i, (file, look) in enumerate(_midst(chosen)):
-            names.append(put(file, look, Path(temporary), file_stems([f"{i}.x"])[0]))
-        looked += (time.monotonic() - started) / max(len(names), 1) * len(chosen)
-        _tell_seconds(Path(temporary), names, len(chosen), looked)
+        answer(name=source.name_of(file), file=small)
+        shown += time.monotonic() - began
+
+    photographs, errors = read_photographs(source, on_file)
+    seconds = time.monotonic() - started - shown
+    chosen, aside = choose(source, photographs, errors)
+    answer(aside=aside)
+    first = max((len(chosen) - PROBED) // 2, 0)
+    probed, started = chosen[first : first + PROBED], time.monotonic()  # that follow one another
+    names = [link_or_convert(photograph, probes, str(i)) for i, photograph in enumerate(probed)]
+    seconds += (time.monotonic() - started) / max(len(names), 1) * len(chosen)
+    return names, len(chosen), seconds
 
 
-def _film(source: Source, folder: Path) -> None:
+def _film(source: Source, folder: Path, probes: Path, answer: Callable[..., None]) -> tuple[list[str], int, float]:
+    """The same of a film."""
     from training.posing.film import glimpse
 
     film = source.files[0]
-    with tempfile.TemporaryDirectory(prefix="snerg-preview-") as temporary:
-        names: list[str] = []
+    names: list[str] = []
 
-        def show(number: int, seconds: float, picture: Image.Image) -> None:
-            small = f"{number:05d}.jpg"
-            if len(names) < PROBED:
-                names.append(small)
-                picture.save(Path(temporary) / small, quality=95)
-            picture.thumbnail((SIDE, SIDE), Image.Resampling.BOX, reducing_gap=2.0)
-            picture.save(folder / small, format="JPEG", quality=85)
-            _say(name=f"{source.name_of(film)} at {seconds:.1f} s", file=small)
+    def show(number: int, seconds: float, picture: Image.Image) -> None:
+        small = f"{number:05d}.jpg"
+        if len(names) < PROBED:
+            names.append(small)
+            picture.save(probes / small, quality=95)
+        picture.thumbnail((SIDE, SIDE), Image.Resampling.BOX, reducing_gap=2.0)
+        picture.save(folder / small, format="JPEG", quality=85)
+        answer(name=f"{source.name_of(film)} at {seconds:.1f} s", file=small)
 
-        count, decoding = glimpse(film, FRAMES, GLIMPSES, lambda frames: _say(count=frames), show)
-        _say(aside={})
-        _tell_seconds(Path(temporary), names, count, decoding)
-
-
-def _midst(items: Sequence[tuple[Path, Look]]) -> Sequence[tuple[Path, Look]]:
-    """PROBED of them that follow one another."""
-    first = max((len(items) - PROBED) // 2, 0)
-    return items[first : first + PROBED]
+    count, decoding = glimpse(film, FRAMES, GLIMPSES, lambda frames: answer(count=frames), show)
+    answer(aside={})
+    return names, count, decoding
 
 
-def _tell_seconds(images: Path, names: Sequence[str], count: int, looked: float) -> None:
+def _estimate(images: Path, names: Sequence[str], count: int, preparing: float, answer: Callable[..., None]) -> None:
     """Times features and matches of some pictures, and estimates those of all; says nothing where COLMAP is not installed."""
     try:
         from training.posing.mapping import measured
@@ -108,34 +101,27 @@ def _tell_seconds(images: Path, names: Sequence[str], count: int, looked: float)
         return
     features, matches = measured(images, names)
     each = features / len(names)
-    _say(seconds={
-        "pictures": looked, "features": each * count,
+    answer(seconds={
+        "pictures": preparing, "features": each * count,
         "matches": matches / how_many_pairs(len(names)) * how_many_pairs(count), "poses": POSES_BY_FEATURES * each * count,
     })  # fmt: skip
 
 
-def _say(**facts: object) -> None:
-    _answers.write(json.dumps(facts) + "\n")
-    _answers.flush()
-
-
 def main() -> int:
     """Entry point; returns the exit status."""
-    threading.Thread(target=end_with_stdin, daemon=True).start()
+    answer = json_answers()
     try:
         source = find_source(Path(sys.argv[1]))
         if source is not None:
-            preview(source, Path(sys.argv[2]))
+            preview(source, Path(sys.argv[2]), answer)
         return 0
     except Exception as error:
         line = str(error) if isinstance(error, UserError) else refusal(error)
         if line is None:
             raise
-        _say(error=line)
+        answer(error=line)
         return 2
 
 
 if __name__ == "__main__":
-    _answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # libraries print what they like
     sys.exit(main())

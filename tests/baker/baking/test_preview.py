@@ -14,8 +14,8 @@ from baker.tuning.joint_loop import shown_psnr
 from console import UserError
 from scenepack import load_pack
 from training.config import QUICK
-from training.journal import read_journal
 from training.loop import train
+from training.metrics_log import read_metrics
 from training.multires.config import MultiresConfig
 from training.run import Run
 
@@ -61,7 +61,7 @@ def test_a_preview_looks_like_the_field_and_says_after_how_many_steps(trained: t
     run, watcher = trained
     pack = preview_pack(run, 60)
     assert pack is not None and pack.view_mlp is not None and max(pack.grid_size) <= 3 * 30
-    of_field = np.mean([r["psnr"] for r in read_journal(run.path / "metrics.jsonl")[-5:] if "psnr" in r])
+    of_field = np.mean([r["psnr"] for r in read_metrics(run.path / "metrics.jsonl")[-5:] if "psnr" in r])
     assert shown_psnr(pack, run.dataset, 0) > of_field - 2.0
     assert pack.metadata["provenance"]["steps"] == CONFIG.steps
     early = load_pack(watcher.out)

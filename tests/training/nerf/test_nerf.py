@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from console import UserError
-from training.arrays import named_leaves
+from training.checkpoints import named_leaves
 from training.config import PAPER, PRESETS, SMALL, TINY, NerfConfig
 from training.dataset import make_dataset
 from training.encoding import encode_points
@@ -18,8 +18,8 @@ from training.metrics import psnr
 from training.nerf.field import apply_field, init_field
 from training.nerf.method import NerfMethod, batch_slices, in_slices
 from training.nerf.render import NerfParams, draw_perturbation, init_nerf
+from training.recorder import render_photograph
 from training.scenes import Scene
-from training.validation import render_photograph
 
 pytestmark = pytest.mark.slow
 

@@ -12,11 +12,10 @@ from PIL import Image, ImageFilter
 from console import UserError
 from tests.training.posing.rooms import texture
 from training.posing import pairs as pairs_module
-from training.posing.agreement import similarity
-from training.posing.camera_files import look_at
-from training.posing.choice import blurred, repeated, sharpness, thumbnail
 from training.posing.pairs import OVERLAP, all_pairs, chosen_pairs, how_many_pairs
-from training.posing.prepare import file_stems
+from training.posing.photograph import read_photograph, sharpness, thumbnail
+from training.posing.pose_error import similarity
+from training.posing.prepare import blurred, file_stems, repeated
 
 
 def test_a_blurred_picture_is_told_from_plain_ones_and_from_pictures_of_other_things():
@@ -56,7 +55,7 @@ def test_pictures_of_one_lens_share_a_camera_and_exif_says_its_focal_length(tmp_
         exif[0x010F], exif[0x0110] = "Make", "Model"
         exif.get_ifd(0x8769)[0xA405] = focal
         Image.new("RGB", (120, 90)).save(tmp_path / f"{name}.jpg", exif=exif)
-    a, b, c = (look_at(tmp_path / f"{name}.jpg") for name in "abc")
+    a, b, c = (read_photograph(tmp_path / f"{name}.jpg") for name in "abc")
     assert a.camera == b.camera != c.camera
     assert a.focal == pytest.approx(26 * 150 / 43.27, rel=1e-3) and c.focal == pytest.approx(2 * a.focal)
 
@@ -65,10 +64,12 @@ def test_heic_says_what_to_install_or_is_read(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "a.heic").write_bytes(b"\x00\x00\x00\x18ftypheic" + bytes(64))
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
     with pytest.raises(UserError, match="pip install pillow-heif"):
-        look_at(tmp_path / "a.heic")
+        read_photograph(tmp_path / "a.heic")
     heif = monkeypatch.undo() or pytest.importorskip("pillow_heif", reason="HEIC needs pillow-heif")
     heif.from_pillow(Image.new("RGB", (64, 48), "red")).save(tmp_path / "b.heic")
-    assert look_at(tmp_path / "b.heic").size == (64, 48) and not look_at(tmp_path / "b.heic").as_it_is
+    assert (
+        read_photograph(tmp_path / "b.heic").size == (64, 48) and read_photograph(tmp_path / "b.heic").needs_conversion
+    )
 
 
 def test_few_pictures_are_all_matched_and_of_many_those_that_look_alike(monkeypatch: pytest.MonkeyPatch):

@@ -20,9 +20,9 @@ from baker.commands.make import main as snerg_make
 from console import UserError
 from tests.training.posing.conftest import COUNT, SIDEWAYS, STRANGER, Found, write_photographs, write_stranger
 from tests.training.posing.rooms import SIZE, photograph
-from training.posing import child, find, telling
-from training.posing.agreement import agreement
+from training.posing import child_process, find, rejection_report
 from training.posing.find import find_poses, posed_scene
+from training.posing.pose_error import pose_error
 from training.scenes import Photograph, Scene, load_scene
 from training.scenes.colmap import sparse_points
 from training.scenes.sources import find_source
@@ -43,7 +43,7 @@ def photographs_of(scene: Scene) -> dict[str, Photograph]:
 def test_the_cameras_of_bare_photographs_are_found(found: Found):
     scene = load(found.scene)
     given = replace(scene, splits={"train": tuple(Photograph(n, c, lambda: None) for n, c in found.cameras.items())})  # type: ignore[arg-type, return-value]
-    result = agreement(scene, given)
+    result = pose_error(scene, given)
     assert len(result.names) == COUNT
     assert result.positions.max() < 0.01 and result.degrees.max() < 1.0
     focals = {name: one.camera.fx / one.camera.width for name, one in photographs_of(scene).items()}
@@ -110,7 +110,7 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
     stage = "poses"
     ends: list[subprocess.Popen] = []
     asked: list[tuple[str, float]] = []
-    before = child.ask
+    before = child_process.ask
 
     def interrupted(service: str, request: Any, log: Path, tell: Any) -> Any:
         def stopping(title: str, done: float, total: float) -> None:
@@ -127,7 +127,7 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
         ends.append(popen(*args, **kwargs))
         return ends[-1]
 
-    monkeypatch.setattr(child.subprocess, "Popen", started)
+    monkeypatch.setattr(child_process.subprocess, "Popen", started)
     monkeypatch.setattr(find, "ask", interrupted)
     with pytest.raises(KeyboardInterrupt, match="the same command line continues"):
         find_poses(found.source, tmp_path / "out")
@@ -143,7 +143,7 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
     assert asked[:2] == [("features", COUNT + 1), ("matches", (COUNT + 1) * COUNT / 2)]  # all of which are kept
     first, second = load(found.scene), load(scene)
     # Not to the last bit: COLMAP's matcher may lose some matches, once in hundreds of runs.
-    result = agreement(second, first)
+    result = pose_error(second, first)
     assert len(result.names) == COUNT and result.positions.max() < 0.005 and result.degrees.max() < 0.2
     of_second = photographs_of(second)
     for name, one in photographs_of(first).items():
@@ -197,9 +197,9 @@ def test_photographs_that_show_different_things_are_named(tmp_path: Path):
     with pytest.raises(UserError) as error:
         posed_scene(tmp_path, tmp_path / "out")
     assert "do not overlap enough" in str(error.value) and "8 of 8 match no other: s0.jpg, s1.jpg" in str(error.value)
-    table = (tmp_path / "out" / find.WORK / telling.TABLE).read_text().splitlines()
+    table = (tmp_path / "out" / find.WORK / rejection_report.TABLE).read_text().splitlines()
     assert len(table) == 9 and all(line.split()[1:3] == ["0", "no"] for line in table[1:])
-    said = json.loads((tmp_path / "out" / find.WORK / telling.LEFT_OUT).read_text())
+    said = json.loads((tmp_path / "out" / find.WORK / rejection_report.LEFT_OUT).read_text())
     assert said["left_out"] == {f"s{seed}.jpg": "matches no other" for seed in range(8)}
     assert Path(said["photographs"]) == tmp_path and all(Path(file).is_file() for file in said["files"].values())
 
@@ -231,7 +231,7 @@ def test_a_part_of_the_photographs_must_do(
         (model / "cameras.bin").write_bytes(b"")
         names = request["names"]
         return {"registered": names[:registered], "features": dict.fromkeys(names, 9), "matched": dict.fromkeys(names, 1),
-                "models": [names[:registered]], "still": (0, 9), "points": 1, "error": 0.5}  # fmt: skip
+                "models": [names[:registered]], "is_static": False, "points": 1, "error": 0.5}  # fmt: skip
 
     monkeypatch.setattr(find, "ask", answer)
     with warnings.catch_warnings(record=True) as caught:
@@ -258,21 +258,21 @@ def test_without_pycolmap_it_says_what_to_install(tmp_path: Path, monkeypatch: p
 
 
 def test_a_child_that_dies_is_told_with_its_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(child, "PROGRAM", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+    monkeypatch.setattr(child_process, "PROGRAM", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
     with pytest.raises(UserError, match="SIGKILL"):
-        child.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
+        child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
     full = "raise RuntimeError('database or disk is full')"
     monkeypatch.setattr(
-        child,
+        child_process,
         "PROGRAM",
         f"""
-from training.posing import worker
-def fill(request, tell): {full}
-worker.SERVICES['reconstruct'] = fill
-worker.main()""",
+from training.posing import child_process
+def fill(request, on_progress): {full}
+child_process.SERVICES['reconstruct'] = fill
+child_process.serve()""",
     )
     with pytest.raises(UserError, match="the disk is full"):
-        child.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
-    monkeypatch.setattr(child, "PROGRAM", "raise ValueError('that went wrong')")
+        child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
+    monkeypatch.setattr(child_process, "PROGRAM", "raise ValueError('that went wrong')")
     with pytest.raises(RuntimeError, match="that went wrong"):
-        child.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
+        child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)

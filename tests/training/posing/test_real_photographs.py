@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageFilter
 
 from console import UserError
-from training.posing import find, telling
+from training.posing import find, rejection_report
 from training.posing.find import posed_scene
 from training.scenes import load_scene
 
@@ -43,7 +43,7 @@ def test_photographs_that_share_nothing_are_refused_with_a_table(real_data: Path
                 )
     with pytest.raises(UserError, match=r"do not overlap enough.* match no other: fern0\.jpg, fern1\.jpg"):
         posed_scene(photographs, tmp_path / "out")
-    table = (tmp_path / "out" / find.WORK / telling.TABLE).read_text().splitlines()
+    table = (tmp_path / "out" / find.WORK / rejection_report.TABLE).read_text().splitlines()
     assert len(table) == 9 and all(line.split()[2] == "no" for line in table[1:])
 
 

@@ -16,8 +16,7 @@ from tests.training.posing import turntables
 from tests.training.posing.rooms import cameras, photograph
 from training.posing import find
 from training.posing.find import posed_scene
-from training.posing.stillness import stands_still
-from training.posing.telling import TABLE
+from training.posing.rejection_report import TABLE
 from training.scenes import Scene, load_scene
 from training.scenes.sources import find_source
 
@@ -119,4 +118,6 @@ def test_photographs_of_two_places_are_told_apart_by_name(tmp_path: Path, capsys
 
 
 def test_a_walk_whose_neighbours_hardly_differ_is_no_turntable():
-    assert not stands_still(0, 0) and not stands_still(20, 45) and stands_still(23, 45)
+    from training.posing.mapping import is_static_camera
+
+    assert not is_static_camera(0, 0) and not is_static_camera(20, 45) and is_static_camera(23, 45)

@@ -71,7 +71,7 @@ def pretend(monkeypatch: pytest.MonkeyPatch) -> None:
         names = request["names"]
         assert all(name.isascii() for name in names)  # which is all that COLMAP gets of them
         return {"registered": names, "features": dict.fromkeys(names, 9), "matched": dict.fromkeys(names, 1),
-                "models": [names], "still": (0, 9), "points": 1, "error": 0.5}  # fmt: skip
+                "models": [names], "is_static": False, "points": 1, "error": 0.5}  # fmt: skip
 
     monkeypatch.setattr(find, "ask", answer)
     monkeypatch.setattr(find, "require", lambda source: None)

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image, ImageOps, features
 
 from console import UserError
-from training.posing.camera_files import look_at, put
+from training.posing.photograph import link_or_convert, read_photograph
 from training.scenes import pictures
 from training.scenes.deep_pictures import linear_to_srgb
 from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS
@@ -98,10 +98,10 @@ def test_pictures_of_more_than_8_bits_keep_their_values_posed_and_bare(tmp_path:
     assert np.abs(loaded.astype(int) - RGBA8)[COLOURS[..., 3] > 0.05].max() <= (
         1 if "half" in kind or "exr" in kind else 0
     )
-    look = look_at(path)
+    read = read_photograph(path)
     (tmp_path / "out").mkdir()
-    bare = np.asarray(Image.open(tmp_path / "out" / put(path, look, tmp_path / "out", "b")))
-    assert not look.as_it_is and np.array_equal(bare, loaded)
+    bare = np.asarray(Image.open(tmp_path / "out" / link_or_convert(read, tmp_path / "out", "b")))
+    assert read.needs_conversion and np.array_equal(bare, loaded)
     assert small_picture(path, 15, "RGB").size == (15, 10)
 
 

@@ -1,4 +1,4 @@
-"""How well the cameras of one scene agree with those of another of the same photographs: `python -m training.posing.agreement`.
+"""Pose errors of one scene, given another of the same photographs: `python -m training.posing.pose_error FOUND GIVEN`.
 
 The two frames are aligned by the similarity (scale, rotation, translation) that brings the positions closest together
 (Umeyama, Least-squares estimation of transformation parameters between two point patterns, PAMI 1991).
@@ -20,17 +20,13 @@ FEWEST = 3  # cameras that fix a similarity
 
 
 @dataclass(frozen=True)
-class Agreement:
-    """names: photographs of both scenes. positions: distances [N] between cameras that should stand at one place, as a share
-    of the mean distance of the cameras from their centre. degrees: angles [N] between their rotations.
-    """
-
-    names: tuple[str, ...]
-    positions: np.ndarray
-    degrees: np.ndarray
+class PoseError:
+    names: tuple[str, ...]  # photographs of both scenes
+    positions: np.ndarray  # [N] distances of positions, as a share of the cameras' mean distance from their centre
+    degrees: np.ndarray  # [N] angles between rotations
 
 
-def agreement(found: Scene, given: Scene) -> Agreement:
+def pose_error(found: Scene, given: Scene) -> PoseError:
     """Photographs are paired by the stem of their names. UserError where both scenes share fewer than FEWEST."""
     of_found, of_given = _cameras(found), _cameras(given)
     names = sorted(set(of_found) & set(of_given))
@@ -43,7 +39,7 @@ def agreement(found: Scene, given: Scene) -> Agreement:
     spread = np.linalg.norm(Q[:, :3, 3] - Q[:, :3, 3].mean(axis=0), axis=-1).mean()
     cosine = (np.einsum("nij,nij->n", R @ P[:, :3, :3], Q[:, :3, :3]) - 1) / 2
     degrees = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    return Agreement(tuple(names), np.linalg.norm(moved - Q[:, :3, 3], axis=-1) / spread, degrees)
+    return PoseError(tuple(names), np.linalg.norm(moved - Q[:, :3, 3], axis=-1) / spread, degrees)
 
 
 def similarity(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -69,7 +65,7 @@ def compare(found: Path, given: Path, /) -> None:
         given: Folder of the scene whose cameras are taken as right.
     """
     # As seen from all around: in NDC, a reader turns and scales each scene by its own depths.
-    result = agreement(load_scene(found, spherify=True), load_scene(given, spherify=True))
+    result = pose_error(load_scene(found, spherify=True), load_scene(given, spherify=True))
     print(f"{len(result.names)} photographs in both")
     for name, unit, values in (("positions", "%", 100 * result.positions), ("rotations", "°", result.degrees)):
         numbers = ", ".join(f"{word} {value:.3f} {unit}" for word, value in
@@ -79,7 +75,7 @@ def compare(found: Path, given: Path, /) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(compare, prog="python -m training.posing.agreement", args=args)
+    return run_command(compare, prog="python -m training.posing.pose_error", args=args)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,138 @@
+"""One photograph as a camera or a phone wrote it: upright, 8 bits a channel, its lens by EXIF, how sharp it is.
+
+Notation: a preview is a grey picture float32 [h, w] in [0, 1], its longer side PREVIEW_SIDE pixels or fewer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from training.scenes.pictures import LOSSY, area_average, as_bytes, decoded, read_header, small_picture
+
+PREVIEW_SIDE = 1000
+QUALITY = 95
+# Formats that are used as they are, under these suffixes.
+LINKED = {"JPEG": (".jpg", ".jpeg"), "MPO": (".jpg", ".jpeg"), "PNG": (".png",)}
+MAKE, MODEL, EXIF_IFD, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
+DIAGONAL_35MM = 43.266615  # of 36 × 24 mm; what "35 mm equivalent" refers to
+SAME = 1.5 / 255  # root mean square difference of thumbnails below which two pictures show the same from the same place
+THUMBNAIL = 32
+
+
+@dataclass(frozen=True)
+class PhotographFile:
+    file: Path
+    size: tuple[int, int]  # upright, (width, height) in pixels
+    needs_conversion: bool
+    is_lossy: bool  # converted to JPEG, others to PNG
+    camera: str  # the same for pictures of one camera with one focal length
+    focal: float | None  # in pixels, as EXIF says; None where it does not
+    digest: str  # of the bytes
+    sharpness: float
+    thumbnail: np.ndarray
+
+
+def read_photograph(file: Path) -> PhotographFile:
+    """UserError where it is no readable picture, or nothing is installed that reads it."""
+    header = read_header(file)
+    plain = header.mode in ("RGB", "L") or (header.mode == "RGBA" and header.format == "PNG")
+    named = file.suffix.lower() in LINKED.get(header.format, ())
+    camera, focal = _lens(header.exif, header.size)
+    preview = np.asarray(small_picture(file, PREVIEW_SIDE, "L", at_least=1), np.float32) / 255.0
+    with file.open("rb") as data:
+        digest = hashlib.file_digest(data, "sha256").hexdigest()
+    return PhotographFile(
+        file, header.size, not (plain and named and header.orientation == 1 and not header.deep), header.format in LOSSY,
+        camera, focal, digest, sharpness(preview), thumbnail(preview),
+    )  # fmt: skip
+
+
+def link_or_convert(photograph: PhotographFile, folder: Path, stem: str) -> str:
+    """Puts a photograph into `folder` and returns its name there, `stem` with a suffix. UserError as read_photograph."""
+    file = photograph.file
+    if photograph.needs_conversion:
+        picture = Image.fromarray(as_bytes(decoded(file)))
+        return write_picture(picture, folder, stem, lossy=photograph.is_lossy and picture.mode != "RGBA")
+    name = stem + file.suffix
+    (folder / name).unlink(missing_ok=True)
+    try:
+        os.symlink(file.resolve(), folder / name)
+    except OSError:  # Windows grants links to administrators alone; some file systems know none
+        shutil.copyfile(file, folder / name)
+    return name
+
+
+def write_picture(picture: Image.Image, folder: Path, stem: str, *, lossy: bool) -> str:
+    """Writes a picture as JPEG or PNG without its EXIF; returns its name."""
+    name = f"{stem}.jpg" if lossy else f"{stem}.png"
+    if lossy:
+        picture.save(folder / name, format="JPEG", quality=QUALITY, subsampling=0)
+    else:
+        picture.save(folder / name, format="PNG", compress_level=3)
+    return name
+
+
+def _lens(exif: Any, size: tuple[int, int]) -> tuple[str, float | None]:
+    """What tells cameras apart, and the focal length in pixels, from EXIF."""
+    inner = exif.get_ifd(EXIF_IFD)
+    equivalent, millimetres = (_positive(inner.get(key)) for key in (FOCAL_35MM, FOCAL_MM))
+    words = [str(exif.get(key, "")).strip("\0 ") for key in (MAKE, MODEL)]
+    camera = "/".join([f"{size[0]}x{size[1]}", *words, f"{millimetres or 0:g}mm", f"{equivalent or 0:g}mm"])
+    focal = equivalent * float(np.hypot(*size)) / DIAGONAL_35MM if equivalent else None
+    return camera, focal if focal is None or 0.2 < focal / max(size) < 20 else None
+
+
+def _positive(value: object) -> float | None:
+    with contextlib.suppress(TypeError, ValueError, ArithmeticError):
+        number = float(value)  # type: ignore[arg-type]
+        return number if np.isfinite(number) and number > 0 else None
+    return None
+
+
+# --- what a preview tells ---------------------------------------------------------------------------------------------
+
+
+def sharpness(preview: np.ndarray) -> float:
+    """Variance of second differences at half the preview's scale, by that at a quarter: detail that a blur takes away, by detail
+    that it leaves. Light, contrast and what is shown count little. The lesser of both directions, for a camera that moved.
+
+    It has no unit and says something only beside that of pictures of the same things.
+    """
+    half = _halved(preview)
+    fine, coarse = _curvature(half), _curvature(_halved(half))
+    return min(a / (b + 1e-7) for a, b in zip(fine, coarse, strict=True))
+
+
+def _halved(picture: np.ndarray) -> np.ndarray:
+    """Means of 2 × 2 pixels."""
+    height, width = (side // 2 * 2 for side in picture.shape)
+    rows = picture[:height:2, :width] + picture[1:height:2, :width]
+    return (rows[:, ::2] + rows[:, 1::2]) / 4.0
+
+
+def _curvature(picture: np.ndarray) -> list[float]:
+    """Variance of second differences along rows, and along columns; 0 for pictures of a few pixels."""
+    differences = (np.diff(picture, 2, axis=axis) for axis in (1, 0))
+    return [float(values.var()) if values.size else 0.0 for values in differences]
+
+
+def thumbnail(preview: np.ndarray) -> np.ndarray:
+    """The preview as float32 [THUMBNAIL, THUMBNAIL]."""
+    height, width = (min(THUMBNAIL, side) for side in preview.shape)
+    out = np.zeros((THUMBNAIL, THUMBNAIL), np.float32)
+    out[:height, :width] = area_average(area_average(preview, height, 0), width, 1)
+    return out
+
+
+def same_view(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two thumbnails show the same from the same place."""
+    return float(np.sqrt(np.mean((a - b) ** 2))) < SAME
