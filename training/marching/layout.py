@@ -47,10 +47,6 @@ class Layout(Boxed, Protocol):
         """int32 [...]: the code of the cell at g [..., 3]: 0 without support, else 1 + optical depth of one step."""
         ...
 
-    def corners(self, g: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Where the 8 voxels around g [N, 3] are stored, int32 [N, 8], and their trilinear weights [N, 8]."""
-        ...
-
 
 def depth_where(transmittance: float) -> int:
     """The optical depth, in 1 / DEPTH_UNITS, behind which no more than this share of the light arrives."""

@@ -1,12 +1,9 @@
-"""A sparse voxel grid: only occupied voxels own a row of raw values.
+"""Which voxels of a grid are occupied: a training.marching.layout.Layout.
 
 Notation: a grid of dims (Dx, Dy, Dz) voxels starts at `origin`; voxel i covers [i, i+1) in grid coordinates
-g = (p - origin) / voxel and its value sits at its centre, i + 0.5. Voxels may be deeper than wide (NDC scenes: depth
-there is disparity, which cameras side by side tell less finely than directions). `rows` [V + 1, 8] holds raw
-density, 3 diffuse colours and 4 features; row 0 stands for every absent voxel. `lookup` maps a voxel, padded
-by one on every side, to its row: flat int32, x fastest. Direct optimisation of such a grid follows Plenoxels (Fridovich-Keil
-et al. 2022); the raw values are interpolated first and activated afterwards, as DVGO (Sun et al. 2022) found to give sharper
-surfaces.
+g = (p - origin) / voxel and its value sits at its centre, i + 0.5. Occupied voxels are numbered from 1, in z, y, x order: their
+rows in any table, whose row 0 stands for every absent voxel. `lookup` maps a voxel, padded by one on every side, to its row:
+flat int32, x fastest.
 """
 
 from __future__ import annotations
@@ -17,10 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, blend, coarse_cell, flat_index, trilinear_weights
+from training.marching.layout import COARSE, DEEPEST, DEPTH_UNITS, coarse_cell, flat_index
 from training.memory import aligned
-
-CHANNELS = 8  # raw density, rgb, 4 features
 
 
 class GridLayout(NamedTuple):
@@ -41,19 +36,17 @@ class GridLayout(NamedTuple):
     coarse: jax.Array
     coarse_dims: jax.Array
 
-    def base_cell(self, g: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """The padded flat index of the lowest of the 8 voxels around g [N, 3], and the trilinear fractions [N, 3]."""
-        lower = jnp.floor(g - 0.5)
-        cell = jnp.clip(lower.astype(jnp.int32) + 1, 0, self.dims)
-        return flat_index(cell, self.dims + 2), g - 0.5 - lower
+    def _cell(self, g: jax.Array) -> jax.Array:
+        """The padded flat index of the lowest of the 8 voxels around g [N, 3]."""
+        return flat_index(jnp.clip(jnp.floor(g - 0.5).astype(jnp.int32) + 1, 0, self.dims), self.dims + 2)
 
     def has_support(self, g: jax.Array) -> jax.Array:
         """bool [N]: whether any present voxel interpolates the points g [N, 3] (grid coordinates, inside the box)."""
-        return self.support[self.base_cell(g)[0]] > 0
+        return self.support[self._cell(g)] > 0
 
     def optical_depth(self, g: jax.Array) -> jax.Array:
         """int32 [N]: optical depth of one step at g [N, 3] in units of 1 / DEPTH_UNITS, plus 1; 0 without support."""
-        return self.support[self.base_cell(g)[0]].astype(jnp.int32)
+        return self.support[self._cell(g)].astype(jnp.int32)
 
     def near_content(self, g: jax.Array) -> jax.Array:
         """bool [...]: whether content may lie within COARSE/2 voxels of g [..., 3]; False only where none does."""
@@ -63,19 +56,6 @@ class GridLayout(NamedTuple):
         """Row int32 [N] of the voxel that each of the points g [N, 3] lies in; 0 where it is absent."""
         cell = jnp.clip(jnp.floor(g).astype(jnp.int32) + 1, 0, self.dims + 1)
         return self.lookup[flat_index(cell, self.dims + 2)]
-
-    def corners(self, g: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Rows int32 [N, 8] of the voxels around g [N, 3], and their trilinear weights [N, 8]."""
-        base, f = self.base_cell(g)
-        x, y = self.dims[0] + 2, self.dims[1] + 2
-        offsets = jnp.stack([dz * x * y + dy * x + dx for dz in (0, 1) for dy in (0, 1) for dx in (0, 1)])
-        return self.lookup[base[:, None] + offsets], trilinear_weights(f)
-
-
-def interpolate(rows: jax.Array, layout: GridLayout, g: jax.Array) -> jax.Array:
-    """Trilinear raw values [N, CHANNELS] at grid coordinates g [N, 3]."""
-    ids, weights = layout.corners(g)
-    return blend(rows[ids], weights)
 
 
 def build_layout(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | float) -> GridLayout:
