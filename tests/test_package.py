@@ -38,8 +38,7 @@ def test_extras_of_jax_are_called_as_jax_calls_them() -> None:
 def test_what_the_viewer_looks_for_is_what_the_extra_train_brings() -> None:
     brought = {re.split(r"[>=\[]", entry)[0] for entry in [*EXTRAS["train"], *PROJECT["dependencies"]]}
     assert set(PARTS) <= brought
-    only_faster = {"numba"}  # without it JAX computes the steps, and one line says what would be faster
-    assert {re.split(r"[>=\[]", entry)[0] for entry in EXTRAS["train"]} - only_faster <= set(PARTS)
+    assert {re.split(r"[>=\[]", entry)[0] for entry in EXTRAS["train"]} <= set(PARTS)
 
 
 @pytest.fixture

@@ -40,8 +40,6 @@ def import_libraries() -> None:
     _check_flags()
     with _told_by_variable("JAX", JAX):
         importlib.import_module("jax")
-    if importlib.util.find_spec("numba") is None:
-        return
     if (value := os.environ.get("NUMBA_DISABLE_JIT", "")) not in OFF:
         raise _problem("NUMBA_DISABLE_JIT", value, "training and baking need Numba's compiler")
     with _told_by_variable("Numba", NUMBA), warnings.catch_warnings():

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from baker.baking.culling import TAU_ALPHA, TAU_VIS
+from baker.baking.presets import CHANGES, BakePreset, FineTune
 from baker.baking.supersample import Supersampling
-from baker.tuning.choice import FineTune
 from baker.tuning.fine_tune import EPOCHS, FINE_TUNE_PIXELS
 from baker.tuning.pruning import TAU_WEIGHT
 from console import UserError
@@ -64,3 +65,8 @@ class BakeConfig:
                 raise UserError(
                     what, where=f"--{name.replace('_', '-')}", expected=f"{low} to {high}", found=str(value)[:40]
                 )
+
+
+def preset_config(preset: BakePreset, resolution: int, **changes: Any) -> BakeConfig:
+    """The settings of a preset at a resolution, some of them changed."""
+    return BakeConfig(resolution, **{**CHANGES[preset], **changes})

@@ -19,9 +19,8 @@ from baker.baking.field_query import FieldQuery, Occupied
 from baker.baking.grid import BakeGrid, to_training
 from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
 from training.dataset import RayDataset
-from training.marching.batches import until_complete
 from training.marching.layout import COARSE, depth_where, segments_across
-from training.marching.march import MarchSizes, march, transmittance
+from training.marching.march import MarchSizes, march, transmittance, until_complete
 from training.marching.rays import in_grid_frame, to_grid
 from training.marching.sparse_grid import GridLayout, build_layout, cell_means, dilate, with_depths
 

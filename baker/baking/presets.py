@@ -19,10 +19,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
-    from baker.baking.config import BakeConfig  # JAX
     from training.scenes import Scene
 
 BakePreset = Literal["snerg", "paper"]
+FineTune = Literal["auto", "none", "view-mlp", "all", "compact"]  # what is tuned after baking
 NAMES: tuple[BakePreset, ...] = get_args(BakePreset)
 SYNTHETIC_RESOLUTION, REAL_RESOLUTION = 1000, 1300
 UNLIMITED = 2**31 - 1
@@ -39,10 +39,3 @@ CHANGES: Mapping[BakePreset, Mapping[str, Any]] = {
 def paper_resolution(scene: Scene) -> int:
     """Voxels along the longest side that the paper takes for a scene: "slightly larger than the size of the training images"."""
     return SYNTHETIC_RESOLUTION if scene.kind == "blender" else REAL_RESOLUTION
-
-
-def preset_config(preset: BakePreset, resolution: int, **changes: Any) -> BakeConfig:
-    """The settings of a preset at a resolution, some of them changed."""
-    from baker.baking.config import BakeConfig
-
-    return BakeConfig(resolution, **{**CHANGES[preset], **changes})

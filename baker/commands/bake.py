@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from baker.tuning.choice import FineTune
+from baker.baking.presets import FineTune
 from console import UserError, run_command
 from console.arguments import join_negative_values
 from scenepack.constants import CodecName

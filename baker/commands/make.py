@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from baker.tuning.choice import FineTune
+from baker.baking.presets import FineTune
 from console import Notice, UserError, run_command
 from console.arguments import join_negative_values
 from console.python_command import module_command

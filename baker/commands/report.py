@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from baker.tuning.choice import FineTune
+from baker.baking.presets import FineTune
 from console import UserError, check_results, run_command, write_json, write_text
 from console.arguments import parse_size
 from training.libraries import begin_libraries

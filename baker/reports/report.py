@@ -19,18 +19,16 @@ import jax
 import numpy as np
 
 from baker.baking.config import BLOCK_SIZE
-from baker.baking.presets import BakePreset, paper_resolution
+from baker.baking.presets import BakePreset, FineTune, paper_resolution
 from baker.reports import tables
 from baker.reports.fields import OWN, row_of
 from baker.reports.figures import FIGURES, draw_figure
-from baker.reports.float_pictures import require_compiled_loops
 from baker.reports.pages import FIGURES_NAME, report_text
 from baker.reports.performance import Drawing, performance_table, resolution_table
 from baker.reports.plots import draw_report_plots
 from baker.reports.published import NAMES, whose
 from baker.reports.real_scenes import real_table
 from baker.reports.study import Study
-from baker.tuning.choice import FineTune
 from console import UserError
 from console.atomic import write_file
 from scenepack.constants import MAX_BLOCK_INDEX
@@ -72,8 +70,6 @@ def write_tables(study: Study, chosen: Sequence[str], wanted: Wanted) -> None:
     UserError, before anything is baked, where a resolution cannot be.
     """
     _check_resolutions([study.resolution, *wanted.resolutions])
-    if {"quality", "storage"} & set(chosen):
-        require_compiled_loops()
     document = _begun(study)
     makers = {
         "quality": lambda: tables.quality_table(study, wanted.rungs),

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from baker.baking.bake import bake_floats, work_key
-from baker.baking.config import BakeConfig
-from baker.baking.presets import BakePreset, preset_config
+from baker.baking.config import BakeConfig, preset_config
+from baker.baking.presets import BakePreset
 from baker.baking.to_pack import bake_to
 from baker.reports.evaluation import Drawn, evaluate
 from baker.reports.float_pictures import float_pictures

@@ -14,7 +14,7 @@ from typing import Any
 
 import jax
 
-from baker.baking.presets import BakePreset
+from baker.baking.presets import BakePreset, FineTune
 from baker.reports import published
 from baker.reports.codec_report import LADDER, measured
 from baker.reports.cross_sections import draw_sections, section, shares
@@ -22,7 +22,6 @@ from baker.reports.fields import OWN, label_of, row_of
 from baker.reports.missing import train_command
 from baker.reports.pack_compare import stored_bytes
 from baker.reports.study import Baked, Study
-from baker.tuning.choice import FineTune
 from scenepack import Pack, open_pack
 from scenepack.report import pack_facts
 from training.metrics_log import read_metrics

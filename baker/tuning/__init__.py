@@ -1,0 +1,15 @@
+"""What improves a pack after it is baked: pruning, and fine-tuning of the view MLP and the voxels. Compiled by Numba.
+
+marcher      rays through a pack             cells, gradients, tuner, joint_loop   voxels and view MLP tuned together
+shading      accumulated rays as pictures    fine_tune                             the view MLP alone
+pruning, sighting, hidden                    voxels that no photograph shows
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import training.multires.fused
+from training.multires.fused.compiled import keep_compiled_code
+
+keep_compiled_code(Path(__file__).parent, Path(training.multires.fused.__file__).parent)

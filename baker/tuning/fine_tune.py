@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from baker.tuning.marcher import Accumulated, make_marcher
-from baker.tuning.pack_layout import over_background
+from baker.tuning.marcher import PackMarcher
+from baker.tuning.shading import Accumulated, over_background
 from baker.view_mlp import from_params, to_params
 from scenepack.constants import TRANSMITTANCE_SHADED
 from scenepack.pack import Pack
@@ -86,7 +86,7 @@ def shaded_pixels(
     count, rng = dataset.count, np.random.default_rng(seed)
     ids = rng.permutation(count)[:most_pixels].astype(np.int32) if most_pixels else np.arange(count, dtype=np.int32)
     ids.sort()  # neighbours read the same memory
-    marcher, parts = make_marcher(pack, dataset), []
+    marcher, parts = PackMarcher(pack, dataset), []
     for start in range(0, len(ids), MARCHED_AT_ONCE):
         part = ids[start : start + MARCHED_AT_ONCE]
 

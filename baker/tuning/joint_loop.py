@@ -1,4 +1,4 @@
-"""The loop around a baker.tuning.tuner.Tuner: which rays, how many at once, for how long, and which state is kept."""
+"""The loop around baker.tuning.tuner.Tuner: which rays, how many at once, for how long, and which state is kept."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.marcher import Accumulated, make_marcher
-from baker.tuning.tuner import Look, make_tuner, psnr_of, squared_error
+from baker.tuning.marcher import PackMarcher
+from baker.tuning.shading import Accumulated, Look, psnr_of, squared_error
+from baker.tuning.tuner import Tuner
 from baker.view_mlp import to_params
 from scenepack.codecs.steps import EXACT, Steps
 from scenepack.pack import Pack
@@ -71,19 +72,16 @@ def joint_tune(
     """The pack with voxels and view MLP refined, and figures: PSNR on held-out rays and samples a ray, before and after. The
     arrays of `pack` are changed. Given up early where held-out views lose more than they may regain.
 
-    by_opacity: errors are weighted by the pack's own opacity (see baker.tuning.tuner.Look). A pack that no ray to train on meets
-    comes back as it is, without figures.
+    by_opacity: see baker.tuning.shading.Look. A pack that no ray to train on meets comes back as it is, without figures.
     """
     if on_share:
         on_share(0.0, "choosing rays")
     every = np.arange(dataset.count, dtype=np.int32)
-    hits = every[make_marcher(pack, dataset).meets(every)]
+    hits = every[PackMarcher(pack, dataset).meets(every)]
     trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
     if not len(trained_on):
         return pack, {}
-    tuner = make_tuner(
-        pack, dataset, config.cell or cell_for(pack, len(hits)), by_opacity=by_opacity, steps=config.steps
-    )
+    tuner = Tuner(pack, dataset, config.cell or cell_for(pack, len(hits)), by_opacity=by_opacity, steps=config.steps)
     tuner.fill(trained_on, config.samples, config.seed)
     steps = config.passes * len(trained_on) / tuner.rays
     if steps < LEAST_STEPS:  # of few rays there are more steps, each with fewer
@@ -127,7 +125,7 @@ def joint_tune(
 def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool = False) -> float:
     """PSNR (dB) of what the viewer shows of the pack, over a random HELD_OUT_RAYS of the training rays."""
     ids = np.sort(np.random.default_rng(seed).permutation(dataset.count)[:HELD_OUT_RAYS]).astype(np.int32)
-    marched = make_marcher(pack, dataset).accumulate(ids)
+    marched = PackMarcher(pack, dataset).accumulate(ids)
     head, rays = pack.view_mlp and to_params(pack.view_mlp), jnp.asarray(ids)
     error, weight = squared_error(
         Accumulated(*(jnp.asarray(part) for part in marched)), head, dataset.geometry_at(rays).viewdirs,
@@ -142,7 +140,7 @@ def lost_to_steps(pack: Pack, dataset: RayDataset, steps: Steps, seed: int, *, b
     copied = replace(
         pack, atlas_rgba=pack.atlas_rgba.copy(), atlas_features=features
     )  # a tuner works on what it is given
-    tuner = make_tuner(copied, dataset, cell_for(pack, dataset.count), steps=steps)
+    tuner = Tuner(copied, dataset, cell_for(pack, dataset.count), steps=steps)
     rounded = tuner.tuned(tuner.snapshot())
     return shown_psnr(pack, dataset, seed, by_opacity=by_opacity) - shown_psnr(
         rounded, dataset, seed, by_opacity=by_opacity

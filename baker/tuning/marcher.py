@@ -1,81 +1,374 @@
-"""What the baker asks of many training rays through a pack, marched as the viewer marches it; and who answers.
+"""Training rays through a pack, as the viewer marches it: loops on the processor's cores, each ray by one of them.
 
-Rays are told by ids int32 [N] of pixels and `away` float32 [N, 2], in pixels from their centres (None: none).
+Rays are given as ids int32 [N] of pixels and `away` float32 [N, 2], in pixels from their centres (None: none).
+
+Notation: B = block_size + 2; a slot is an occupied macroblock, numbered in the grid's order; a cell of its padded copy lies
+between voxel (x, y, z) and the next along each axis. Cells are told apart 4³ at a time, too, so that empty ones are jumped
+over by whole steps.
 """
+
+# pyright: reportCallIssue=false
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numba import njit
 
+from baker.tuning.shading import Accumulated
+from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.marching.rays import GridFrameRays
+from training.marching.rays import GridFrameRays, GridRays, to_grid
+from training.multires.fused.workers import Workers
 
 OnShare = Callable[[float], None]
 
-
-class Accumulated(NamedTuple):
-    """What the march leaves of N rays: colour [N, 3] and features [N, 4], premultiplied; T [N] behind the last sample.
-    Of NumPy or of JAX."""
-
-    colour: jax.Array
-    features: jax.Array
-    transmittance: jax.Array
+MAX_ALPHA = 1 - 1e-6  # keeps the optical depth of opaque samples finite
+TOGETHER = 65_536  # rays that are made together
+PART = 512  # rays that a worker claims
+LISTED = 16  # samples of a ray that are listed before they are looked at
+CLOSE = 1e-3  # steps: what is left to rounding when a ray jumps over empty space
+MOST_COPIES = 4  # workers that mark light: each has a copy of all voxels
 
 
 class Box(NamedTuple):
-    """A pack's grid in its frame, as training.marching.rays.to_grid asks for it: origin [3], voxel, dims int32 [3]."""
+    """A grid in its frame, as training.marching.rays.to_grid asks for it: origin [3], voxel, dims int32 [3]."""
 
     origin: jax.Array
     voxel: jax.Array
     dims: jax.Array
 
 
-class PackMarcher(Protocol):
-    """rays: the training rays in the pack's frame. box: its grid there. What a marcher has of the pack must stay as it is."""
+def box_of(min_xyz: np.ndarray, voxel_size: float, size: tuple[int, ...]) -> Box:
+    """The box of a grid of `size` (x, y, z) voxels that begins at min_xyz."""
+    return Box(jnp.asarray(min_xyz, jnp.float32), jnp.float32(voxel_size), jnp.asarray(size, jnp.int32))
 
-    rays: GridFrameRays
-    box: Box
+
+def pack_rays(pack: Pack, dataset: RayDataset) -> GridFrameRays:
+    """The training rays as a viewer of the pack would cast them: in its grid frame, from the camera on, without an end."""
+    return GridFrameRays(dataset, jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32))
+
+
+class Tables(NamedTuple):
+    """Where a pack's voxels are.
+
+    slots int32 [bz by bx] of each macroblock, -1 empty; blocks int64 [3] = (bx, by, bz), size: block_size. first int64 [slots]:
+    flat index in the atlas of each copy's first voxel; row, layer: flat steps along y and z there. support uint8
+    [slots, B³]: whether a cell has alpha around it; near uint8 [slots, n³]: the same of 4³ cells. rgba, features uint8 [., 4]:
+    the atlas, flat; features are empty in a diffuse pack.
+    """
+
+    slots: np.ndarray
+    blocks: np.ndarray
+    size: int
+    first: np.ndarray
+    row: int
+    layer: int
+    support: np.ndarray
+    near: np.ndarray
+    rgba: np.ndarray
+    features: np.ndarray
+
+
+class Found(NamedTuple):
+    """Up to LISTED samples of a ray: slot int32, cell int32 [., 3], fraction float32 [., 3] within it, t float32 in voxels.
+
+    Of those that contribute, also at int64: the lowest corner in the atlas; weights float32 [., 8] of the corners; alpha float32.
+    """
+
+    slot: np.ndarray
+    cell: np.ndarray
+    fraction: np.ndarray
+    t: np.ndarray
+    at: np.ndarray
+    weights: np.ndarray
+    alpha: np.ndarray
+
+
+def tables_of(pack: Pack) -> Tables:
+    """The tables of a pack; its atlas is not copied."""
+    _, height, width, _ = pack.atlas_rgba.shape
+    side, occupied = pack.padded_block_size, pack.occupied
+    slots = np.full(occupied.shape, -1, np.int32)
+    slots[occupied] = np.arange(np.count_nonzero(occupied), dtype=np.int32)
+    places = pack.atlas_indices[occupied].astype(np.int64) * side
+    first = (places[:, 2] * height + places[:, 1]) * width + places[:, 0]
+    rgba = np.ascontiguousarray(pack.atlas_rgba).reshape(-1, 4)
+    features = pack.atlas_features
+    features = np.zeros((0, 4), np.uint8) if features is None else np.ascontiguousarray(features).reshape(-1, 4)
+    support = np.zeros((len(first), side**3), np.uint8)
+    near = np.zeros((len(first), (-(-side // 4)) ** 3), np.uint8)
+    mark_support(rgba, first, width, width * height, side, support, near)
+    blocks = np.array(occupied.shape[::-1], np.int64)
+    return Tables(slots.ravel(), blocks, pack.block_size, first, width, width * height, support, near, rgba, features)
+
+
+@njit(nogil=True, cache=True)
+def mark_support(rgba, first, row, layer, side, support, near):
+    """Fills support and near of Tables from the alphas of the atlas."""
+    across = -(-side // 4)
+    for slot in range(len(first)):
+        for z in range(side - 1):
+            for y in range(side - 1):
+                for x in range(side - 1):
+                    at = first[slot] + z * layer + y * row + x
+                    some = rgba[at, 3] | rgba[at + 1, 3] | rgba[at + row, 3] | rgba[at + row + 1, 3]
+                    at += layer
+                    some |= rgba[at, 3] | rgba[at + 1, 3] | rgba[at + row, 3] | rgba[at + row + 1, 3]
+                    if some != 0:
+                        support[slot, (z * side + y) * side + x] = 1
+                        near[slot, ((z >> 2) * across + (y >> 2)) * across + (x >> 2)] = 1
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _wall(origin, direction, low, high):
+    """t at which a ray leaves low … high along one axis."""
+    if direction == 0:
+        return np.float32(3e38)
+    return ((high if direction > 0 else low) - origin) / direction
+
+
+@njit(nogil=True, cache=True)
+def list_samples(tables: Tables, rays, ray, k, room, found):
+    """Lists up to `room` samples with support of a ray, from its k-th place on: how many, and the place to go on from.
+
+    Samples lie at start + 0.5 + k; the ray has no more where fewer than `room` are listed.
+    """
+    origins, directions, starts, ends = rays
+    ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
+    dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+    start, stop = starts[ray], ends[ray]
+    slots, support, near = tables.slots, tables.support, tables.near
+    most_x, most_y, most_z = tables.blocks[0] - 1, tables.blocks[1] - 1, tables.blocks[2] - 1
+    size = np.int64(tables.size)
+    side, across = size + 2, (size + 5) >> 2
+    half = np.float32(0.5)
+    count = 0
+    along = start + half + np.float32(k)
+    while along < stop and count < room:
+        gx, gy, gz = ox + along * dx, oy + along * dy, oz + along * dz
+        bx = min(max(np.int64(gx) // size, 0), most_x)
+        by = min(max(np.int64(gy) // size, 0), most_y)
+        bz = min(max(np.int64(gz) // size, 0), most_z)
+        slot = slots[(bz * (most_y + 1) + by) * (most_x + 1) + bx]
+        x0, y0, z0 = np.float32(bx * size), np.float32(by * size), np.float32(bz * size)
+        if slot < 0:
+            far = np.float32(size)
+            out = min(_wall(ox, dx, x0, x0 + far), _wall(oy, dy, y0, y0 + far), _wall(oz, dz, z0, z0 + far))
+        else:
+            lx, ly, lz = gx - x0 + half, gy - y0 + half, gz - z0 + half  # + 1 for the padding, - 0.5 for the centre
+            x = min(max(np.int64(np.floor(lx)), 0), size)
+            y = min(max(np.int64(np.floor(ly)), 0), size)
+            z = min(max(np.int64(np.floor(lz)), 0), size)
+            if near[slot, ((z >> 2) * across + (y >> 2)) * across + (x >> 2)] != 0:
+                if support[slot, (z * side + y) * side + x] != 0:
+                    found.slot[count] = slot
+                    found.cell[count, 0], found.cell[count, 1], found.cell[count, 2] = x, y, z
+                    found.fraction[count, 0] = lx - np.float32(x)
+                    found.fraction[count, 1] = ly - np.float32(y)
+                    found.fraction[count, 2] = lz - np.float32(z)
+                    found.t[count] = along
+                    count += 1
+                k += 1
+                along = start + half + np.float32(k)
+                continue
+            out = min(_cube(ox, dx, x, x0, size), _cube(oy, dy, y, y0, size), _cube(oz, dz, z, z0, size))
+        k = max(k + 1, np.int64(out - start - half - np.float32(CLOSE)) + 1)
+        along = start + half + np.float32(k)
+    return count, k
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _cube(origin, direction, cell, low, size):
+    """t at which a ray leaves, along one axis, the 4³ cells around `cell`, or the macroblock that begins at `low`."""
+    at = low - np.float32(0.5) + np.float32(cell >> 2 << 2)
+    return _wall(origin, direction, max(at, low), min(at + np.float32(4.0), low + np.float32(size)))
+
+
+@njit(nogil=True, cache=True)
+def list_contributing(tables: Tables, rays, ray, k, found):
+    """The contributing ones of up to LISTED samples of a ray: how many, where to go on, and of how many: fewer are the last."""
+    rgba, first, row, layer = tables.rgba, tables.first, np.int64(tables.row), np.int64(tables.layer)
+    slot, cell, fraction, weights, one = found.slot, found.cell, found.fraction, found.weights, np.float32(1.0)
+    listed, k = list_samples(tables, rays, ray, k, LISTED, found)
+    count = 0
+    for i in range(listed):
+        at = first[slot[i]] + np.int64(cell[i, 2]) * layer + np.int64(cell[i, 1]) * row + np.int64(cell[i, 0])
+        fx, fy, fz = fraction[i, 0], fraction[i, 1], fraction[i, 2]
+        ex, ey, ez = one - fx, one - fy, one - fz
+        weights[count, 0], weights[count, 1] = ez * ey * ex, ez * ey * fx
+        weights[count, 2], weights[count, 3] = ez * fy * ex, ez * fy * fx
+        weights[count, 4], weights[count, 5] = fz * ey * ex, fz * ey * fx
+        weights[count, 6], weights[count, 7] = fz * fy * ex, fz * fy * fx
+        alpha = np.float32(0.0)
+        for corner in range(8):
+            place = at + (corner >> 2) * layer + (corner >> 1 & 1) * row + (corner & 1)
+            alpha += weights[count, corner] * np.float32(rgba[place, 3])
+        alpha *= np.float32(1 / 255)
+        if alpha <= np.float32(ALPHA_CONTRIBUTES):
+            continue
+        found.at[count], found.alpha[count], found.t[count], slot[count] = at, alpha, found.t[i], slot[i]
+        for axis in range(3):
+            cell[count, axis] = cell[i, axis]
+        count += 1
+    return count, k, listed
+
+
+@njit(nogil=True, cache=True)
+def accumulate_rays(tables: Tables, rays, low, high, found, sums):
+    """sums float32 [N, 8] of rays low … high - 1: premultiplied colour and features, and T behind all."""
+    rgba, features, weights = tables.rgba, tables.features, found.weights
+    row, layer, coloured = np.int64(tables.row), np.int64(tables.layer), tables.features.shape[0] > 0
+    total, one = np.empty(8, np.float32), np.float32(1.0)
+    for ray in range(low, high):
+        passed, k, listed = one, np.int64(0), LISTED
+        total[:] = np.float32(0.0)
+        while listed == LISTED and passed > np.float32(TRANSMITTANCE_STOP):
+            count, k, listed = list_contributing(tables, rays, ray, k, found)
+            for i in range(count):
+                scale = passed * np.float32(1 / 255)
+                for corner in range(8):
+                    place = found.at[i] + (corner >> 2) * layer + (corner >> 1 & 1) * row + (corner & 1)
+                    share = weights[i, corner] * scale
+                    for c in range(3):
+                        total[c] += share * np.float32(rgba[place, c])
+                    if coloured:
+                        for c in range(4):
+                            total[3 + c] += share * np.float32(features[place, c])
+                passed *= one - min(found.alpha[i], np.float32(MAX_ALPHA))
+                if passed <= np.float32(TRANSMITTANCE_STOP):
+                    break
+        for c in range(7):
+            sums[ray, c] = total[c]
+        sums[ray, 7] = passed
+
+
+@njit(nogil=True, cache=True)
+def light_rays(tables: Tables, rays, low, high, found, best):
+    """Raises best uint8 [slots, B³] to the T before each sample of rays low … high - 1, where it contributes."""
+    side, one, weights = np.int64(tables.size) + 2, np.float32(1.0), found.weights
+    for ray in range(low, high):
+        passed, k, listed = one, np.int64(0), LISTED
+        while listed == LISTED and passed > np.float32(TRANSMITTANCE_STOP):
+            count, k, listed = list_contributing(tables, rays, ray, k, found)
+            for i in range(count):
+                slot, x, y, z = found.slot[i], found.cell[i, 0], found.cell[i, 1], found.cell[i, 2]
+                local, arriving = (z * side + y) * side + x, np.uint8(np.ceil(np.float32(255) * passed))
+                for corner in range(8):
+                    if weights[i, corner] > 0:
+                        place = local + ((corner >> 2) * side + (corner >> 1 & 1)) * side + (corner & 1)
+                        best[slot, place] = max(best[slot, place], arriving)
+                passed *= one - min(found.alpha[i], np.float32(MAX_ALPHA))
+                if passed <= np.float32(TRANSMITTANCE_STOP):
+                    break
+
+
+@njit(nogil=True, cache=True)
+def half_depth_rays(tables: Tables, rays, low, high, found, depths):
+    """depths float32 [N] of rays low … high - 1: t of the last sample that half of the light or more arrives at."""
+    one, half = np.float32(1.0), np.float32(0.5)
+    for ray in range(low, high):
+        passed, k, listed, depth = one, np.int64(0), LISTED, np.float32(0.0)
+        while listed == LISTED and passed >= half:
+            count, k, listed = list_contributing(tables, rays, ray, k, found)
+            for i in range(count):
+                if passed < half:
+                    break
+                depth = found.t[i]
+                passed *= one - min(found.alpha[i], np.float32(MAX_ALPHA))
+        depths[ray] = depth
+
+
+@njit(nogil=True, cache=True)
+def meeting_rays(tables: Tables, rays, low, high, found, meets):
+    """meets bool [N] of rays low … high - 1: whether any sample has support."""
+    for ray in range(low, high):
+        count, _ = list_samples(tables, rays, ray, np.int64(0), 1, found)
+        meets[ray] = count > 0
+
+
+class PackMarcher:
+    """The training rays through a pack. Its arrays are read, not copied: they must stay as they are.
+
+    rays: the training rays in the pack's frame. box: its grid there.
+    """
+
+    def __init__(self, pack: Pack, dataset: RayDataset) -> None:
+        self.rays, self.tables, self.workers = pack_rays(pack, dataset), tables_of(pack), Workers()
+        self.side = pack.padded_block_size
+        self.box = box_of(pack.min_xyz, pack.voxel_size, pack.grid_size)
+        self.found = [room_for_samples() for _ in range(self.workers.count)]
 
     def meets(self, ids: np.ndarray, away: np.ndarray | None = None) -> np.ndarray:
-        """bool [N]: which rays may meet content; False only where none does."""
-        ...
+        """bool [N]: which rays have a sample with support."""
+        meets = np.zeros(len(ids), bool)
+        self._over(ids, away, meeting_rays, lambda _, low, high: meets[low:high])
+        return meets
 
     def half_depths(self, ids: np.ndarray) -> np.ndarray:
         """float32 [N]: distance along each ray, in voxels, of the last sample that half of the light or more arrives at; 0
         where there is none."""
-        ...
+        depths = np.zeros(len(ids), np.float32)
+        self._over(ids, None, half_depth_rays, lambda _, low, high: depths[low:high])
+        return depths
 
     def light(self, ids: np.ndarray, away: np.ndarray, on_share: OnShare | None = None) -> np.ndarray:
         """uint8 [slots, B, B, B] of the occupied macroblocks' padded copies, in the grid's order: the largest T before a
         sample that a voxel is part of, in units of 1/255 and rounded up; 0 where there is none."""
-        ...
+        copies = [np.zeros(self.tables.support.shape, np.uint8) for _ in range(min(self.workers.count, MOST_COPIES))]
+        self._over(ids, away, light_rays, lambda worker, low, high: copies[worker], on_share, len(copies))
+        best = copies[0]
+        for other in copies[1:]:
+            np.maximum(best, other, out=best)
+        return best.reshape(-1, self.side, self.side, self.side)
 
     def accumulate(self, ids: np.ndarray, on_share: OnShare | None = None) -> Accumulated:
         """What the viewer accumulates along each ray (docs/rendering.md)."""
-        ...
+        sums = np.zeros((len(ids), 8), np.float32)
+        self._over(ids, None, accumulate_rays, lambda _, low, high: sums[low:high], on_share)
+        return Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])  # type: ignore[arg-type]
+
+    def _over(
+        self, ids: np.ndarray, away: np.ndarray | None, look: Callable[..., None],
+        into: Callable[[int, int, int], np.ndarray], on_share: OnShare | None = None, most: int = 1 << 30,
+    ) -> None:  # fmt: skip
+        """Calls look(tables, rays, low, high, found, into(worker, first, last)) for parts of all rays, TOGETHER at a time; low
+        and high count from `first`. most: workers at once."""
+        workers = self.workers if most >= self.workers.count else Workers(most)
+        for first, rays in self._grid_rays(ids, away):
+            last = min(first + TOGETHER, len(ids))
+
+            def share(worker: int, part: int, first: int = first, last: int = last, rays=rays) -> None:
+                low, high = part * PART, min((part + 1) * PART, last - first)
+                look(self.tables, rays, low, high, self.found[worker], into(worker, first, last))
+
+            workers.share(-(-(last - first) // PART), share)
+            if on_share:
+                on_share(last / len(ids))
+
+    def _grid_rays(self, ids: np.ndarray, away: np.ndarray | None) -> Iterator[tuple[int, tuple[np.ndarray, ...]]]:
+        """Origins, directions [R, 3], start and end [R] in voxels, of up to TOGETHER rays at a time, and the first's place."""
+        for first in range(0, len(ids), TOGETHER):
+            some = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)
+            moved = None if away is None else jnp.asarray(away[some])
+            rays = _in_grid(self.box, self.rays, jnp.asarray(ids[some]), moved)
+            yield first, tuple(np.asarray(a) for a in (rays.origins, rays.directions, rays.start, rays.end))
 
 
-def box_of(pack: Pack) -> Box:
-    """The box of a pack's grid."""
-    dims = jnp.asarray(pack.grid_size, jnp.int32)
-    return Box(jnp.asarray(pack.min_xyz, jnp.float32), jnp.float32(pack.voxel_size), dims)
+@jax.jit
+def _in_grid(box: Box, source: GridFrameRays, ids: jax.Array, away: jax.Array | None) -> GridRays:
+    return to_grid(box, source.geometry_at(ids, away))
 
 
-def compiled_loops() -> bool:
-    """Whether packs are marched by compiled loops: on a processor, where Numba is."""
-    return jax.default_backend() == "cpu" and importlib.util.find_spec("numba") is not None
-
-
-def make_marcher(pack: Pack, dataset: RayDataset) -> PackMarcher:
-    """By compiled loops where they are, and by JAX elsewhere; however many devices or processes bake."""
-    # Imported when they are asked for: Numba is heavy, and may be missing.
-    name = "fused.marcher" if compiled_loops() else "jax_marcher"
-    return importlib.import_module(f"baker.tuning.{name}").marcher_of(pack, dataset)
+def room_for_samples() -> Found:
+    """What one worker looks at together."""
+    return Found(
+        np.empty(LISTED, np.int32), np.empty((LISTED, 3), np.int32), np.empty((LISTED, 3), np.float32),
+        np.empty(LISTED, np.float32), np.empty(LISTED, np.int64), np.empty((LISTED, 8), np.float32),
+        np.empty(LISTED, np.float32),
+    )  # fmt: skip

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baker.tuning.marcher import make_marcher
+from baker.tuning.marcher import PackMarcher
 from baker.tuning.sighting import lines_of_sight
 from scenepack.blocks import block_copy, fill_atlas
 from scenepack.codecs.steps import EXACT, Steps
@@ -214,7 +214,7 @@ def _most_of_neighbours(values: np.ndarray, count: int, axis: int) -> np.ndarray
 
 def light_of(pack: Pack, dataset: RayDataset, seed: int, on_share: Callable[[float], None] | None) -> Light | None:
     """The light that arrives at the voxels of a pack in the training photographs; None where they do not see it."""
-    size, side, marcher = pack.block_size, pack.padded_block_size, make_marcher(pack, dataset)
+    size, side, marcher = pack.block_size, pack.padded_block_size, PackMarcher(pack, dataset)
     sight = lines_of_sight(marcher, dataset, seed)
     if sight is None:
         return None

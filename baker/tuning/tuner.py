@@ -10,46 +10,40 @@ For the same reason Adam's denominator has a floor, the mean over all cells: wha
 
     loss = mean over rays of |shown - photograph|²
 
-Notation: K cells, numbered from 1 in the grid's order (z slowest); row 0 of any table of cells stands for what is empty.
+A step marches its rays through the atlas as it is stored, has JAX shade them, walks back along the samples that counted, and
+stores the cells that moved anew. Results do not depend on threads: what is added up is added in the order of the rays.
+
+Notation: R rays of a step, in chunks of CHUNK; K cells, numbered from 1 in the grid's order (z slowest); row 0 of any table of
+cells stands for what is empty.
 """
 
 from __future__ import annotations
 
-import importlib
-from typing import NamedTuple, Protocol
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.marcher import Accumulated, compiled_loops
-from baker.tuning.pack_layout import over_background
+from baker.tuning.cells import BETAS, DEPTHS, TINY, add_slopes, cells_of, move_cells, move_moments, store_cells
+from baker.tuning.gradients import CHUNK, LOG_DENSITY, gather_chunk, slope_chunk, work_for
+from baker.tuning.marcher import LISTED, Box, PackMarcher, room_for_samples
+from baker.tuning.shading import Accumulated, Look, psnr_of, squared_error
+from baker.view_mlp import from_params, to_params
 from scenepack.codecs.steps import EXACT, Steps
-from scenepack.constants import TRANSMITTANCE_SHADED
 from scenepack.pack import Pack
 from training.dataset import RayDataset
+from training.marching.rays import GridFrameRays, to_grid
 from training.method import ViewMlpParams
-from training.view_mlp import apply_view_mlp
+from training.multires.fused.workers import Workers
 
-BETAS = (0.9, 0.99)
-TINY = 1e-12  # keeps Adam's denominator from zero
-TOP = 254.75  # stands for an alpha of 255, whose optical depth would be infinite
 PROBE_RAYS = 4096  # rays whose samples tell how many rays fill a step
-ROOM = 1.15  # of lists over the mean
-
-
-class Look(NamedTuple):
-    """How rays are compared with photographs. ndc: a forward-facing scene. by_opacity: errors are weighted by the pack's own
-    opacity, since photographs also show what lies outside of its box."""
-
-    ndc: bool
-    by_opacity: bool
-
-
-# What is added to a voxel's colour, in coarse steps, before it is rounded down (ordered dithering, in three dimensions), by
-# whether its place in the grid is odd: x + 2 y + 4 z. What is rounded up and down cancels along a ray: on the demo, errors of
-# steps of 4 are 2.6 dB below those of plain rounding. Features, which a view MLP bends, gain nothing by that.
-DITHER = ((np.array([0, 4, 6, 2, 5, 1, 3, 7]) + 0.5) / 8).astype(np.float32)
+PROBED = 96  # contributing samples a ray that a probe has room for, on average
+SPARE = 2.0  # room for samples that contribute, over the mean: a chunk's rays differ
+PART = 8192  # cells that a worker claims
+STORED = 512  # cells that a worker stores at once
 
 
 class Trained(NamedTuple):
@@ -60,69 +54,154 @@ class Trained(NamedTuple):
     head: ViewMlpParams | None
 
 
-class Tuner(Protocol):
-    """rays: how many a step takes; known once `fill` was called."""
+class Looked(NamedTuple):
+    """Rays of a step as baker.tuning.shading.squared_error asks for them, in its order; head: the view MLP."""
 
-    rays: int
+    sums: Accumulated
+    head: ViewMlpParams | None
+    viewdirs: jax.Array
+    target: jax.Array
+    whole: jax.Array
+    background: tuple[float, ...]
+
+
+class Tuner:
+    """It works on the pack's own arrays, which must be writable: a second copy of an atlas of 1000³ is a gigabyte.
+
+    cell: voxels a side of a cell. by_opacity: see Look. steps: of what is stored. rays: how many a step takes; known once
+    `fill` was called.
+    """
+
+    def __init__(
+        self, pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False, steps: Steps = EXACT
+    ) -> None:
+        self.look, self.steps = Look(pack.ndc, by_opacity), steps.channels
+        features = None if pack.atlas_features is None else np.ascontiguousarray(pack.atlas_features)
+        self.pack = replace(pack, atlas_rgba=np.ascontiguousarray(pack.atlas_rgba), atlas_features=features)
+        self.dataset, self.workers = dataset, Workers()
+        self.marcher = PackMarcher(self.pack, dataset)
+        self.tables = self.marcher.tables
+        self.cells = cells_of(pack, self.tables, cell)
+        count = self.cells.count + 1
+        self.delta, self.first, self.second, self.slopes = (np.zeros((count, 8), np.float32) for _ in range(4))
+        self.met = np.zeros(count, np.uint8)
+        self.head = pack.view_mlp and to_params(pack.view_mlp)
+        self.head_moments = [jax.tree.map(jnp.zeros_like, self.head) for _ in range(2)]
+        self.found = [room_for_samples() for _ in range(self.workers.count)]
+        if steps != EXACT:
+            self._store(self.delta, np.arange(1, count, dtype=np.int32))
+        self.rays, self.work = 0, work_for(0, 0)
 
     def fill(self, ids: np.ndarray, samples: int, seed: int) -> None:
         """Sets `rays`, so that a step on such rays takes about so many samples."""
-        ...
+        probe = np.resize(np.random.default_rng(seed).permutation(ids)[:PROBE_RAYS], PROBE_RAYS)
+        self.rays, self.work = PROBE_RAYS, work_for(PROBE_RAYS, CHUNK * PROBED)
+        self._gather(probe)
+        counts = np.diff(self.work.first, axis=1)
+        room = int(SPARE * CHUNK * counts.mean()) + int(counts.max()) + LISTED
+        each = max(self.work.supported.sum() / PROBE_RAYS, 1.0)
+        self.rays = max(int(samples / each) // CHUNK, 1) * CHUNK
+        self.work = work_for(self.rays, room)
 
     def update(self, ids: np.ndarray, rates: np.ndarray, count: int) -> None:
         """One step of Adam on the rays `ids` int32 [rays]; rates float32 [9]: of the 8 parts of delta, and of the view MLP.
         count: steps so far."""
-        ...
+        slopes, head_slope = _slopes(*self._gather(ids), look=self.look)
+        self._follow(np.ascontiguousarray(slopes))
+        self._move(rates[:8] * np.float32(bias_correction(count)))
+        if self.head is not None:
+            self.head, *self.head_moments = _adam_head(
+                self.head, head_slope, *self.head_moments, jnp.float32(rates[8]), jnp.int32(count)
+            )
 
     def score(self, ids: np.ndarray) -> tuple[float, float]:
         """(PSNR of the clamped picture, contributing samples a ray) over the rays `ids`."""
-        ...
+        error = weight = rays = samples = 0.0
+        for start in range(0, len(ids), self.rays):
+            some = ids[start : start + self.rays]
+            looked = self._gather(np.resize(some, self.rays))
+            counts = self.work.whole & (np.arange(self.rays) < len(some))
+            own = _error(*looked._replace(whole=jnp.asarray(counts)), look=self.look)
+            error, weight, rays = error + float(own[0]), weight + float(own[1]), rays + np.count_nonzero(counts)
+            samples += np.diff(self.work.first, axis=1).ravel()[counts].sum()
+        return psnr_of(error, weight), float(samples / max(rays, 1.0))
 
     def snapshot(self) -> Trained:
         """What is trained, as it is now; later steps leave it alone."""
-        ...
+        return Trained(self.delta.copy(), jax.tree.map(np.asarray, self.head))  # type: ignore[arg-type]
 
     def tuned(self, snapshot: Trained) -> Pack:
         """The pack as a snapshot has it. The last that is asked of a tuner."""
-        ...
+        self._store(np.asarray(snapshot.delta), np.arange(1, self.cells.count + 1, dtype=np.int32))
+        head = snapshot.head
+        return self.pack if head is None else replace(self.pack, view_mlp=from_params(head))
+
+    def _gather(self, ids: np.ndarray) -> Looked:
+        """Fills the work's samples and sums of rays `ids` [rays]; what shading them asks for."""
+        *rays, viewdirs, target = _looked_at(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
+        rays = tuple(np.asarray(a) for a in rays)
+
+        def share(worker: int, chunk: int) -> None:
+            low, high = chunk * CHUNK, (chunk + 1) * CHUNK
+            gather_chunk(self.tables, rays, chunk, low, high, self.found[worker], self.work)
+
+        self.workers.share(self.rays // CHUNK, share)
+        sums, whole = jnp.asarray(self.work.sums), jnp.asarray(self.work.whole)
+        sums = Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])
+        return Looked(sums, self.head, viewdirs, target, whole, self.dataset.background)
+
+    def _follow(self, slopes: np.ndarray) -> None:
+        """From slopes of sums to slopes of cells."""
+
+        def share(_: int, chunk: int) -> None:
+            low, high = chunk * CHUNK, (chunk + 1) * CHUNK
+            slope_chunk(self.tables, self.cells, LOG_DENSITY, slopes, chunk, low, high, self.work)
+
+        self.workers.share(self.rays // CHUNK, share)
+        ends = np.linspace(1, self.cells.count + 1, self.workers.count + 1).astype(np.int64)
+
+        def add(_: int, part: int) -> None:
+            add_slopes(self.work, self.slopes, self.met, ends[part], ends[part + 1])
+
+        self.workers.share(self.workers.count, add)
+
+    def _move(self, rates: np.ndarray) -> None:
+        """A step of Adam on the cells that were met, stored."""
+        cells = self.cells.count + 1
+        parts = -(-cells // PART)
+        sums = np.zeros((parts, 2, 8))
+
+        def moments(_: int, part: int) -> None:
+            low, high = part * PART, min((part + 1) * PART, cells)
+            move_moments(self.slopes, self.met, self.first, self.second, sums, part, low, high)
+
+        self.workers.share(parts, moments)
+        total, ever = sums.sum(0)
+        floor = np.sqrt(total / np.maximum(ever, 1)).astype(np.float32)
+        some = np.flatnonzero(self.met).astype(np.int32)
+        self.met[:] = 0
+
+        def move(_: int, part: int) -> None:
+            low, high = part * PART, min((part + 1) * PART, len(some))
+            move_cells(self.delta, self.slopes, self.first, self.second, floor, rates, some, low, high)
+
+        self.workers.share(-(-len(some) // PART), move)
+        self._store(self.delta, some)
+
+    def _store(self, delta: np.ndarray, some: np.ndarray) -> None:
+        def share(_: int, part: int) -> None:
+            low, high = part * STORED, min((part + 1) * STORED, len(some))
+            store_cells(self.cells, DEPTHS, delta, self.steps, some, self.tables.rgba, self.tables.features, low, high)
+
+        self.workers.share(-(-len(some) // STORED), share)
 
 
-def make_tuner(pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False, steps: Steps = EXACT) -> Tuner:
-    """By compiled loops on a processor, where Numba is, and by JAX elsewhere. cell: voxels a side of a cell.
-    steps: of what is stored.
-
-    The pack's arrays must be writable, and may be changed as the tuner goes on.
-    """
-    name = "fused.tuner" if compiled_loops() else "jax_tuner"
-    return importlib.import_module(f"baker.tuning.{name}").tuner_of(
-        pack, dataset, cell, Look(pack.ndc, by_opacity), steps
-    )
-
-
-def shown(
-    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, background: tuple[float, ...], ndc: bool
-) -> jax.Array:
-    """[R, 3] what the viewer makes of accumulated rays (docs/rendering.md, "Shading"), above 1 not yet clamped."""
-    diffuse, features, behind = over_background(sums, background, ndc)
-    if head is None:
-        return diffuse
-    residual = apply_view_mlp(head, diffuse, features, viewdirs)
-    return diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
-
-
-def squared_error(
-    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, target: jax.Array, whole: jax.Array,
-    background: tuple[float, ...], look: Look, *, clamped: bool,
-) -> tuple[jax.Array, jax.Array]:  # fmt: skip
-    """Sum over the rays that are `whole` bool [R], of what they accumulated, and of their weights.
-
-    clamped: as on a screen; else colours below 0 still have a slope.
-    """
-    rgb = shown(sums, head, viewdirs, background, look.ndc)
-    rgb = jnp.clip(rgb, 0, 1) if clamped else jnp.minimum(rgb, 1.0)
-    opacity = jax.lax.stop_gradient(1.0 - sums.transmittance) if look.by_opacity else 1.0
-    weight = jnp.where(whole, opacity, 0.0)
-    return jnp.square(weight[:, None] * (rgb - target)).sum(), jnp.square(weight).sum()
+@jax.jit
+def _looked_at(box: Box, source: GridFrameRays, dataset: RayDataset, ids: jax.Array) -> tuple[jax.Array, ...]:
+    """Rays `ids` in voxels: origins, directions [R, 3], start and end [R]; their viewing directions and colours [R, 3]."""
+    rays = source.geometry_at(ids)
+    grid = to_grid(box, rays)
+    return grid.origins, grid.directions, grid.start, grid.end, rays.viewdirs, dataset.colours_at(ids)
 
 
 def adam_head(
@@ -143,6 +222,20 @@ def bias_correction(count: jax.Array | int) -> jax.Array:
     return jnp.sqrt(1 - BETAS[1] ** steps) / (1 - BETAS[0] ** steps)
 
 
-def psnr_of(error: float, weight: float) -> float:
-    """PSNR of a sum of squared errors over colours of rays of so much weight, in dB."""
-    return float(-10 * np.log10(max(error, 1e-12) / max(3 * weight, 1.0)))
+_error = jax.jit(partial(squared_error, clamped=True), static_argnames="look")
+_adam_head = jax.jit(adam_head)
+
+
+@partial(jax.jit, static_argnames="look")
+def _slopes(
+    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, target: jax.Array, whole: jax.Array,
+    background: tuple[float, ...], look: Look,
+) -> tuple[jax.Array, ViewMlpParams | None]:  # fmt: skip
+    """Slopes of the mean loss with respect to sums, [R, 8] as Work.sums, and to the view MLP."""
+
+    def loss_of(sums: Accumulated, head: ViewMlpParams | None) -> jax.Array:
+        error, weight = squared_error(sums, head, viewdirs, target, whole, background, look, clamped=False)
+        return error / jnp.maximum(weight, 1.0)
+
+    slopes, head_slope = jax.grad(loss_of, argnums=(0, 1))(sums, head)
+    return jnp.concatenate([slopes.colour, slopes.features, slopes.transmittance[:, None]], axis=-1), head_slope

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from baker.reports.evaluation import evaluate, shown_by
-from baker.tuning.pack_layout import accumulate, pack_layout, pack_rays, pack_sizes, pack_voxels
+from baker.tuning.marcher import PackMarcher
 from baker.tuning.pruning import prune
 from scenepack import Pack, save_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
@@ -118,9 +118,7 @@ def test_tuning_looks_past_what_is_nearer_than_near(alone: Scene, seen: RayDatas
     sums = []
     for speck in (True, False):
         pack, _ = ball_pack(alone, speck)
-        rays = pack_rays(pack, seen).geometry_at(jnp.arange(seen.count))
-        found, complete = accumulate(pack_layout(pack), pack_voxels(pack), rays, pack_sizes(pack, 65_536))
-        assert bool(complete.all())
+        found = PackMarcher(pack, seen).accumulate(np.arange(seen.count, dtype=np.int32))
         sums.append(np.asarray(found.colour))
     np.testing.assert_allclose(*sums, atol=1e-5)
 

@@ -16,8 +16,7 @@ import pytest
 from baker.baking import culling
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
-from baker.tuning import jax_marcher, pruning
-from baker.tuning.fused import marcher as fused_marcher
+from baker.tuning import marcher
 from baker.tuning.pruning import prune
 from tests.baker.analytic import ball
 from tests.baker.baking.test_grid_and_culling import baked
@@ -53,12 +52,8 @@ def test_the_products_that_make_training_rays_ask_for_the_highest_precision(data
     assert precisions(program) == ["HIGHEST"]
 
 
-@pytest.mark.parametrize(("marcher", "program"), [(jax_marcher, "_raise_transmittance"), (fused_marcher, "_in_grid")])
-def test_so_do_those_of_culling_and_pruning(
-    marcher: ModuleType, program: str, dataset: RayDataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    culled, pruned = recorded(culling, "_raise_transmittance", monkeypatch), recorded(marcher, program, monkeypatch)
-    monkeypatch.setattr(pruning, "make_marcher", marcher.marcher_of)
+def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    culled, pruned = recorded(culling, "_raise_transmittance", monkeypatch), recorded(marcher, "_in_grid", monkeypatch)
     prune(baked(cull(ball, GRID, dataset), GRID), dataset)
     for programs in (culled, pruned):
         assert len(precisions(programs[0])) >= 3, "rays are made, and moved into the grid's frame"

@@ -1,1 +1,1 @@
-"""Rays through a sparse grid, whichever: the occupancy grid (training.multires) and a baked pack (baker.tuning.pack_layout)."""
+"""Rays through a grid: the occupancy grid (training.multires), and the grid of a bake that is culled (baker.baking.culling)."""

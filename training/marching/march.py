@@ -10,13 +10,17 @@ light does: in a dense scene most of what lies on a ray lies behind the first su
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from training.marching.layout import COARSE, Layout
 from training.marching.rays import GridRays
+
+Output = TypeVar("Output")
 
 
 class MarchSizes(NamedTuple):
@@ -119,3 +123,21 @@ def transmittance(samples: Samples, tau: jax.Array, rays: int, per_ray: int) -> 
     depth = jnp.cumsum(spread.reshape(rays, per_ray), axis=1)
     before = depth.ravel().at[slot].get(mode="fill", fill_value=0.0) - tau
     return jnp.exp(-before), jnp.exp(-depth[:, -1])
+
+
+def until_complete(
+    count: int, size: int, march_some: Callable[[np.ndarray], tuple[Output, jax.Array]]
+) -> Iterator[tuple[int, int, Output]]:
+    """Marches `count` rays, `size` at a time, each until it is whole: (first, one past the last, output) of what is done.
+
+    march_some: places int [size] among the rays, in order and filled up with the last -> its output, and bool [size]: which
+    of them were marched whole (Samples.complete). What follows the first that was not is marched again.
+    """
+    start = 0
+    while start < count:
+        output, complete = march_some(np.minimum(np.arange(start, start + size), count - 1))
+        whole = np.asarray(complete)
+        ready = size if whole.all() else max(int(whole.argmin()), 1)  # a ray that never fits is passed over
+        end = min(start + ready, count)
+        yield start, end, output
+        start = end

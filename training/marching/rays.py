@@ -12,31 +12,24 @@ float32 in TF32, whose 10 bits of fraction move a ray by 0.2 pixels of a photogr
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
+from training.dataset import RayDataset
 from training.marching.layout import Boxed
 from training.method import Rays
 
 
-class RaySource(Protocol):
-    """Whatever makes rays from ids, inside jit: a pytree, such as training.dataset.RayDataset."""
-
-    def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
-        """Rays of int32 ids [N], through places `away` [N, 2] pixels from their centres."""
-        ...
-
-
 class GridFrameRays(NamedTuple):
-    """A RaySource of the training rays in another grid's frame, without an end of their own."""
+    """The training rays in another grid's frame, without an end of their own."""
 
-    source: RaySource
+    source: RayDataset
     grid_T_training: jax.Array
 
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
-        """Rays of int32 ids [N] in the grid frame, begun where they are in training and of any length; see RaySource."""
+        """Rays of int32 ids [N] in the grid frame, begun where they are in training and of any length; see RayDataset."""
         rays = in_grid_frame(self.source.geometry_at(ids, away), self.grid_T_training)
         return rays._replace(far=jnp.full_like(rays.far, jnp.inf))
 

@@ -18,9 +18,8 @@ from jax.sharding import Mesh, NamedSharding
 from training.dataset import RayDataset
 from training.devices import WHOLE, agree, here, put_whole, split
 from training.losses import psnr_of
-from training.marching.batches import until_complete
 from training.marching.layout import COARSE, coarse_cell, flat_index, segments_across
-from training.marching.march import MarchSizes, Samples, march, occupied_segments
+from training.marching.march import MarchSizes, Samples, march, occupied_segments, until_complete
 from training.marching.rays import to_grid
 from training.marching.sparse_grid import coarse_occupancy, dilate
 from training.method import Rays, RenderOutput

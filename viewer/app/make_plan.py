@@ -36,7 +36,7 @@ DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
 KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
 MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may have masks beside them
-PARTS = ("jax", "matplotlib", "optax", "safetensors", "scipy")  # the extra `train`
+PARTS = ("jax", "matplotlib", "numba", "optax", "safetensors", "scipy")  # the extra `train`
 PREVIEWS = f"--previews={EVERY_S}"
 OURS = ("--no-view", "--poses-only", PREVIEWS)  # what a person who types the command leaves out
 MEASURES = True  # the time that a run takes here

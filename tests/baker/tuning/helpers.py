@@ -20,3 +20,9 @@ def pack_of(seed: int = 7, **options: Any) -> Pack:
     features = None if pack.atlas_features is None else np.minimum(pack.atlas_features, 250)
     rgba = np.minimum(pack.atlas_rgba, 250)
     return replace(pack, voxel_size=0.06, min_xyz=-0.5 * size, atlas_rgba=rgba, atlas_features=features)
+
+
+def copied(pack: Pack) -> Pack:
+    """A pack that may be changed."""
+    features = None if pack.atlas_features is None else pack.atlas_features.copy()
+    return replace(pack, atlas_rgba=pack.atlas_rgba.copy(), atlas_features=features)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 
 from baker.baking.culling import cull
 from baker.baking.grid import make_grid
-from baker.tuning import jax_marcher, pruning, sighting
-from baker.tuning.marcher import make_marcher
+from baker.tuning import pruning, sighting
+from baker.tuning.marcher import PackMarcher
 from baker.tuning.pruning import FIRM, THINNEST, UNSEEN, closing_gain, light_of, prune, thin
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
@@ -135,34 +134,6 @@ def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None
     assert np.round(firmer[0]) == 51 and np.all(firmer[1:] >= made[1:]) and np.all(firmer[1:] > 200)
 
 
-def test_early_termination_changes_nothing_but_the_work(dataset, monkeypatch) -> None:
-    pack, _ = hazy_ball(dataset)
-    taken = []
-    march = jax_marcher.march
-
-    def counting(*arguments):
-        samples = march(*arguments)
-        jax.debug.callback(lambda valid: taken.append(int(valid.sum())), samples.valid)
-        return samples
-
-    monkeypatch.setattr(pruning, "make_marcher", jax_marcher.marcher_of)
-    monkeypatch.setattr(jax_marcher, "march", counting)
-    monkeypatch.setattr(sighting, "PILOTS", 64)  # whose marches end late, for they measure
-    monkeypatch.setattr(jax_marcher, "LIGHT_RAYS", 256)  # the last chunk is filled up with one ray
-    found = []
-    for depth_where in (jax_marcher.depth_where, lambda transmittance: None):
-        monkeypatch.setattr(jax_marcher, "depth_where", depth_where)
-        jax.clear_caches()
-        taken.clear()
-        light = light_of(pack, dataset, 0, None)
-        assert light is not None
-        found.append((light.transmittance, sum(taken)))
-    jax.clear_caches()
-    (ended, fewer), (whole, all_of_them) = found
-    assert np.array_equal(ended, whole)
-    assert 0 < fewer < 0.9 * all_of_them
-
-
 def fine_ball(side: int) -> tuple[Pack, np.ndarray]:
     """An opaque ball of RADIUS in a grid of side³ voxels about it, and its outermost voxels' places [N, 3] as z, y, x."""
     voxel = 2.2 * RADIUS / side
@@ -201,7 +172,7 @@ def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_fin
 
 
 def sight_of(pack: Pack, dataset) -> sighting.Sight:
-    sight = sighting.lines_of_sight(make_marcher(pack, dataset), dataset, seed=0)
+    sight = sighting.lines_of_sight(PackMarcher(pack, dataset), dataset, seed=0)
     assert sight is not None
     return sight
 

@@ -1,4 +1,4 @@
-"""Many rays, some at a time: none that meets content is left out, and each is marched until it is whole."""
+"""Rays before they are marched, and many of them some at a time, each until it is whole."""
 
 from __future__ import annotations
 
@@ -7,47 +7,21 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
-from tests.training.marching.grids import ORIGIN, VOXEL, random_rays, random_voxels
-from training.marching import batches
-from training.marching.batches import rays_that_meet, until_complete
-from training.marching.layout import segments_across
-from training.marching.march import MarchSizes, march
+from tests.training.marching.grids import ORIGIN, VOXEL, random_rays
+from training.marching.march import until_complete
 from training.marching.rays import GridFrameRays, to_grid
 from training.marching.sparse_grid import build_layout
 from training.method import Rays
 
 
 class KnownRays(NamedTuple):
-    """A RaySource of rays that are known; `away` moves their origins along x and y."""
+    """Stands in for the dataset that makes the rays."""
 
     rays: Rays
 
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
-        rays = Rays(*(array[ids] for array in self.rays))
-        return rays if away is None else rays._replace(origins=rays.origins.at[:, :2].add(away))
-
-
-@pytest.mark.parametrize("phase", [0.0, 0.5])
-def test_every_ray_with_a_sample_meets_content_and_many_are_spared(phase: float, monkeypatch) -> None:
-    monkeypatch.setattr(batches, "LOOKED_AT", 100)  # 300 rays: three times, and ids in any order
-    layout, source = build_layout(random_voxels() & (np.arange(14) < 4), ORIGIN, VOXEL), KnownRays(random_rays(300))
-    ids = np.random.default_rng(0).permutation(300).astype(np.int32)[:280]
-    segments = segments_across(np.asarray(layout.dims))
-    meets = rays_that_meet(layout, source, ids, segments, phase=phase)
-    grid_rays = to_grid(layout, source.geometry_at(jnp.asarray(ids)))
-    counts = march(layout, grid_rays, jnp.full(280, phase), MarchSizes(segments, 4096, 8192, 64), 1.0).counts
-    assert meets[np.asarray(counts) > 0].all()
-    assert 0.2 < meets.mean() < 0.9
-
-
-def test_rays_beside_their_pixels_are_looked_at_where_they_are() -> None:
-    layout, source = build_layout(random_voxels(), ORIGIN, VOXEL), KnownRays(random_rays(64))
-    ids = np.arange(64, dtype=np.int32)
-    far_away = rays_that_meet(layout, source, ids, 8, away=np.full((64, 2), 50.0, np.float32))
-    here = rays_that_meet(layout, source, ids, 8, away=np.zeros((64, 2), np.float32))
-    assert not far_away.any() and np.array_equal(here, rays_that_meet(layout, source, ids, 8)) and here.any()
+        return Rays(*(array[ids] for array in self.rays))
 
 
 def test_each_ray_is_done_once_and_in_order_however_few_fit() -> None:
@@ -76,7 +50,7 @@ def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_where_they_did() -> 
     grid_T_training = np.eye(4)
     grid_T_training[:3, :3], grid_T_training[:3, 3] = turn, [1.0, -2.0, 0.5]
     rays = random_rays(50)._replace(near=jnp.full(50, 3.0), far=jnp.full(50, 4.0))
-    moved = GridFrameRays(KnownRays(rays), jnp.asarray(grid_T_training, jnp.float32)).geometry_at(jnp.arange(50))
+    moved = GridFrameRays(KnownRays(rays), jnp.asarray(grid_T_training, jnp.float32)).geometry_at(jnp.arange(50))  # type: ignore[arg-type]
     points = np.asarray(rays.origins) + 1.7 * np.asarray(rays.directions)
     expected = points @ turn.T + grid_T_training[:3, 3]
     np.testing.assert_allclose(moved.origins + 1.7 * moved.directions, expected, atol=1e-5)

@@ -1,0 +1,73 @@
+"""Accumulated rays as the viewer shows them (docs/rendering.md, "Shading"), and how far that is from the photographs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scenepack.constants import TRANSMITTANCE_SHADED, UNPREMULTIPLY_GAIN
+from training.method import ViewMlpParams
+from training.view_mlp import apply_view_mlp
+
+
+class Accumulated(NamedTuple):
+    """What the march leaves of N rays: colour [N, 3] and features [N, 4], premultiplied; T [N] behind the last sample.
+    Of NumPy or of JAX."""
+
+    colour: jax.Array
+    features: jax.Array
+    transmittance: jax.Array
+
+
+class Look(NamedTuple):
+    """How rays are compared with photographs. ndc: a forward-facing scene. by_opacity: errors are weighted by the pack's own
+    opacity, since photographs also show what lies outside of its box."""
+
+    ndc: bool
+    by_opacity: bool
+
+
+def over_background(
+    sums: Accumulated, background: tuple[float, ...], ndc: bool
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Diffuse colour [N, 3] over the background, features [N, 4] and T [N] of what was accumulated (docs/rendering.md)."""
+    colour, features, behind = sums
+    if ndc:  # forward-facing: partially un-premultiplied (appendix C.3)
+        alpha = 1.0 - behind
+        gain = jnp.minimum(1.0, UNPREMULTIPLY_GAIN * alpha) / jnp.maximum(alpha, 1e-6)
+        colour, features, behind = colour * gain[:, None], features * gain[:, None], 1.0 - alpha * gain
+    return colour + behind[:, None] * jnp.asarray(background), features, behind
+
+
+def shown(
+    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, background: tuple[float, ...], ndc: bool
+) -> jax.Array:
+    """[R, 3] what the viewer makes of accumulated rays, above 1 not yet clamped."""
+    diffuse, features, behind = over_background(sums, background, ndc)
+    if head is None:
+        return diffuse
+    residual = apply_view_mlp(head, diffuse, features, viewdirs)
+    return diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
+
+
+def squared_error(
+    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, target: jax.Array, whole: jax.Array,
+    background: tuple[float, ...], look: Look, *, clamped: bool,
+) -> tuple[jax.Array, jax.Array]:  # fmt: skip
+    """Sum over the rays that are `whole` bool [R], of what they accumulated, and of their weights.
+
+    clamped: as on a screen; else colours below 0 still have a slope.
+    """
+    rgb = shown(sums, head, viewdirs, background, look.ndc)
+    rgb = jnp.clip(rgb, 0, 1) if clamped else jnp.minimum(rgb, 1.0)
+    opacity = jax.lax.stop_gradient(1.0 - sums.transmittance) if look.by_opacity else 1.0
+    weight = jnp.where(whole, opacity, 0.0)
+    return jnp.square(weight[:, None] * (rgb - target)).sum(), jnp.square(weight).sum()
+
+
+def psnr_of(error: float, weight: float) -> float:
+    """PSNR of a sum of squared errors over colours of rays of so much weight, in dB."""
+    return float(-10 * np.log10(max(error, 1e-12) / max(3 * weight, 1.0)))

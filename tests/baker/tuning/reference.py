@@ -1,0 +1,103 @@
+"""A pack's voxels and training rays in float64, without Numba and JAX: what the marcher and the tuner are held to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from baker.reference_marcher import fetch, march, view_residual
+from baker.tuning.marcher import pack_rays
+from scenepack import Pack
+from scenepack.blocks import block_copy, dense_from_pack
+from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, UNPREMULTIPLY_GAIN
+from scenepack.pack import ViewMlp
+from training.dataset import RayDataset
+
+
+@dataclass(frozen=True)
+class VoxelRays:
+    """Rays in voxels: origins, unit directions [R, 3], first [R]: where they may begin; viewdirs, target [R, 3]."""
+
+    origins: np.ndarray
+    directions: np.ndarray
+    first: np.ndarray
+    viewdirs: np.ndarray
+    target: np.ndarray
+
+
+def voxel_rays(pack: Pack, dataset: RayDataset, ids: np.ndarray, away: np.ndarray | None = None) -> VoxelRays:
+    """Training rays `ids` [R], `away` [R, 2] pixels from the centres of their pixels."""
+    rays = pack_rays(pack, dataset).geometry_at(jnp.asarray(ids), None if away is None else jnp.asarray(away))
+    origins, directions, near = (np.asarray(a, np.float64) for a in (rays.origins, rays.directions, rays.near))
+    length = np.linalg.norm(directions, axis=-1)
+    return VoxelRays(
+        (origins - pack.min_xyz) / pack.voxel_size, directions / length[:, None], near * length / pack.voxel_size,
+        np.asarray(rays.viewdirs, np.float64), np.asarray(dataset.colours_at(jnp.asarray(ids)), np.float64),
+    )  # fmt: skip
+
+
+def sampled(pack: Pack, rays: VoxelRays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Every sample of each ray, [R, S]: t in voxels, alpha (0 where it does not count), T before it (0 behind the last)."""
+    with np.errstate(divide="ignore"):
+        walls = np.stack([-rays.origins / rays.directions, (pack.grid_size - rays.origins) / rays.directions])
+    start, end = np.maximum(walls.min(0).max(-1), rays.first), walls.max(0).min(-1)
+    t = start[:, None] + 0.5 + np.arange(int(np.ceil(np.linalg.norm(pack.grid_size))) + 1)
+    inside = t < end[:, None]
+    places = rays.origins[:, None] + t[..., None] * rays.directions[:, None]
+    alpha = np.zeros(t.shape)
+    alpha[inside] = fetch(pack, places[inside])[0][:, 3]
+    alpha[alpha <= ALPHA_CONTRIBUTES] = 0
+    before = np.cumprod(np.concatenate([np.ones((len(t), 1)), 1 - alpha], axis=1), axis=1)[:, :-1]
+    return t, alpha, np.where(before > TRANSMITTANCE_STOP, before, 0)
+
+
+def cells_of_atlas(pack: Pack, side: int) -> np.ndarray:
+    """int [D, H, W]: of each place in the atlas with alpha, the cell of its voxel: cubes of side³, numbered from 1 in the
+    grid's order; 0 elsewhere."""
+    alpha = dense_from_pack(pack)[0][..., 3]
+    cubes = tuple(i // side for i in np.indices(alpha.shape))
+    dims = [-(-n // side) for n in alpha.shape]
+    some = np.zeros(dims, bool)
+    np.logical_or.at(some, cubes, alpha > 0)
+    numbers = np.where(some, np.cumsum(some).reshape(dims), 0)
+    beyond = [(1, 1 + blocks * pack.block_size - n) for blocks, n in zip(pack.occupied.shape, alpha.shape, strict=True)]
+    dense = np.pad(np.where(alpha > 0, numbers[cubes], 0), beyond)
+    atlas, wide = np.zeros(pack.atlas_rgba.shape[:3], int), pack.padded_block_size
+    for block in np.argwhere(pack.occupied):
+        around = tuple(slice(b * pack.block_size, b * pack.block_size + wide) for b in block)
+        block_copy(pack, atlas, tuple(block))[...] = dense[around]
+    return np.where(pack.atlas_rgba[..., 3] > 0, atlas, 0)
+
+
+def moved(pack: Pack, cells: np.ndarray, delta: np.ndarray) -> Pack:
+    """The pack with the content of its cells moved by delta [K + 1, 8], not rounded: atlases float64."""
+    before = pack.atlas_rgba[..., 3:] / 255.0
+    own, some = delta[cells], np.maximum(before, 1e-6)
+    alpha = 1 - (1 - before) ** np.exp(own[..., 3:4])
+    rgba = 255 * np.concatenate([(pack.atlas_rgba[..., :3] / 255 / some + own[..., :3]) * alpha, alpha], axis=-1)
+    features = pack.atlas_features
+    if features is not None:
+        features = np.where(before > 0, 255 * (features / 255 / some + own[..., 4:]) * alpha, 0)
+    return replace(pack, atlas_rgba=np.where(before > 0, rgba, 0), atlas_features=features)
+
+
+def accumulated(pack: Pack, rays: VoxelRays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Colour [R, 3], features [R, 4] and T [R], as composited."""
+    return march(pack, rays.origins, rays.directions, rays.first)[:3]
+
+
+def shown(
+    pack: Pack, sums: tuple[np.ndarray, np.ndarray, np.ndarray], mlp: ViewMlp | None, rays: VoxelRays, background
+) -> np.ndarray:
+    """[R, 3] what the viewer makes of accumulated rays, not above 1."""
+    colour, features, behind = sums
+    if pack.ndc:
+        alpha = 1 - behind
+        gain = np.minimum(1, UNPREMULTIPLY_GAIN * alpha) / np.maximum(alpha, 1e-6)
+        colour, features, behind = colour * gain[:, None], features * gain[:, None], 1 - alpha * gain
+    rgb = colour + behind[:, None] * np.asarray(background)
+    if mlp is not None:
+        rgb = rgb + view_residual(mlp, rays.viewdirs, rgb, features) * (behind <= TRANSMITTANCE_SHADED)[:, None]
+    return np.minimum(rgb, 1)

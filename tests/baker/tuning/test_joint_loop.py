@@ -1,0 +1,153 @@
+"""Voxels and view MLP tuned together: which rays, for how long, and which state is kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baker.tuning import joint_loop
+from baker.tuning.joint_loop import JointConfig, cell_for, joint_tune, split_by_view
+from baker.tuning.tuner import Tuner
+from scenepack import check_pack
+from scenepack.codecs.steps import Steps
+from tests.baker.tuning.helpers import copied, pack_of
+from training.dataset import RayDataset
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
+
+SAMPLES = 32_768
+
+
+def test_views_are_held_out_whole_and_evenly(dataset: RayDataset) -> None:
+    every = np.arange(dataset.count, dtype=np.int32)
+    pixels = dataset.count // dataset.views
+    trained_on, held_out = split_by_view(every, dataset, 4, seed=0)
+    assert sorted(set(held_out // pixels)) == [2, 6, 10] and not set(trained_on // pixels) & {2, 6, 10}
+    assert len(trained_on) == 9 * pixels and len(held_out) == min(3 * pixels, joint_loop.HELD_OUT_RAYS)
+    for one_in in (0, dataset.views + 1):
+        trained_on, seen = split_by_view(every, dataset, one_in, seed=0)
+        assert np.array_equal(trained_on, every) and set(seen // pixels) == set(range(dataset.views))
+
+
+@pytest.mark.parametrize(("rays", "cell"), [(10_000_000, 2), (2000, 2), (900, 3), (500, 4), (0, 4)])
+def test_cells_are_as_large_as_the_rays_that_meet_them_ask_for(rays: int, cell: int) -> None:
+    pack = pack_of()
+    voxels = np.count_nonzero(pack.atlas_rgba[..., 3])
+    assert cell_for(pack, int(rays * voxels / 1350)) == cell
+
+
+QUICK = JointConfig(passes=2, samples=SAMPLES, rate=20.0, density_rate=0.3, head_rate=1e-2, held_out=4, checks=3)
+
+
+def test_the_same_seed_gives_the_same_pack_so_that_a_bake_that_goes_on_ends_alike(dataset: RayDataset) -> None:
+    pack = pack_of()
+    (one, figures), (two, again) = (joint_tune(copied(pack), dataset, QUICK) for _ in range(2))
+    assert figures == again and figures["held_out_psnr_after"] > figures["held_out_psnr_before"]
+    assert np.array_equal(one.atlas_rgba, two.atlas_rgba) and not np.array_equal(one.atlas_rgba, pack.atlas_rgba)
+    for a, b in zip(one.view_mlp.weights, two.view_mlp.weights, strict=True):  # type: ignore[union-attr]
+        assert np.array_equal(a, b)
+    assert [f for f in check_pack(one) if f.severity in ("warning", "error")] == []
+
+
+def test_a_pass_of_too_many_steps_is_cut_short_and_anneals_all_the_same(dataset: RayDataset, monkeypatch) -> None:
+    rates: list[float] = []
+    update = Tuner.update
+
+    def noting(self, ids, rates_now, count) -> None:
+        rates.append(float(rates_now[0]))
+        update(self, ids, rates_now, count)
+
+    monkeypatch.setattr(Tuner, "update", noting)
+    figures = joint_tune(pack_of(), dataset, replace(QUICK, passes=50, most_steps=3))[1]
+    assert len(rates) == 3 and 0 < figures["passes"] < 50
+    np.testing.assert_allclose(rates[-1] / rates[0], QUICK.final_rate_factor ** (2 / 3), rtol=1e-5)
+
+
+def test_what_is_scored_is_not_what_is_trained_on_first(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without views held out, too: rays that were just trained on score better than others."""
+    trained: list[np.ndarray] = []
+    scored: list[np.ndarray] = []
+    update, score = Tuner.update, Tuner.score
+    monkeypatch.setattr(joint_loop, "HELD_OUT_RAYS", 512)
+    monkeypatch.setattr(joint_loop, "FEWEST_SAMPLES", 4096)
+    monkeypatch.setattr(Tuner, "update", lambda self, ids, *more: (trained.append(ids), update(self, ids, *more))[1])
+    monkeypatch.setattr(Tuner, "score", lambda self, ids: (scored.append(ids), score(self, ids))[1])
+    joint_tune(pack_of(), dataset, replace(QUICK, held_out=0, most_steps=1))
+    assert len(trained) == 1 and len(scored) == 2 and len(scored[0]) == 512
+    assert np.isin(scored[0], trained[0]).mean() < 0.2, "by chance; 0.5 if both were drawn alike"
+
+
+def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(dataset: RayDataset) -> None:
+    pack = pack_of()
+    wild = replace(QUICK, rate=0.0, density_rate=50.0, head_rate=3.0)
+    tuned, figures = joint_tune(copied(pack), dataset, wild)
+    assert figures["held_out_psnr_after"] >= figures["held_out_psnr_before"]
+    if figures["held_out_psnr_after"] == figures["held_out_psnr_before"]:
+        assert np.array_equal(tuned.atlas_rgba, pack.atlas_rgba)
+    spoilt, worse = joint_tune(copied(pack), dataset, replace(wild, held_out=0))
+    assert worse["held_out_psnr_after"] < figures["held_out_psnr_after"], "without held-out views the last state counts"
+    assert not np.array_equal(spoilt.atlas_rgba, pack.atlas_rgba)
+
+
+@pytest.mark.parametrize(
+    ("scores", "held_out", "steps"),
+    [
+        ([30.0, 29.8, 29.8], 4, 2),  # checks at an eighth and two eighths of eight steps
+        ([30.0, 29.7, 29.9] + 6 * [29.95], 4, 8),
+        ([30.0, 29.9, 29.9, 30.1, 29.5], 4, 4),
+        ([30.0] + 8 * [29.0], 0, 8),
+    ],
+)
+def test_tuning_is_given_up_where_held_out_views_have_lost_too_much_after_a_quarter(
+    dataset: RayDataset, monkeypatch: pytest.MonkeyPatch, scores: list[float], held_out: int, steps: int
+) -> None:
+    told: list[tuple[float, str]] = []
+    known = iter(scores)
+    monkeypatch.setattr(Tuner, "score", lambda self, ids: (next(known), 5.0))
+    config = replace(QUICK, passes=50, most_steps=8, checks=8, held_out=held_out)
+    figures = joint_tune(pack_of(), dataset, config, lambda share, text: told.append((share, text)))[1]
+    made = [text for _, text in told if text.startswith("step")]
+    assert len(made) == steps and told[-1][0] == 1.0 and made[-1].startswith(f"step {steps} of 8")
+    assert figures["held_out_psnr_after"] == (scores[8] if not held_out else max(scores[: steps + 1]))
+
+
+@pytest.mark.parametrize(("least", "kept"), [(0.1, False), (0.05, True)])
+def test_tuning_must_gain_what_it_is_asked_for(dataset: RayDataset, monkeypatch, least: float, kept: bool) -> None:
+    known = iter([30.0, 29.95, 30.08, 30.07])
+    monkeypatch.setattr(Tuner, "score", lambda self, ids: (next(known), 5.0))
+    tuned, figures = joint_tune(pack_of(), dataset, replace(QUICK, passes=50, most_steps=3, checks=3, least_gain=least))
+    assert figures["held_out_psnr_after"] == (30.08 if kept else 30.0)
+    assert np.array_equal(tuned.atlas_rgba, pack_of().atlas_rgba) is not kept
+
+
+def test_a_pack_that_no_ray_meets_comes_back_as_it_is(dataset: RayDataset) -> None:
+    pack = replace(pack_of(), min_xyz=np.array([1e3, 1e3, 1e3]))
+    assert joint_tune(pack, dataset, QUICK) == (pack, {})
+
+
+@pytest.mark.parametrize("steps", [Steps(4, 16), Steps(4, 12, 8)])
+def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_as_bright_as_can_be(
+    dataset: RayDataset, steps: Steps
+) -> None:
+    pack = pack_of()
+    empty = pack.atlas_rgba[..., 3] == 0
+    coarse, figures = joint_tune(pack, dataset, replace(QUICK, held_out=0, steps=steps))
+    assert coarse.atlas_features is not None
+    alpha = coarse.atlas_rgba[..., 3:]
+    for values, step in ((coarse.atlas_rgba[..., :3], steps.colour), (coarse.atlas_features, steps.feature)):
+        assert np.all((values % step == 0) | (values == alpha)) and np.any(values % step == 0)
+    assert np.all((alpha % steps.alpha == 0) | (alpha == 255)) and np.array_equal(alpha[..., 0] == 0, empty)
+    assert len(np.unique(alpha)) > 128 // steps.alpha, "opacity is stored in all its steps"
+    fine = joint_tune(pack_of(), dataset, replace(QUICK, held_out=0))[1]
+    assert figures["held_out_psnr_after"] > fine["held_out_psnr_after"] - 0.5
+    assert [f for f in check_pack(coarse) if f.severity in ("warning", "error")] == []
+
+
+def test_a_diffuse_pack_has_its_voxels_tuned(dataset: RayDataset) -> None:
+    pack = pack_of(diffuse=True)
+    tuned, figures = joint_tune(copied(pack), dataset, replace(QUICK, held_out=0))
+    assert tuned.view_mlp is None and tuned.atlas_features is None
+    assert figures["held_out_psnr_after"] > figures["held_out_psnr_before"]
+    assert np.array_equal(tuned.atlas_rgba[..., 3] > 0, pack.atlas_rgba[..., 3] > 0)

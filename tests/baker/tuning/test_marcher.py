@@ -1,0 +1,128 @@
+"""The marcher of a pack finds along training rays what the slow reference finds, taking every sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baker.reference_marcher import render_reference
+from baker.tuning.marcher import PackMarcher
+from scenepack import Pack
+from tests.baker.tuning.reference import VoxelRays, accumulated, sampled, voxel_rays
+from tests.scenepack.random_packs import random_pack
+from training.dataset import RayDataset, make_dataset
+from training.multires.fused.workers import Workers
+from training.scenes import Scene
+from viewer.rendering.camera import ViewCamera
+
+COUNT = 1500
+
+
+def pack_in_view(style: str) -> Pack:
+    """A random pack as large as what the cameras look at."""
+    pack = random_pack(
+        np.random.default_rng(3), block_size=14, grid_blocks=(4, 3, 5), alpha_style="any",
+        style={"diffuse": "blob"}.get(style, style),
+    )  # fmt: skip
+    if style == "diffuse":
+        pack = replace(pack, atlas_features=None, view_mlp=None)
+    size = np.array(pack.grid_size)
+    voxel = 2.0 / size.max()
+    return replace(pack, voxel_size=voxel, min_xyz=-0.5 * size * voxel)
+
+
+@pytest.fixture(scope="module", params=["blob", "noise", "diffuse"])
+def pack(request: pytest.FixtureRequest) -> Pack:
+    return pack_in_view(request.param)
+
+
+@pytest.fixture(scope="module")
+def marcher(pack: Pack, dataset: RayDataset) -> PackMarcher:
+    return PackMarcher(pack, dataset)
+
+
+@pytest.fixture(scope="module")
+def ids(dataset: RayDataset) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, dataset.count, COUNT, np.int32)
+
+
+@pytest.fixture(scope="module")
+def away() -> np.ndarray:
+    return np.random.default_rng(1).uniform(-0.5, 0.5, (COUNT, 2)).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def rays(pack: Pack, dataset: RayDataset, ids: np.ndarray, away: np.ndarray) -> VoxelRays:
+    return voxel_rays(pack, dataset, ids, away)
+
+
+def test_no_ray_that_meets_content_is_said_to_miss_it(
+    pack: Pack, marcher: PackMarcher, rays: VoxelRays, ids: np.ndarray, away: np.ndarray
+) -> None:
+    meets, found = marcher.meets(ids, away), (sampled(pack, rays)[1] > 0).any(1)
+    assert np.mean(found & ~meets) < 1e-3, "but for rays that begin a step apart by rounding"
+    assert 0.1 < meets.mean() < 1 and found.mean() > 0.5 * meets.mean()
+    assert not (np.asarray(marcher.accumulate(ids).transmittance)[~marcher.meets(ids)] < 1).any()
+
+
+def test_what_a_ray_accumulates_is_what_the_reference_accumulates(
+    pack: Pack, marcher: PackMarcher, dataset: RayDataset, ids: np.ndarray
+) -> None:
+    found, known = marcher.accumulate(ids), accumulated(pack, voxel_rays(pack, dataset, ids))
+    assert known[2].min() < 0.5
+    for own, other in zip(found, known, strict=True):
+        off = np.abs(own - other) > 2e-3
+        assert off.mean() < 5e-3, "but for a sample at a threshold, or rays that begin a step apart by rounding"
+
+
+@pytest.mark.parametrize("near", [0.0, 3.9])
+def test_a_photograph_is_seen_as_the_reference_draws_the_pack(scene: Scene, near: float) -> None:
+    alone = replace(scene, near=near, splits={"train": scene.splits["train"][:1]})
+    pack, camera = pack_in_view("blob").with_metadata(near=near), scene.splits["train"][0].camera
+    seen = make_dataset(alone)
+    sums = PackMarcher(pack, seen).accumulate(np.arange(seen.count, dtype=np.int32))
+    truth = render_reference(pack, ViewCamera.from_scene_camera(pack, camera), background=(0.0, 0.0, 0.0))
+    shape = truth.alpha.shape
+    assert truth.alpha.max() > 0.2
+    close = np.abs(np.asarray(sums.colour).reshape(*shape, 3) - truth.diffuse).max(-1) < 2e-3
+    assert close.mean() > 0.99, "float32 against float64: a sample at a threshold may fall either way"
+    assert np.abs(np.asarray(sums.features).reshape(*shape, 4) - truth.features)[close].max() < 6e-3
+    assert np.abs(1 - np.asarray(sums.transmittance).reshape(shape) - truth.alpha)[close].max() < 6e-3
+
+
+def test_the_light_of_every_sample_arrives_at_the_voxels_around_it(
+    pack: Pack, marcher: PackMarcher, rays: VoxelRays, ids: np.ndarray, away: np.ndarray
+) -> None:
+    t, alpha, before = sampled(pack, rays)
+    ray, k = np.nonzero((alpha > 0) & (before > 0))
+    at = rays.origins[ray] + t[ray, k, None] * rays.directions[ray]
+    block = np.clip(np.floor(at / pack.block_size).astype(int), 0, np.array(pack.grid_blocks) - 1)
+    slots = np.cumsum(pack.occupied).reshape(pack.occupied.shape) - 1
+    low = np.floor(at - block * pack.block_size + 0.5).astype(int)
+    shares: list[float] = []
+    found = marcher.light(ids, away, shares.append)
+    known = np.zeros(found.shape, int)
+    for corner in np.ndindex(2, 2, 2):  # z, y, x
+        x, y, z = np.minimum(low + corner[::-1], pack.padded_block_size - 1).T
+        np.maximum.at(known, (slots[tuple(block.T[::-1])], z, y, x), np.ceil(255 * before[ray, k]).astype(int))
+    assert known.any() and shares[-1] == 1.0
+    assert np.mean(np.abs(found - known) > 1) < 5e-3, "but for samples at a threshold, or on a face between voxels"
+
+
+def test_half_of_the_light_arrives_as_deep_as_it_should(
+    pack: Pack, marcher: PackMarcher, dataset: RayDataset, ids: np.ndarray
+) -> None:
+    t, alpha, before = sampled(pack, voxel_rays(pack, dataset, ids))
+    known = np.where((alpha > 0) & (before >= 0.5), t, 0).max(1)
+    assert np.mean(np.abs(marcher.half_depths(ids) - known) > 1e-2) < 5e-3 and known.max() > 1
+
+
+def test_threads_change_nothing(marcher: PackMarcher, ids: np.ndarray, away: np.ndarray) -> None:
+    light, sums, workers = marcher.light(ids, away), marcher.accumulate(ids), marcher.workers
+    marcher.workers = Workers(1)
+    assert np.array_equal(marcher.light(ids, away), light)
+    for one, many in zip(marcher.accumulate(ids), sums, strict=True):
+        assert np.array_equal(one, many)
+    marcher.workers = workers

@@ -1,0 +1,288 @@
+"""A step of the tuner: the gradient past the rounding, what is stored in every copy, and that threads change nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from baker.tuning import joint_loop
+from baker.tuning import tuner as tuner_module
+from baker.tuning.cells import BETAS, cells_of
+from baker.tuning.gradients import CHUNK, work_for
+from baker.tuning.marcher import room_for_samples, tables_of
+from baker.tuning.tuner import Tuner
+from scenepack import Pack, check_pack
+from scenepack.codecs.steps import EXACT, Steps
+from scenepack.pack import ViewMlp
+from tests.baker.tuning.helpers import copied, pack_of
+from tests.baker.tuning.reference import accumulated, cells_of_atlas, moved, shown, voxel_rays
+from training.dataset import RayDataset
+from training.multires.fused.workers import Workers
+
+SAMPLES = 32_768
+RATES = np.array([*[4e-3] * 3, 0.03, *[4e-3] * 4, 1e-3], np.float32)
+COARSE = Steps(4, 16)
+ALL_COARSE = Steps(4, 16, 4)
+
+
+def tuner_of(pack: Pack, dataset: RayDataset, cell: int = 4, **options: Any) -> tuple[Tuner, np.ndarray]:
+    """A tuner that is ready for steps, and the rays that meet its pack."""
+    tuner = Tuner(pack, dataset, cell, **options)
+    every = np.arange(dataset.count, dtype=np.int32)
+    ids = every[tuner.marcher.meets(every)]
+    tuner.fill(ids, SAMPLES, 0)
+    return tuner, ids
+
+
+def drawn(ids: np.ndarray, tuner: Tuner, seed: int = 1) -> np.ndarray:
+    return np.resize(np.random.default_rng(seed).choice(ids, 2048), tuner.rays).astype(np.int32)
+
+
+def slopes_of(tuner: Tuner) -> tuple[np.ndarray, list[np.ndarray]]:
+    """The gradient of a tuner's first step, of cells [K + 1, 8] and of the view MLP: weights, then biases."""
+    head = [np.asarray(a) / (1 - BETAS[0]) for a in jax.tree.leaves(tuner.head_moments[0])]
+    return tuner.first / (1 - BETAS[0]), head
+
+
+# --- the gradient ---
+
+
+@pytest.mark.parametrize("style", ["object", "diffuse", "forward", "by opacity", "cells of 1"])
+def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded(
+    dataset: RayDataset, style: str
+) -> None:
+    """The loss in float64, by the reference marcher: (L(x + h v) - L(x - h v)) / 2 h against the gradient along v."""
+    pack = replace(pack_of(diffuse=style == "diffuse"), ndc=style == "forward")
+    tuner, ids = tuner_of(copied(pack), dataset, 1 if style == "cells of 1" else 4, by_opacity=style == "by opacity")
+    tuner.rays, tuner.work = CHUNK, work_for(CHUNK, 200 * CHUNK)
+    some = drawn(ids, tuner)
+    tuner.update(some, RATES, 0)
+    assert tuner.work.whole.all()
+    slopes, head_slopes = slopes_of(tuner)
+    cells, rays = cells_of_atlas(pack, tuner.cells.side), voxel_rays(pack, dataset, some)
+    assert cells.max() == tuner.cells.count and not slopes[0].any()
+    before = accumulated(pack, rays)
+    weight = 1 - before[2] if style == "by opacity" else np.ones(CHUNK)
+
+    def loss(sums: tuple[np.ndarray, np.ndarray, np.ndarray], mlp: ViewMlp | None) -> float:
+        off = weight[:, None] * (shown(pack, sums, mlp, rays, dataset.background) - rays.target)
+        return np.square(off).sum() / np.square(weight).sum()
+
+    def difference(of: Callable[[float], float], h: float = 1e-5) -> float:
+        return (of(h) - of(-h)) / (2 * h)
+
+    rng = np.random.default_rng(2)
+    for channel in range(4 if style == "diffuse" else 8):
+        own = slopes[:, channel]
+        one, many = np.zeros((2, len(slopes)))  # directions: the cell that matters most, and all of them
+        one[np.abs(own).argmax()], many[1:] = 1.0, rng.choice([-1.0, 1.0], len(slopes) - 1)
+        for along in (one, many):
+            step = np.zeros(slopes.shape)
+            step[:, channel] = along
+            expected = difference(lambda h, v=step: loss(accumulated(moved(pack, cells, h * v), rays), pack.view_mlp))
+            scale = np.sqrt(np.square(own * along).sum())
+            assert scale > 0 and abs(own @ along - expected) < 0.01 * scale, f"channel {channel}"
+    if pack.view_mlp is None:
+        return
+    parts = [*pack.view_mlp.weights, *pack.view_mlp.biases]
+    for place, own in enumerate(head_slopes):
+        step = rng.normal(size=own.shape)
+
+        def of(h: float, place: int = place, step: np.ndarray = step) -> float:
+            changed = [part + h * step if i == place else part for i, part in enumerate(parts)]
+            return loss(before, ViewMlp(tuple(changed[:3]), tuple(changed[3:])))
+
+        scale = np.sqrt(np.square(own * step).sum())
+        assert scale > 0 and abs((own * step).sum() - difference(of)) < 0.01 * scale
+
+
+def test_a_move_too_small_to_change_a_byte_has_a_gradient_all_the_same(dataset: RayDataset) -> None:
+    pack = pack_of()
+    tuner, ids = tuner_of(copied(pack), dataset)
+    tuner.update(drawn(ids, tuner), np.full(9, 1e-5, np.float32), 0)
+    assert tuner.delta.any() and np.array_equal(tuner.tables.rgba, pack.atlas_rgba.reshape(-1, 4))
+    assert np.mean(np.any(tuner.first != 0, axis=1)) > 0.2
+
+
+def test_cells_that_no_ray_met_stay_with_their_moments(dataset: RayDataset) -> None:
+    tuner, ids = tuner_of(pack_of(), dataset)
+    rng = np.random.default_rng(3)
+    before = [rng.uniform(0.1, 1, tuner.delta.shape).astype(np.float32) for _ in range(3)]
+    tuner.delta, tuner.first, tuner.second = (array.copy() for array in before)
+    tuner.update(np.full(tuner.rays, drawn(ids, tuner)[0]), np.full(9, 1e-3, np.float32), 5)  # one ray: few cells
+    same = [
+        np.all(now == was, axis=1) for now, was in zip((tuner.delta, tuner.first, tuner.second), before, strict=True)
+    ]
+    assert np.array_equal(same[0], same[1]) and np.array_equal(same[1], same[2])
+    assert same[0][0] and 0 < np.mean(~same[0]) < 0.7
+
+
+def test_pictures_are_compared_with_photographs_in_their_average_look(dataset: RayDataset) -> None:
+    gains = np.ones((dataset.views, 3), np.float32)
+    gains[:, 1] = np.linspace(0.6, 1.4, dataset.views)
+    corrected = dataset.in_average_look(gains)
+    tuner, ids = tuner_of(pack_of(), corrected)
+    some = drawn(ids, tuner)
+    expected = np.asarray(corrected.colours_at(jnp.asarray(some)))
+    assert np.abs(expected - np.asarray(dataset.colours_at(jnp.asarray(some)))).max() > 0.1
+    np.testing.assert_allclose(np.asarray(tuner._gather(some).target), expected, atol=1e-6)
+
+
+# --- cells, and what is stored ---
+
+
+@pytest.mark.parametrize("side", [1, 3, 4])
+def test_cells_are_cubes_of_the_grid_across_the_borders_of_macroblocks(side: int) -> None:
+    pack = pack_of(5)
+    cells, known = cells_of(pack, tables_of(pack), side), cells_of_atlas(pack, side)
+    found = np.zeros(known.size, int)
+    found[cells.places] = np.repeat(np.arange(len(cells.first) - 1), np.diff(cells.first))
+    assert np.array_equal(found.reshape(known.shape), known) and cells.count == known.max()
+
+
+@pytest.mark.parametrize("steps", [EXACT, COARSE, ALL_COARSE])
+def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appears_or_vanishes(
+    dataset: RayDataset, steps: Steps
+) -> None:
+    pack = pack_of(4, whole_blocks=True)
+    tuner = Tuner(copied(pack), dataset, 4, steps=steps)
+    delta = np.random.default_rng(0).normal(0, [0.2] * 3 + [1.5] + [0.2] * 4, tuner.delta.shape).astype(np.float32)
+    delta[0] = 0
+    stored = tuner.tuned(tuner.snapshot()._replace(delta=delta))
+    cells = cells_of_atlas(pack, 4)
+    exact = moved(pack, cells, delta.astype(float))
+    alpha = exact.atlas_rgba[..., 3:]
+    for found, wanted, most in (
+        (stored.atlas_rgba[..., 3:], alpha, steps.alpha),
+        (stored.atlas_rgba[..., :3], np.clip(exact.atlas_rgba[..., :3], 0, alpha), steps.colour + steps.alpha),
+        (stored.atlas_features, np.clip(exact.atlas_features, 0, alpha), steps.feature + steps.alpha),  # type: ignore[arg-type]
+    ):
+        off = np.abs(found - wanted)[cells > 0]
+        assert np.mean(off > 1.01 * most) < 1e-3 and off.max() <= 2 * most + 1
+    assert np.array_equal(stored.atlas_rgba[..., 3] > 0, pack.atlas_rgba[..., 3] > 0)
+    assert np.mean(stored.atlas_rgba != pack.atlas_rgba) > 0.05
+    findings = {finding.rule: finding.severity for finding in check_pack(stored)}
+    assert {findings[rule] for rule in ("padding rgba", "padding features", "premultiplied")} == {"ok"}
+
+
+def eight_of(tuner: Tuner, pack: Pack) -> np.ndarray:
+    """[8, 8] the content of the first eight voxels of the first macroblock, as the tuner stores it."""
+    x, y, z = (int(i) * 6 for i in pack.atlas_indices[tuple(np.argwhere(pack.occupied)[0])])
+    eight = (slice(z + 1, z + 3), slice(y + 1, y + 3), slice(x + 1, x + 3))
+    stored = tuner.tuned(tuner.snapshot())
+    assert stored.atlas_features is not None
+    return np.concatenate([stored.atlas_rgba[eight], stored.atlas_features[eight]], axis=-1).reshape(8, 8)
+
+
+def uniform(rgba: tuple[int, ...], features: tuple[int, ...]) -> Pack:
+    """A pack whose voxels all hold the same."""
+    pack = pack_of(4, whole_blocks=True)
+    assert pack.atlas_features is not None
+    atlases = np.zeros_like(pack.atlas_rgba), np.zeros_like(pack.atlas_features)
+    atlases[0][...], atlases[1][...] = rgba, features
+    return replace(pack, atlas_rgba=atlases[0], atlas_features=atlases[1])
+
+
+def test_colours_of_neighbours_are_rounded_up_and_down_so_that_their_mean_stays(dataset: RayDataset) -> None:
+    pack = uniform((101, 102, 103, 230), (50, 57, 60, 61))
+    values = eight_of(Tuner(pack, dataset, 4, steps=COARSE), pack)
+    np.testing.assert_allclose(values[:, :4].mean(axis=0), [101, 102, 103, 230], atol=0.25)
+    assert set(np.unique(values[:, 0])) == {100, 104}
+    assert np.all(values[:, 4:] == [48, 64, 64, 64]), "features are rounded to the nearest"
+
+
+def test_what_is_as_bright_as_can_be_stays_so_in_coarse_steps(dataset: RayDataset) -> None:
+    pack = uniform((102, 101, 3, 102), (102, 100, 0, 102))
+    values = eight_of(Tuner(pack, dataset, 4, steps=COARSE), pack)
+    assert np.all(values[:, [0, 3, 4, 7]] == 102) and not values[:, 6].any()
+    assert set(np.unique(values[:, 1])) == {100, 102} and np.all(values[:, 5] == 102)
+    assert abs(values[:, 1].mean() - 101) <= 0.25 and abs(values[:, 2].mean() - 3) <= 0.5
+
+
+def test_what_has_moved_back_is_to_the_byte_as_it_was(dataset: RayDataset) -> None:
+    pack = pack_of()
+    assert pack.atlas_features is not None
+    rgba, features = pack.atlas_rgba.copy(), pack.atlas_features.copy()
+    tuner, ids = tuner_of(pack, dataset)
+    start = tuner.snapshot()
+    for count in range(3):
+        tuner.update(drawn(ids, tuner, count), 5 * RATES, count)
+    assert not np.array_equal(tuner.tables.rgba, rgba.reshape(-1, 4)) and not start.delta.any()
+    assert np.shares_memory(tuner.tables.rgba, pack.atlas_rgba), "an atlas of 1000³ is a gigabyte: there is one"
+    again = tuner.tuned(start)
+    assert np.array_equal(again.atlas_rgba, rgba) and np.array_equal(again.atlas_features, features)
+
+
+# --- a run of steps ---
+
+
+@pytest.mark.parametrize("by_opacity", [False, True])
+def test_a_run_of_steps_shows_the_photographs_better(dataset: RayDataset, by_opacity: bool) -> None:
+    tuner, ids = tuner_of(pack_of(), dataset, by_opacity=by_opacity)
+    before = tuner.score(drawn(ids, tuner, 99))
+    for count in range(25):
+        tuner.update(drawn(ids, tuner, count), 5 * RATES, count)
+    assert tuner.score(drawn(ids, tuner, 99))[0] > before[0] + 0.5
+
+
+def test_threads_change_nothing(dataset: RayDataset) -> None:
+    found = []
+    for threads in (1, 3):
+        tuner = Tuner(pack_of(), dataset, 4)
+        tuner.workers = Workers(threads)
+        tuner.found = [room_for_samples() for _ in range(threads)]
+        every = np.arange(dataset.count, dtype=np.int32)
+        tuner.fill(every, SAMPLES, 0)
+        for count in range(4):
+            tuner.update(drawn(every, tuner, count), 5 * RATES, count)
+        found.append((tuner.delta.copy(), tuner.tables.rgba.copy(), tuner.score(every[::9])))
+    assert np.array_equal(found[0][0], found[1][0]) and np.array_equal(found[0][1], found[1][1])
+    assert found[0][2] == found[1][2]
+
+
+def test_rays_without_room_count_for_nothing(dataset: RayDataset) -> None:
+    tuner, ids = tuner_of(pack_of(), dataset)
+    some = drawn(ids, tuner)
+    tuner._gather(some)
+    counts = np.diff(tuner.work.first, axis=1)
+    sums = tuner.work.sums.copy()
+    assert tuner.work.whole.all()
+    tuner.work = work_for(tuner.rays, int(counts.sum(1).max()) // 2)
+    tuner._gather(some)
+    whole = tuner.work.whole
+    assert 0.2 < whole.mean() < 0.9
+    assert np.array_equal(tuner.work.sums[whole], sums[whole])
+    assert not tuner.work.sums[~whole, :7].any() and (tuner.work.sums[~whole, 7] == 1).all()
+    tuner.update(some, RATES, 0)
+    assert np.isfinite(tuner.delta).all() and tuner.delta.any()
+
+
+def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tuner_module, "SPARE", 8.0)
+    pack = pack_of()
+    every = np.arange(dataset.count, dtype=np.int32)
+    tuner = Tuner(copied(pack), dataset, 4)
+    tuner.fill(every, SAMPLES, 0)
+    assert dataset.count <= joint_loop.HELD_OUT_RAYS, "so that all rays are looked at"
+    known = tuner.score(every)[0]
+    assert tuner.work.whole[: len(every)].all(), "no ray is left out for want of room"
+    assert joint_loop.shown_psnr(pack, dataset, 0) == pytest.approx(known, abs=0.005)
+
+
+def test_what_steps_cost_is_told_and_the_pack_stays(dataset: RayDataset) -> None:
+    pack, steps = pack_of(), Steps(32, 64, 64)
+    before = pack.atlas_rgba.copy()
+    tuner = Tuner(copied(pack), dataset, 4, steps=steps)
+    expected = joint_loop.shown_psnr(pack, dataset, 0) - joint_loop.shown_psnr(
+        tuner.tuned(tuner.snapshot()), dataset, 0
+    )
+    assert abs(expected) > 0.02
+    assert joint_loop.lost_to_steps(pack, dataset, steps, 0) == pytest.approx(expected, abs=0.005)
+    assert joint_loop.lost_to_steps(pack, dataset, EXACT, 0) == pytest.approx(0, abs=1e-4)
+    assert np.array_equal(pack.atlas_rgba, before)
