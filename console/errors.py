@@ -1,4 +1,4 @@
-"""The error a user can mend (docs/commands.md: exit status 2, one line on stderr)."""
+"""The error a user can correct (docs/commands.md: exit status 2, one line on stderr)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _PURPOSES = {
 
 
 class UserError(Exception):
-    """Something the user can mend: bad arguments, files, data, or no OpenGL.
+    """Something the user can correct: bad arguments, files, data, or no OpenGL.
 
     what: the thing that is wrong ("the picture cannot be decoded"). where: file, key or argument.
     expected / found: the two sides of the mismatch. remedy: what to do about it.

@@ -40,7 +40,7 @@ def run_command(
     positional-only parameter is an argument; the docstring's Args give the help), or several of them by name,
     which become subcommands. A whole number that it returns is the exit status. on_failure: called with `prog` and the
     line of a failure, status 1 or 2, after it was printed.
-    Returns 0 done, 2 the user can mend it (one line on stderr), 1 a bug (with its traceback), 130
+    Returns 0 done, 2 the user can correct it (one line on stderr), 1 a bug (with its traceback), 130
     interrupted. `--debug` anywhere on the command line shows tracebacks for status 2 as well.
     """
     words = list(sys.argv[1:] if args is None else args)
@@ -85,7 +85,7 @@ def _say(prog: str, line: str) -> None:
 
 
 def _mendable(error: Exception) -> str | None:
-    """The line for an error that the user can mend, None for a bug."""
+    """The line for an error that the user can correct, None for a bug."""
     return str(error) if isinstance(error, UserError) else refusal(error) or missing_extra(error)
 
 

@@ -199,7 +199,7 @@ def _photographs(source: Source, work: Path, bar: Progress) -> Prepared:
             extremes[source.name_of(mask)] = (values.min(), values.max())
     if extremes and not any(high for _, high in extremes.values()):
         raise UserError("all masks hide everything", where=source.masks, expected="white where the object is",
-                        found=f"{len(extremes)} masks that are black", remedy="mend or remove the masks")  # fmt: skip
+                        found=f"{len(extremes)} masks that are black", remedy="correct or remove the masks")  # fmt: skip
     notice_masks(source.masks, extremes)
     bar.update(len(source.files))
     return Prepared(tuple(pictures), aside)

@@ -158,7 +158,7 @@ def _placed(
     in_frame = replace(points, places=frame.points(points.places)) if points.suffices else None
     if in_frame is None:
         told = f"{len(found.points)} points say too little of where things are"
-        notice(path, f"{told}; the box is a guess, which --aabb mends")
+        notice(path, f"{told}; the box is a guess: set --aabb")
     opaque = not options.masks and not may_be_transparent(placed)
     return placed, space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
 

@@ -1,4 +1,4 @@
-"""Why no poses are found, told in one plain line; and masks, which mend one of the reasons."""
+"""Why no poses are found, told in one plain line; and masks, which remedy one of the reasons."""
 
 from __future__ import annotations
 
