@@ -106,7 +106,8 @@ def _train(run: Run, watcher: Watcher | None) -> Run:
                 _refuse_emptiness(run, values)
                 values["progress"] = progress_made
                 with together():
-                    bar.update(run.step, metrics=recorder.record(values))
+                    done = max(run.step, round(progress_made * config.steps))  # the time may end the run first
+                    bar.update(done, metrics=recorder.record(values))
             if last or run.step % config.checkpoint_every == 0:
                 _checkpoint(run)
             if (last or _is_pictured(run)) and not stopping:

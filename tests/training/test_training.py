@@ -20,6 +20,7 @@ import pytest
 
 from console import Notice, UserError
 from console.driven import PROGRESS, read_report
+from console.progress import Progress
 from tests.compiling import as_users_have_it
 from tests.told import told
 from training.checkpoints import to_arrays
@@ -201,7 +202,10 @@ def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
     if method == "multires":
         step = JaxEngine.step
         monkeypatch.setattr(JaxEngine, "step", lambda *words: moved.append(words[-1]) or step(*words))
+    shown, update = [], Progress.update
+    monkeypatch.setattr(Progress, "update", lambda bar, done, **words: shown.append(done) or update(bar, done, **words))
     run = train(procedural_path, tmp_path / "run", config)
+    assert shown == sorted(shown) and shown[-1] > 0.9 * config.steps  # the share of the minute
     records = [r for r in read_metrics(run.path / "metrics.jsonl") if "loss" in r]
     shares = [r["progress"] for r in records]
     assert shares == sorted(shares) and shares[0] < 0.2 and 0.9 < shares[-1] <= 1.0 and run.step == 12
