@@ -2,7 +2,7 @@
 
     python -m tools.demo --out viewer/demo/demo.zip
 
-Renders the procedural island (tools.procedural), trains on it with the cpu preset, bakes, writes the zip.
+Renders the procedural island (tools.procedural), trains on it with the preset `quick`, bakes, writes the zip.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class Work(NamedTuple):
 
 
 def work_for(rays: int, room: int) -> Work:
-    """Room for so many rays, and so many contributing samples of a chunk."""
+    """Unfilled arrays for `rays` rays, with up to `room` contributing samples a chunk."""
     chunks = -(-rays // CHUNK)
     listed = (chunks, room)
     return Work(

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from baker.tuning.marcher import PackMarcher
-from baker.tuning.shading import Accumulated, Look, psnr_of, squared_error
+from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error
 from baker.tuning.tuner import Tuner
 from baker.view_mlp import to_params
 from scenepack.codecs.steps import EXACT, Steps
@@ -72,7 +72,7 @@ def joint_tune(
     """The pack with voxels and view MLP refined, and figures: PSNR on held-out rays and samples a ray, before and after. The
     arrays of `pack` are changed. Given up early where held-out views lose more than they may regain.
 
-    by_opacity: see baker.tuning.shading.Look. A pack that no ray to train on meets comes back as it is, without figures.
+    by_opacity: see baker.tuning.shading.ErrorTerms. If no training ray meets the pack, it is returned unchanged, without figures.
     """
     if on_share:
         on_share(0.0, "choosing rays")
@@ -129,7 +129,7 @@ def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool =
     head, rays = pack.view_mlp and to_params(pack.view_mlp), jnp.asarray(ids)
     error, weight = squared_error(
         Accumulated(*(jnp.asarray(part) for part in marched)), head, dataset.geometry_at(rays).viewdirs,
-        dataset.colours_at(rays), jnp.ones(len(ids), bool), dataset.background, Look(pack.ndc, by_opacity), clamped=True,
+        dataset.colours_at(rays), jnp.ones(len(ids), bool), dataset.background, ErrorTerms(pack.ndc, by_opacity), clamped=True,
     )  # fmt: skip
     return psnr_of(float(error), float(weight))
 

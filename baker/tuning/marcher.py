@@ -3,8 +3,8 @@
 Rays are given as ids int32 [N] of pixels and `away` float32 [N, 2], in pixels from their centres (None: none).
 
 Notation: B = block_size + 2; a slot is an occupied macroblock, numbered in the grid's order; a cell of its padded copy lies
-between voxel (x, y, z) and the next along each axis. Cells are told apart 4³ at a time, too, so that empty ones are jumped
-over by whole steps.
+between voxel (x, y, z) and the next along each axis. A second table says of each block of 4³ cells
+whether all are empty: rays cross such a block in one jump.
 """
 
 # pyright: reportCallIssue=false

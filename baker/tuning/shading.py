@@ -22,12 +22,13 @@ class Accumulated(NamedTuple):
     transmittance: jax.Array
 
 
-class Look(NamedTuple):
-    """How rays are compared with photographs. ndc: a forward-facing scene. by_opacity: errors are weighted by the pack's own
-    opacity, since photographs also show what lies outside of its box."""
+class ErrorTerms(NamedTuple):
+    """How the colours of rays are compared with photographs."""
 
-    ndc: bool
-    by_opacity: bool
+    ndc: bool  # a forward-facing scene
+    by_opacity: (
+        bool  # errors are weighted by the pack's own opacity: photographs also show what lies outside of its box
+    )
 
 
 def over_background(
@@ -55,15 +56,15 @@ def shown(
 
 def squared_error(
     sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, target: jax.Array, whole: jax.Array,
-    background: tuple[float, ...], look: Look, *, clamped: bool,
+    background: tuple[float, ...], terms: ErrorTerms, *, clamped: bool,
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """Sum over the rays that are `whole` bool [R], of what they accumulated, and of their weights.
 
     clamped: as on a screen; else colours below 0 still have a slope.
     """
-    rgb = shown(sums, head, viewdirs, background, look.ndc)
+    rgb = shown(sums, head, viewdirs, background, terms.ndc)
     rgb = jnp.clip(rgb, 0, 1) if clamped else jnp.minimum(rgb, 1.0)
-    opacity = jax.lax.stop_gradient(1.0 - sums.transmittance) if look.by_opacity else 1.0
+    opacity = jax.lax.stop_gradient(1.0 - sums.transmittance) if terms.by_opacity else 1.0
     weight = jnp.where(whole, opacity, 0.0)
     return jnp.square(weight[:, None] * (rgb - target)).sum(), jnp.square(weight).sum()
 

@@ -10,8 +10,9 @@ For the same reason Adam's denominator has a floor, the mean over all cells: wha
 
     loss = mean over rays of |shown - photograph|²
 
-A step marches its rays through the atlas as it is stored, has JAX shade them, walks back along the samples that counted, and
-stores the cells that moved anew. Results do not depend on threads: what is added up is added in the order of the rays.
+A step has four parts. Compiled loops march its rays through the stored atlas. JAX shades them and differentiates the loss.
+Compiled loops take the gradient back along the contributing samples to the cells. Cells that moved are rounded and stored.
+Results do not depend on the number of threads: sums are added in the order of the rays.
 
 Notation: R rays of a step, in chunks of CHUNK; K cells, numbered from 1 in the grid's order (z slowest); row 0 of any table of
 cells stands for what is empty.
@@ -30,7 +31,7 @@ import numpy as np
 from baker.tuning.cells import BETAS, DEPTHS, TINY, add_slopes, cells_of, move_cells, move_moments, store_cells
 from baker.tuning.gradients import CHUNK, LOG_DENSITY, gather_chunk, slope_chunk, work_for
 from baker.tuning.marcher import LISTED, Box, PackMarcher, room_for_samples
-from baker.tuning.shading import Accumulated, Look, psnr_of, squared_error
+from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error
 from baker.view_mlp import from_params, to_params
 from scenepack.codecs.steps import EXACT, Steps
 from scenepack.pack import Pack
@@ -40,8 +41,8 @@ from training.method import ViewMlpParams
 from training.multires.fused.workers import Workers
 
 PROBE_RAYS = 4096  # rays whose samples tell how many rays fill a step
-PROBED = 96  # contributing samples a ray that a probe has room for, on average
-SPARE = 2.0  # room for samples that contribute, over the mean: a chunk's rays differ
+PROBED = 96  # mean number of contributing samples a ray that the probe allocates for
+SPARE = 2.0  # allocated contributing samples over their mean, since chunks differ
 PART = 8192  # cells that a worker claims
 STORED = 512  # cells that a worker stores at once
 
@@ -54,8 +55,8 @@ class Trained(NamedTuple):
     head: ViewMlpParams | None
 
 
-class Looked(NamedTuple):
-    """Rays of a step as baker.tuning.shading.squared_error asks for them, in its order; head: the view MLP."""
+class ShadingInputs(NamedTuple):
+    """The first arguments of baker.tuning.shading.squared_error for the rays of a step, in its order."""
 
     sums: Accumulated
     head: ViewMlpParams | None
@@ -68,14 +69,14 @@ class Looked(NamedTuple):
 class Tuner:
     """It works on the pack's own arrays, which must be writable: a second copy of an atlas of 1000³ is a gigabyte.
 
-    cell: voxels a side of a cell. by_opacity: see Look. steps: of what is stored. rays: how many a step takes; known once
+    cell: voxels a side of a cell. by_opacity: see ErrorTerms. steps: of what is stored. rays: how many a step takes; known once
     `fill` was called.
     """
 
     def __init__(
         self, pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False, steps: Steps = EXACT
     ) -> None:
-        self.look, self.steps = Look(pack.ndc, by_opacity), steps.channels
+        self.terms, self.steps = ErrorTerms(pack.ndc, by_opacity), steps.channels
         features = None if pack.atlas_features is None else np.ascontiguousarray(pack.atlas_features)
         self.pack = replace(pack, atlas_rgba=np.ascontiguousarray(pack.atlas_rgba), atlas_features=features)
         self.dataset, self.workers = dataset, Workers()
@@ -106,7 +107,7 @@ class Tuner:
     def update(self, ids: np.ndarray, rates: np.ndarray, count: int) -> None:
         """One step of Adam on the rays `ids` int32 [rays]; rates float32 [9]: of the 8 parts of delta, and of the view MLP.
         count: steps so far."""
-        slopes, head_slope = _slopes(*self._gather(ids), look=self.look)
+        slopes, head_slope = _slopes(*self._gather(ids), terms=self.terms)
         self._follow(np.ascontiguousarray(slopes))
         self._move(rates[:8] * np.float32(bias_correction(count)))
         if self.head is not None:
@@ -119,9 +120,9 @@ class Tuner:
         error = weight = rays = samples = 0.0
         for start in range(0, len(ids), self.rays):
             some = ids[start : start + self.rays]
-            looked = self._gather(np.resize(some, self.rays))
+            inputs = self._gather(np.resize(some, self.rays))
             counts = self.work.whole & (np.arange(self.rays) < len(some))
-            own = _error(*looked._replace(whole=jnp.asarray(counts)), look=self.look)
+            own = _error(*inputs._replace(whole=jnp.asarray(counts)), terms=self.terms)
             error, weight, rays = error + float(own[0]), weight + float(own[1]), rays + np.count_nonzero(counts)
             samples += np.diff(self.work.first, axis=1).ravel()[counts].sum()
         return psnr_of(error, weight), float(samples / max(rays, 1.0))
@@ -136,9 +137,9 @@ class Tuner:
         head = snapshot.head
         return self.pack if head is None else replace(self.pack, view_mlp=from_params(head))
 
-    def _gather(self, ids: np.ndarray) -> Looked:
+    def _gather(self, ids: np.ndarray) -> ShadingInputs:
         """Fills the work's samples and sums of rays `ids` [rays]; what shading them asks for."""
-        *rays, viewdirs, target = _looked_at(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
+        *rays, viewdirs, target = _rays_and_colours(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
         rays = tuple(np.asarray(a) for a in rays)
 
         def share(worker: int, chunk: int) -> None:
@@ -148,7 +149,7 @@ class Tuner:
         self.workers.share(self.rays // CHUNK, share)
         sums, whole = jnp.asarray(self.work.sums), jnp.asarray(self.work.whole)
         sums = Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])
-        return Looked(sums, self.head, viewdirs, target, whole, self.dataset.background)
+        return ShadingInputs(sums, self.head, viewdirs, target, whole, self.dataset.background)
 
     def _follow(self, slopes: np.ndarray) -> None:
         """From slopes of sums to slopes of cells."""
@@ -197,7 +198,7 @@ class Tuner:
 
 
 @jax.jit
-def _looked_at(box: Box, source: GridFrameRays, dataset: RayDataset, ids: jax.Array) -> tuple[jax.Array, ...]:
+def _rays_and_colours(box: Box, source: GridFrameRays, dataset: RayDataset, ids: jax.Array) -> tuple[jax.Array, ...]:
     """Rays `ids` in voxels: origins, directions [R, 3], start and end [R]; their viewing directions and colours [R, 3]."""
     rays = source.geometry_at(ids)
     grid = to_grid(box, rays)
@@ -222,19 +223,19 @@ def bias_correction(count: jax.Array | int) -> jax.Array:
     return jnp.sqrt(1 - BETAS[1] ** steps) / (1 - BETAS[0] ** steps)
 
 
-_error = jax.jit(partial(squared_error, clamped=True), static_argnames="look")
+_error = jax.jit(partial(squared_error, clamped=True), static_argnames="terms")
 _adam_head = jax.jit(adam_head)
 
 
-@partial(jax.jit, static_argnames="look")
+@partial(jax.jit, static_argnames="terms")
 def _slopes(
     sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, target: jax.Array, whole: jax.Array,
-    background: tuple[float, ...], look: Look,
+    background: tuple[float, ...], terms: ErrorTerms,
 ) -> tuple[jax.Array, ViewMlpParams | None]:  # fmt: skip
     """Slopes of the mean loss with respect to sums, [R, 8] as Work.sums, and to the view MLP."""
 
     def loss_of(sums: Accumulated, head: ViewMlpParams | None) -> jax.Array:
-        error, weight = squared_error(sums, head, viewdirs, target, whole, background, look, clamped=False)
+        error, weight = squared_error(sums, head, viewdirs, target, whole, background, terms, clamped=False)
         return error / jnp.maximum(weight, 1.0)
 
     slopes, head_slope = jax.grad(loss_of, argnums=(0, 1))(sums, head)

@@ -215,6 +215,18 @@ def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> 
     assert cells_of(state).occupied.sum() > 0
 
 
+@pytest.mark.parametrize("step", [1.0, 2.0])
+def test_no_occupied_cell_is_missed_by_a_run_of_steps(trained: Trained, step: float) -> None:
+    random, reach = np.random.default_rng(1), 1.5 * step  # from the middle of a run of four steps to its ends
+    codes = np.where(random.random((32, 32, 32)) < 0.002, 1, 0).astype(np.uint8)
+    cells = cells_of(dataclasses.replace(trained.state, codes=codes, step_cells=step))
+    middles = random.uniform(0, 32, (200_000, 3)).astype(np.float32)
+    directions = random.normal(size=middles.shape)
+    ends = middles + (reach * directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+    meets = np.asarray(cells.has_support(jnp.asarray(ends))) & ((ends >= 0) & (ends < 32)).all(1)
+    assert meets.sum() > 100 and np.asarray(cells.near_content(jnp.asarray(middles[meets]))).all()
+
+
 def test_points_and_pictures_are_the_same_when_many_threads_ask_at_once(trained: Trained) -> None:
     engine, state, dataset = trained.engine, trained.state, trained.method.dataset
     sets = [np.random.default_rng(seed).random((20_000, 3), np.float32) for seed in range(8)]
