@@ -1,0 +1,106 @@
+"""The contraction of unbounded scenes: all of space in a cube, so that rays stay straight piece by piece.
+
+Notation: lengths in units of R, the half side of the inner cube, about its centre; w = |x|∞. Inside the inner cube nothing moves.
+Outside, the largest coordinate becomes ±(2 - 1/w) and the others are divided by w: space ends at ±2. On each side of the cube this
+is a projective map, which keeps lines straight. Source: Reiser et al., "MERF" (2023), section 4.1.
+
+A path is a ray after the contraction. Its length s is measured in contracted space, from where the ray begins.
+Functions take NumPy arrays, or others by their module `xp`.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+MOST_PIECES = 7  # of a path: |x|∞ and 1 are the envelope of seven linear functions, each of which leads once at most
+
+
+def contract(points: Any, xp: ModuleType = np) -> Any:
+    """Points [..., 3] of space in contracted space."""
+    w = xp.maximum(xp.abs(points).max(-1, keepdims=True), 1.0)
+    shrunk = points / w
+    return xp.where(xp.abs(shrunk) >= 1.0, shrunk * (2.0 - 1.0 / w), shrunk)
+
+
+def uncontract(points: Any, xp: ModuleType = np) -> Any:
+    """The inverse of contract, for points [..., 3] with |u|∞ < 2."""
+    largest = xp.abs(points).max(-1, keepdims=True)
+    w = 1.0 / (2.0 - xp.maximum(largest, 1.0))
+    outer = (xp.abs(points) == largest) & (largest > 1.0)
+    return xp.where(outer, xp.sign(points) * w, points * w)
+
+
+class Path(NamedTuple):
+    """N contracted rays in P pieces: at length s, from starts[n, p] on, a point is origins[n, p] + s directions[n, p].
+
+    origins, directions (unit) [N, P, 3]. starts [N, P]: length at which a piece begins; infinite where there is none. ends [N]:
+    length of the whole path, to infinity. times [N, P]: t of the ray where a piece begins. widths, rates, speeds [N, P]: of a
+    piece, w at its beginning, dw/dt, and |du/dt| w².
+    """
+
+    origins: Any
+    directions: Any
+    starts: Any
+    ends: Any
+    times: Any
+    widths: Any
+    rates: Any
+    speeds: Any
+
+
+def path_of(origins: Any, directions: Any, begin: Any, xp: ModuleType = np) -> Path:
+    """The path of rays x(t) = origins [N, 3] + t directions [N, 3], from t = begin [N] on."""
+    one = xp.ones_like(begin)[:, None]
+    values = xp.concatenate([origins, -origins, one], axis=1)  # seven linear functions of t, the largest of which is w
+    slopes = xp.concatenate([directions, -directions, 0.0 * one], axis=1)
+    length = xp.sqrt((directions * directions).sum(1))
+    t, s = begin, xp.zeros_like(begin)
+    leads = (values + slopes * t[:, None]).argmax(1)
+    pieces = []
+    for _ in range(MOST_PIECES):
+        exists = xp.isfinite(t)
+        at = xp.where(exists, t, 0.0)
+        value, rate = (xp.take_along_axis(a, leads[:, None], axis=1)[:, 0] for a in (values, slopes))
+        width, inner = value + rate * at, leads == 6
+        outward = xp.where(leads < 3, 1.0, -1.0)[:, None] * (xp.arange(3) == (leads % 3)[:, None])
+        outward = xp.where(inner[:, None], 0.0, outward)  # unit vector through the side of the cube that leads
+        x = origins + at[:, None] * directions
+        place = xp.where(outward != 0.0, outward * (2.0 - 1.0 / width[:, None]), x / width[:, None])
+        # du/dt = V / w²
+        moved = xp.where(outward != 0.0, outward * rate[:, None], directions * value[:, None] - origins * rate[:, None])
+        speed = xp.sqrt((moved * moved).sum(1))
+        unit = moved / speed[:, None]
+        pieces.append((place - s[:, None] * unit, unit, xp.where(exists, s, xp.inf), t, width, rate, speed))
+        overtakes = slopes > rate[:, None]
+        gap = xp.where(overtakes, slopes - rate[:, None], 1.0)
+        crossings = xp.where(overtakes, (value[:, None] - values) / gap, xp.inf)
+        after = xp.where(exists, xp.maximum(crossings.min(1), t), xp.inf)
+        leads, ends_here = crossings.argmin(1), ~xp.isfinite(after)
+        lasts = xp.where(ends_here, 0.0, after) - at
+        farther = width + rate * lasts
+        last = 1.0 / xp.where(ends_here, width * xp.where(rate > 0, rate, 1.0), 1.0)
+        grown = speed * xp.where(ends_here, last, lasts / (width * farther))
+        s, t = xp.where(exists, s + grown, s), after
+    columns = [xp.stack(column, 1) for column in zip(*pieces, strict=True)]
+    return Path(columns[0], columns[1], columns[2], s, *columns[3:])
+
+
+def piece_at(path: Path, s: Any) -> Any:
+    """int [N, ...]: which piece of each path holds the length s [N, ...]."""
+    starts = path.starts.reshape(len(path.starts), *(1,) * (s.ndim - 1), -1)
+    return (starts <= s[..., None]).sum(-1).clip(1) - 1
+
+
+def time_at(path: Path, s: np.ndarray) -> np.ndarray:
+    """t [N] of the rays at lengths s [N]; infinite at a path's end."""
+    piece = piece_at(path, s)[:, None]
+    start, time, width, rate, speed = (
+        np.take_along_axis(column, piece, 1)[:, 0]
+        for column in (path.starts, path.times, path.widths, path.rates, path.speeds)
+    )
+    with np.errstate(divide="ignore"):
+        left = np.maximum(speed - (s - start) * width * rate, 0.0)
+        return time + (s - start) * width**2 / left
