@@ -1,8 +1,8 @@
 """The contraction of unbounded scenes: all of space in a cube, so that rays stay straight piece by piece.
 
 Notation: lengths in units of R, the half side of the inner cube, about its centre; w = |x|∞. Inside the inner cube nothing moves.
-Outside, the largest coordinate becomes ±(2 - 1/w) and the others are divided by w: space ends at ±2. On each side of the cube this
-is a projective map, which keeps lines straight. Source: Reiser et al., "MERF" (2023), section 4.1.
+Outside, the largest coordinate becomes ±(2 - 1/w) and the others are divided by w: space ends at ±2. On each side of the cube
+this is a projective map, which keeps lines straight. Source: Reiser et al., "MERF" (2023), section 4.1.
 
 A path is a ray after the contraction. Its length s is measured in contracted space, from where the ray begins.
 Functions take NumPy arrays, or others by their module `xp`.
@@ -56,7 +56,6 @@ def path_of(origins: Any, directions: Any, begin: Any, xp: ModuleType = np) -> P
     one = xp.ones_like(begin)[:, None]
     values = xp.concatenate([origins, -origins, one], axis=1)  # seven linear functions of t, the largest of which is w
     slopes = xp.concatenate([directions, -directions, 0.0 * one], axis=1)
-    length = xp.sqrt((directions * directions).sum(1))
     t, s = begin, xp.zeros_like(begin)
     leads = (values + slopes * t[:, None]).argmax(1)
     pieces = []
@@ -94,13 +93,12 @@ def piece_at(path: Path, s: Any) -> Any:
     return (starts <= s[..., None]).sum(-1).clip(1) - 1
 
 
-def time_at(path: Path, s: np.ndarray) -> np.ndarray:
+def time_at(path: Path, s: Any, xp: ModuleType = np) -> Any:
     """t [N] of the rays at lengths s [N]; infinite at a path's end."""
     piece = piece_at(path, s)[:, None]
     start, time, width, rate, speed = (
-        np.take_along_axis(column, piece, 1)[:, 0]
+        xp.take_along_axis(column, piece, axis=1)[:, 0]
         for column in (path.starts, path.times, path.widths, path.rates, path.speeds)
     )
-    with np.errstate(divide="ignore"):
-        left = np.maximum(speed - (s - start) * width * rate, 0.0)
-        return time + (s - start) * width**2 / left
+    left = speed - (s - start) * width * rate
+    return time + xp.where(left > 0, (s - start) * width**2 / xp.where(left > 0, left, 1.0), xp.inf)

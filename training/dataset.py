@@ -55,6 +55,7 @@ class SceneFacts(NamedTuple):
     cut_out: bool = False  # photographs of an object were cut out of what surrounded it, by masks
     row_step: int = 1  # one row in so many is rows of pixels
     rendered: bool = False  # by a program, not by a camera that meters
+    contraction: float | None = None  # beyond this on any axis, space is contracted (scenepack.contraction)
 
 
 @partial(
@@ -87,8 +88,9 @@ class RayDataset:
 
     @property
     def aabb(self) -> np.ndarray:
-        """Box that holds the content, float32 [2, 3], in the frame of the rays."""
-        return np.array(self.facts.aabb, np.float32)
+        """Box that holds the content, float32 [2, 3], in the frame of the rays; all of space where that is contracted."""
+        inner = self.facts.contraction
+        return np.array(self.facts.aabb if inner is None else [[-2 * inner] * 3, [2 * inner] * 3], np.float32)
 
     @property
     def background(self) -> tuple[float, float, float]:
@@ -101,7 +103,11 @@ class RayDataset:
     @property
     def kind(self) -> Kind:
         """What was photographed, as far as it matters to how a field is trained."""
-        return "forward" if self.ndc else "object" if self.pixels.shape[-1] == 4 else "surroundings"
+        if self.ndc:
+            return "forward"
+        if self.pixels.shape[-1] == 4:
+            return "object"
+        return "surroundings" if self.facts.contraction is None else "unbounded"
 
     @property
     def views(self) -> int:
@@ -257,11 +263,17 @@ def row_step_for(scene: Scene, split: str) -> int:
 
 
 def make_dataset(
-    scene: Scene, split: str = "train", mesh: Mesh | None = None, *, folder: Path | None = None
+    scene: Scene,
+    split: str = "train",
+    mesh: Mesh | None = None,
+    *,
+    folder: Path | None = None,
+    contracted: bool = False,
 ) -> RayDataset:
     """Decodes the photographs of a split and puts them on the devices (of all processes, unless a mesh is given).
 
-    folder: where pixels lie that take too much memory (see load_pixels). UserError where a picture is bad, in every process.
+    folder: where pixels lie that take too much memory (see load_pixels). contracted: whether to contract space where the scene
+    says that it may be. UserError where a picture is bad, in every process.
     """
     mesh = mesh or every_device()
     photographs = scene.splits[split]
@@ -304,5 +316,6 @@ def make_dataset(
         cut_out=bool(scene.notes.get("masks")),
         row_step=row_step,
         rendered=scene.kind == "blender",
+        contraction=scene.contraction if contracted and channels == 3 else None,
     )
     return RayDataset(pixels=put_split(own, count, mesh), **whole, facts=facts, count=count, mesh=mesh)

@@ -138,7 +138,7 @@ def _assemble(
             scene = load_scene(scene_path, description.options)
             if checkpoint is None:
                 require_rays(scene)
-        dataset = make_dataset(scene, folder=path)
+        dataset = make_dataset(scene, folder=path, contracted=config.method == "multires")
         with together():
             method = make_method(config, dataset)
         bar.update(1.0)

@@ -8,7 +8,7 @@ depth of one step there, in 1 / DEPTH_UNITS. By these a march can end early, whe
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,8 @@ DEEPEST = 254
 
 
 class Boxed(Protocol):
-    """Where a grid is. origin [3], voxel [] or [3] in world units, dims int32 [3] = (x, y, z) voxels."""
+    """Where a grid is. origin [3], voxel [] or [3] in world units, dims int32 [3] = (x, y, z) voxels. contraction []: of a
+    contracted grid, half the side of its inner cube in world units (scenepack.contraction); None of others."""
 
     @property
     def origin(self) -> jax.Array: ...
@@ -30,6 +31,18 @@ class Boxed(Protocol):
 
     @property
     def dims(self) -> jax.Array: ...
+
+    @property
+    def contraction(self) -> jax.Array | float | None: ...
+
+
+class GridBox(NamedTuple):
+    """Where a grid is, and no more; see Boxed."""
+
+    origin: jax.Array
+    voxel: jax.Array
+    dims: jax.Array
+    contraction: jax.Array | float | None = None
 
 
 class Layout(Boxed, Protocol):

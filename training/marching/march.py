@@ -47,7 +47,7 @@ class Samples(NamedTuple):
 def occupied_segments(layout: Layout, rays: GridRays, phase: jax.Array, segments: int, step: float) -> jax.Array:
     """bool [N, segments]: which runs of COARSE steps may meet content."""
     middle = rays.start[:, None] + (phase[:, None] + COARSE * jnp.arange(segments) + 0.5 * (COARSE - 1)) * step
-    g = rays.origins[:, None] + middle[..., None] * rays.directions[:, None]
+    g = rays.points(jnp.arange(len(middle))[:, None], middle)
     ends_after = rays.start[:, None] + COARSE * jnp.arange(segments) * step < rays.end[:, None]
     return layout.near_content(g) & ends_after
 
@@ -84,7 +84,7 @@ def march(
     ray = jnp.minimum(picked // sizes.segments, count - 1)[:, None]
     k = (picked % sizes.segments)[:, None] * COARSE + jnp.arange(COARSE)
     t = rays.start[ray] + (phase[ray] + k) * step
-    g = rays.origins[ray] + t[..., None] * rays.directions[ray]
+    g = rays.points(ray, t)
     inside = (t < rays.end[ray]) & listed[:, None]
     if last_depth is None:
         fine = inside & layout.has_support(g)

@@ -6,6 +6,7 @@ for the outermost corners of a Blender scene's, where only mist of fields is cut
 
 Frames: a grid's own (a pack's grid frame, say) and the training frame, in which a dataset makes its rays; they differ by
 the rigid grid_T_training [4, 4]. Of the trainer's own voxels the two are one.
+Where a grid is contracted (scenepack.contraction), a ray is a path of several straight pieces, as long as all of space.
 Products of geometry, here and wherever rays are made, ask for the highest precision: by default an NVIDIA card may multiply
 float32 in TF32, whose 10 bits of fraction move a ray by 0.2 pixels of a photograph of 800 × 800.
 """
@@ -17,6 +18,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from scenepack.contraction import Path, contract, path_of, time_at
 from training.dataset import RayDataset
 from training.marching.layout import Boxed
 from training.method import Rays
@@ -35,14 +37,27 @@ class GridFrameRays(NamedTuple):
 
 
 class GridRays(NamedTuple):
-    """Rays in grid coordinates."""
+    """Rays in grid coordinates, each of P straight pieces: one, unless the grid is contracted."""
 
-    origins: jax.Array  # [N, 3]
-    directions: jax.Array  # [N, 3], unit length
+    origins: jax.Array  # [N, P, 3]: at distance s from where pieces begin on, a ray is at origins + s directions
+    directions: jax.Array  # [N, P, 3], unit length
+    begins: jax.Array  # [N, P] voxels: where a piece begins; infinite where there is none
     start: jax.Array  # [N] voxels
     end: jax.Array  # [N] voxels
-    scale: jax.Array  # [N] voxels per t
-    length: jax.Array  # [N] world units per voxel along the ray
+    scale: jax.Array  # [N] voxels per t; per unit of the ray's length in units of the inner cube, where contracted
+    length: jax.Array  # [N] world units per voxel along the ray, of contracted space
+    path: Path | None = None
+
+    def points(self, ray: jax.Array, s: jax.Array) -> jax.Array:
+        """[..., 3]: where rays `ray` [...] are at distances s [...] voxels."""
+        if self.begins.shape[1] == 1:
+            return self.origins[ray, 0] + s[..., None] * self.directions[ray, 0]
+        piece = jnp.maximum((self.begins[ray] <= s[..., None]).sum(-1), 1) - 1
+        return self.origins[ray, piece] + s[..., None] * self.directions[ray, piece]
+
+    def times(self, s: jax.Array) -> jax.Array:
+        """t [N] of the rays at distances s [N] voxels."""
+        return s / self.scale if self.path is None else time_at(self.path, s / self.scale, jnp)
 
 
 def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
@@ -55,7 +70,10 @@ def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
 
 
 def to_grid(layout: Boxed, rays: Rays) -> GridRays:
-    """Clips rays, given in the grid's frame, to the grid's box and measures them in voxels."""
+    """Clips rays, given in the grid's frame, to the grid's box and measures them in voxels. A contracted ray is not clipped: it
+    begins at `near`."""
+    if layout.contraction is not None:
+        return _contracted(layout, rays, layout.contraction)
     origins = (rays.origins - layout.origin) / layout.voxel
     directions = rays.directions / layout.voxel
     scale = jnp.linalg.norm(directions, axis=-1)
@@ -64,4 +82,24 @@ def to_grid(layout: Boxed, rays: Rays) -> GridRays:
     to_low, to_high = -origins / safe, (layout.dims - origins) / safe
     start = jnp.maximum(jnp.minimum(to_low, to_high).max(-1), rays.near * scale)
     end = jnp.minimum(jnp.maximum(to_low, to_high).min(-1), rays.far * scale)
-    return GridRays(origins, directions, start, end, scale, jnp.linalg.norm(rays.directions, axis=-1) / scale)
+    length = jnp.linalg.norm(rays.directions, axis=-1) / scale
+    return GridRays(origins[:, None], directions[:, None], jnp.zeros_like(start)[:, None], start, end, scale, length)
+
+
+def _contracted(layout: Boxed, rays: Rays, reach: jax.Array | float) -> GridRays:
+    """Rays with unit directions as paths. reach: half the side of the inner cube."""
+    path = path_of(rays.origins / reach, rays.directions / reach, rays.near, jnp)
+    scale = jnp.broadcast_to(reach / layout.voxel, (3,))[0]  # voxels are cubes
+    origins = path.origins * scale - layout.origin / layout.voxel
+    length = jnp.full_like(path.ends, reach / scale)
+    return GridRays(
+        origins, path.directions, path.starts * scale, jnp.zeros_like(path.ends), path.ends * scale,
+        jnp.full_like(path.ends, scale), length, path,
+    )  # fmt: skip
+
+
+def grid_points(layout: Boxed, points: jax.Array) -> jax.Array:
+    """Points [N, 3] of the grid's frame in grid coordinates."""
+    if layout.contraction is not None:
+        points = contract(points / layout.contraction, jnp) * layout.contraction
+    return (points - layout.origin) / layout.voxel

@@ -27,6 +27,7 @@ class GridLayout(NamedTuple):
     support: jax.Array  # uint8, same size: the code of each cell
     coarse: jax.Array  # uint8 [Cz*Cy*Cx]: coarse occupancy
     coarse_dims: jax.Array  # int32 [3]
+    contraction: jax.Array | None = None
 
     def has_support(self, g: jax.Array) -> jax.Array:
         return self.optical_depth(g) > 0
@@ -44,7 +45,9 @@ class GridLayout(NamedTuple):
         return self.lookup[flat_index(cell, self.dims + 2)]
 
 
-def build_layout(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | float) -> GridLayout:
+def build_layout(
+    present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | float, contraction: float | None = None
+) -> GridLayout:  # fmt: skip
     """The layout of the voxels marked in `present` bool [Dz, Dy, Dx]; rows are numbered from 1 in z, y, x order.
 
     voxel: sides (x, y, z), or one side for all.
@@ -62,6 +65,7 @@ def build_layout(present: np.ndarray, origin: np.ndarray, voxel: np.ndarray | fl
         support=jnp.asarray(support.ravel()),
         coarse=jnp.asarray(coarse.ravel()),
         coarse_dims=jnp.asarray(coarse.shape[::-1], jnp.int32),
+        contraction=None if contraction is None else jnp.float32(contraction),
     )
 
 

@@ -4,6 +4,7 @@ What a field needs depends on what was photographed. A setting whose default is 
 
     object        cut out by alpha: all else is known to be empty
     surroundings  opaque photographs from many sides: every ray must end somewhere, and much is seen by few photographs
+    unbounded     the same, all of space contracted into the cube
     forward       opaque photographs from one side, in NDC: depth is disparity, which small baselines tell coarsely
 """
 
@@ -23,8 +24,11 @@ class MultiresConfig:
     resolutions: tuple[int, ...] | None = None
     """Cells along the cube of each level, coarse to fine. None: powers of two from 16 to about the photographs' pixels, at most
     512."""
-    occupancy: int = 256
-    """Cells of the occupancy grid along the cube; a multiple of 8."""
+    occupancy: int | None = None
+    """Cells of the occupancy grid along the cube; a multiple of 8. Here and below, None means: chosen by the kind of scene, but
+    where something else is said."""
+    occupancy_threshold: float | None = None
+    """Optical depth over 1/512 of the cube from which a cell is occupied."""
     finest_from: float = 0.25
     """When the finest level joins, as a fraction of all steps: coarse levels generalise, and cost less."""
     samples_per_step: int | None = None
@@ -50,8 +54,7 @@ class MultiresConfig:
     warmup_steps: int = 20
     """Steps over which learning rates rise from zero."""
     distortion_weight: float | None = None
-    """Weight of the distortion loss of mip-NeRF 360, with distances relative to the cube; 0 for none. Here and below, None
-    means: chosen by the kind of scene."""
+    """Weight of the distortion loss of mip-NeRF 360, with distances relative to the cube; 0 for none."""
     sparsity_factor: float | None = None
     """Factor on the sparsity weight."""
     least_views: int | None = None
@@ -67,15 +70,24 @@ class MultiresConfig:
 class KindSettings:
     """The settings of MultiresConfig that the kind of scene decides where nobody else does; explained there."""
 
+    occupancy: int
+    occupancy_threshold: float
     distortion_weight: float
     sparsity_factor: float
     least_views: int
 
 
 BY_KIND: Mapping[Kind, KindSettings] = {
-    "object": KindSettings(distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
-    "surroundings": KindSettings(distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
-    "forward": KindSettings(distortion_weight=0.003, sparsity_factor=0.2, least_views=3),
+    "object": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
+    "surroundings": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
+    "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.1, sparsity_factor=1.0, least_views=3),
+    "forward": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.003, sparsity_factor=0.2, least_views=3),
+}  # fmt: skip
+# Samples along the cube's side, over the cells of the finest level, where steps_across is None; of contracted space few at first,
+# for what lies far away is not seen finely
+STEPS_ACROSS: Mapping[Kind, tuple[float, ...]] = {
+    **dict.fromkeys(BY_KIND, (0.5, 1.0, 2.0)),
+    "unbounded": (0.25, 0.5, 2.0),
 }
 
 

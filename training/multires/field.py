@@ -21,8 +21,20 @@ from scenepack.constants import TRANSMITTANCE_SHADED, VIEW_MLP_WIDTHS
 from training.encoding import VIEW_FREQUENCIES
 from training.marching.layout import blend, trilinear_weights
 from training.marching.march import MarchSizes, Samples, transmittance
+from training.marching.rays import GridRays
 from training.method import RenderOutput, ViewMlpParams
-from training.multires.levels import BRICK, FEATURES, ROWS_OF_BRICK, Levels, bricks_along
+from training.multires.levels import (
+    BRICK,
+    DENSE,
+    FEATURES,
+    HASH_Y,
+    HASH_Z,
+    HASHED,
+    HASHED_ROWS,
+    ROWS_OF_BRICK,
+    Levels,
+    bricks_along,
+)
 from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Settings
 from training.view_mlp import apply_view_mlp
 from training.volume import alpha_of
@@ -97,7 +109,14 @@ def corners(level: Level, maps: jax.Array, points: jax.Array) -> tuple[jax.Array
     ahead = np.array([[k & 1, k >> 1 & 1, k >> 2] for k in range(8)], np.int32)
     x, y, z = jnp.moveaxis(cell[:, None] + ahead, -1, 0)
     weights = trilinear_weights(place - cell)
-    if level.place < 0:
+    if level.place == HASHED:
+        x, y, z = (
+            x.astype(jnp.uint32),
+            y.astype(jnp.uint32) * np.uint32(HASH_Y),
+            z.astype(jnp.uint32) * np.uint32(HASH_Z),
+        )
+        return level.offset + ((x ^ y ^ z) % HASHED_ROWS).astype(jnp.int32), weights
+    if level.place == DENSE:
         width = level.resolution + 1
         return level.offset + (z * width + y) * width + x, weights
     bricks = bricks_along(level.resolution)
@@ -175,9 +194,9 @@ def shade(
     return RenderOutput(rgb, diffuse, gathered[:, 3:7], 1.0 - behind, gathered[:, 8])
 
 
-def finished(output: RenderOutput, scale: jax.Array | np.ndarray) -> RenderOutput:
-    """What `shade` returns as a picture: colours in [0, 1], and the mean t of what each ray meets. scale [N]: cells per t."""
-    depth = output.depth / jnp.maximum(output.alpha, 1e-6) / scale
+def finished(output: RenderOutput, rays: GridRays) -> RenderOutput:
+    """What `shade` returns as a picture: colours in [0, 1], and t at the mean distance of what each ray meets."""
+    depth = rays.times(output.depth / jnp.maximum(output.alpha, 1e-6))
     return output._replace(rgb=jnp.clip(output.rgb, 0, 1), depth=depth)
 
 

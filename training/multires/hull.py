@@ -19,16 +19,18 @@ from training.multires.occupancy import INITIAL, NEVER
 from training.multires.state import Box
 
 COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, along each axis
+FINE = 128  # cells that are looked at along an axis of contracted space, where some lie close before cameras
 TIGHT = 64  # cells along the box, of which those that hold something decide where the cube is
 BEHIND = 1e-3  # depth below which a cell may reach behind the camera
 
 
 def hull_codes(dataset: RayDataset, box: Box, side: int, least_views: int, workers: Workers) -> np.ndarray:
     """Codes uint8 [side, side, side] of an occupancy grid before step 0 (training.multires.occupancy)."""
-    possible = np.ones((side // COARSE,) * 3, np.uint8)
-    _look(dataset, box, possible, COARSE, least_views, workers)
+    coarse = COARSE if dataset.facts.contraction is None else max(side // FINE, 1)
+    possible = np.ones((side // coarse,) * 3, np.uint8)
+    _look(dataset, box, possible, coarse, least_views, workers)
     for axis in range(3):
-        possible = np.repeat(possible, COARSE, axis)
+        possible = np.repeat(possible, coarse, axis)
     if dataset.kind == "object":
         _look(dataset, box, possible, 1, 0, workers)
     z, y, x = (np.arange(side) for _ in range(3))
@@ -62,7 +64,7 @@ def _look(
     dataset: RayDataset, box: Box, possible: np.ndarray, coarse: int, least_views: int, workers: Workers
 ) -> None:  # fmt: skip
     """Clears the cells of `possible`, `coarse` times as large as the box's, that no photograph leaves anything in, or that
-    fewer than least_views look at."""
+    fewer than least_views look at; in contracted space those, too, that are nearer to a camera than its rays begin."""
     photographs, cut_out = photographs_of(dataset.local()), dataset.kind == "object"
     ends = np.append(photographs.first[1:], dataset.count)
     counts = np.zeros(possible.shape if least_views else (0, 0, 0), np.int32)
@@ -109,8 +111,14 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
                 place[axis] = origin[axis] + (place[axis] + 0.5) * cell[axis]
             if photographs.ndc[2] > 0:
                 _from_ndc(place, photographs.ndc)
+            if photographs.contraction > 0:
+                _uncontract(place, photographs.contraction)
             for axis in range(3):
                 relative[axis] = place[axis] - pose[axis, 3]
+            if photographs.contraction > 0 and (
+                relative[0] ** 2 + relative[1] ** 2 + relative[2] ** 2 < photographs.near**2
+            ):
+                possible[z, y, x] = 0
             right = pose[0, 0] * relative[0] + pose[1, 0] * relative[1] + pose[2, 0] * relative[2]
             up = pose[0, 1] * relative[0] + pose[1, 1] * relative[1] + pose[2, 1] * relative[2]
             depth = -(pose[0, 2] * relative[0] + pose[1, 2] * relative[1] + pose[2, 2] * relative[2])
@@ -133,6 +141,17 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
                 continue  # partly out of sight
             if table[below, past] - table[top, past] - table[below, left] + table[top, left] == 0:
                 possible[z, y, x] = 0
+
+
+@njit(nogil=True, cache=True)
+def _uncontract(place, inner):
+    """A point of contracted space becomes one of the world: scenepack.contraction.uncontract."""
+    largest = max(abs(place[0]), abs(place[1]), abs(place[2])) / inner
+    if largest > 1.0:
+        w = 1.0 / (2.0 - min(largest, 2.0 - 1e-6))
+        for axis in range(3):
+            at = place[axis] / inner
+            place[axis] = inner * (np.sign(at) * w if abs(at) == largest else at * w)
 
 
 @njit(nogil=True, cache=True)

@@ -61,6 +61,7 @@ class Cells(NamedTuple):
     side: jax.Array
     coarse: jax.Array
     coarse_dims: jax.Array
+    contraction: jax.Array | None = None
 
     def has_support(self, g: jax.Array) -> jax.Array:
         """bool [...]: whether samples are taken at g [..., 3]."""
@@ -88,8 +89,8 @@ class Constants(NamedTuple):
     settings: Settings
 
 
-def cells_of(state: State) -> Cells:
-    """The occupancy grid of a state."""
+def cells_of(state: State, contraction: float | None = None) -> Cells:
+    """The occupancy grid of a state. contraction: see training.marching.layout.Boxed."""
     occupied = is_on(state.codes).astype(np.uint8)
     side = occupied.shape[0]
     # a run of COARSE steps is tested at its middle: steps of up to two cells reach two cells further
@@ -98,7 +99,7 @@ def cells_of(state: State) -> Cells:
     return Cells(
         jnp.asarray(state.box.origin, jnp.float32), jnp.asarray(state.box.cell, jnp.float32),
         jnp.asarray(state.box.dims), jnp.asarray(occupied.ravel()), jnp.int32(side), jnp.asarray(coarse.ravel()),
-        jnp.asarray(coarse.shape[::-1], jnp.int32),
+        jnp.asarray(coarse.shape[::-1], jnp.int32), None if contraction is None else jnp.float32(contraction),
     )  # fmt: skip
 
 
@@ -262,7 +263,7 @@ class JaxEngine:
             absent = np.zeros(levels.total, bool)
             for rows in absent_rows(levels):
                 absent[rows] = True
-            arrays = cells_of(state), jnp.asarray(levels.maps), jnp.asarray(absent)
+            arrays = cells_of(state, self.dataset.facts.contraction), jnp.asarray(levels.maps), jnp.asarray(absent)
             state.kept = {"of": (id(state.codes), id(state.bricks)), "derived": (*arrays, static_levels(levels))}
         return state.kept["derived"]
 
@@ -306,7 +307,7 @@ def _render_chunk(
     gathered, *_ = composite(density, values, samples, target.step_lengths, count, constants.lists.sizes.per_ray)
     view_mlp = split_parameters(trained.parameters, x.shape[1])[-1] if settings.has_view_mlp else None
     output = shade(gathered, view_mlp, rays.viewdirs, background)
-    return finished(output, to_grid(cells, rays).scale), samples.complete
+    return finished(output, to_grid(cells, rays)), samples.complete
 
 
 @partial(jax.jit, static_argnames=("segments", "step"))
@@ -319,6 +320,6 @@ def _count(
 
     def add(k: jax.Array, total: jax.Array) -> jax.Array:
         t = rays.start + k * step
-        return total + ((t < rays.end) & cells.has_support(rays.origins + t[:, None] * rays.directions))
+        return total + ((t < rays.end) & cells.has_support(rays.points(jnp.arange(len(t)), t)))
 
     return coarse, jax.lax.fori_loop(0, segments * COARSE, add, jnp.zeros_like(coarse))

@@ -4,7 +4,8 @@ Notation: a level of resolution n divides the unit cube into n³ cells and has f
 0 … n). All levels share one table [E, FEATURES] of rows. A dense level has a row for each vertex, x fastest. A finer level has
 rows only for bricks of 4³ vertices that lie near content; its map says which brick of its 64 rows each one has. Brick 0 of a
 level stands for all that are absent: its features are zero and never learn. Blocks of 64 rows, as bricks are, begin at
-multiples of 64.
+multiples of 64. Where space is contracted, content lies everywhere: a level finer than HASHED_FROM has HASHED_ROWS rows, and its
+vertices share them by a hash (instant-ngp, Müller et al. 2022, equation 4).
 """
 
 from __future__ import annotations
@@ -14,15 +15,20 @@ from typing import NamedTuple
 import numpy as np
 
 FEATURES = 4
+DENSE, HASHED = -1, -2  # in place of where a level's map begins
 BRICK = 4  # vertices of a brick along each axis
 ROWS_OF_BRICK = BRICK**3
 DENSE_UP_TO = 64  # resolution; finer levels are sparse
+HASHED_FROM = 128  # resolution; finer levels of contracted space are hashed
+HASHED_ROWS = 1 << 20
+HASH_Y, HASH_Z = 2654435761, 805459861  # factors of y and z; of x it is 1
+ALL_HASHED = np.array([-1], np.int32)  # in place of a level's bricks
 INITIAL = 1e-4  # features begin between plus and minus this
 
 
 class Levels(NamedTuple):
     """For each of L levels, int64: resolution; offset, the first of its rows, -1 while it has none; rows, how many; place, where
-    its map begins in maps, -1 where dense. maps int32: brick of each 4³ vertices, x fastest.
+    its map begins in maps, DENSE or HASHED for others. maps int32: brick of each 4³ vertices, x fastest.
     """
 
     resolution: np.ndarray
@@ -49,13 +55,16 @@ def is_dense(resolution: int) -> bool:
 
 def make_levels(resolutions: tuple[int, ...], bricks: tuple[np.ndarray | None, ...]) -> Levels:
     """The levels with these bricks: int32 sorted flat numbers of the bricks present; None for a level that has no rows yet; empty
-    for a dense one."""
+    for a dense one; ALL_HASHED."""
     offset, rows, place, maps = [], [], [], []
     for resolution, present in zip(resolutions, bricks, strict=True):
         offset.append(-1 if present is None else sum(rows))
-        place.append(-1 if is_dense(resolution) else sum(part.size for part in maps))
+        hashed = present is not None and np.array_equal(present, ALL_HASHED)
+        place.append(DENSE if is_dense(resolution) else HASHED if hashed else sum(part.size for part in maps))
         if present is None:
             rows.append(0)
+        elif hashed:
+            rows.append(HASHED_ROWS)
         elif is_dense(resolution):
             rows.append(-(-((resolution + 1) ** 3) // ROWS_OF_BRICK) * ROWS_OF_BRICK)
         else:
@@ -68,7 +77,10 @@ def make_levels(resolutions: tuple[int, ...], bricks: tuple[np.ndarray | None, .
 
 
 def bricks_near(occupied: np.ndarray, resolution: int) -> np.ndarray:
-    """int32, sorted: the bricks of a level with vertices of cells that touch `occupied` bool [R, R, R], grown by a cell."""
+    """int32, sorted: the bricks of a level with vertices of cells that touch `occupied` bool [R, R, R], grown by a cell; empty
+    for a dense level."""
+    if is_dense(resolution):
+        return np.zeros(0, np.int32)
     side, count = occupied.shape[0], bricks_along(resolution)
     needed = occupied
     for axis in range(3):

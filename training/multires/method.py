@@ -25,7 +25,15 @@ from training.multires.engines import make_engine
 from training.multires.field import initial_parameters, inputs_of, split_parameters
 from training.multires.fused.workers import Workers
 from training.multires.hull import box_around, hull_codes
-from training.multires.levels import INITIAL, absent_rows, bricks_near, is_dense, make_levels, moved_rows
+from training.multires.levels import (
+    ALL_HASHED,
+    HASHED_FROM,
+    INITIAL,
+    absent_rows,
+    bricks_near,
+    make_levels,
+    moved_rows,
+)
 from training.multires.occupancy import boxes_meeting, is_on, visited
 from training.multires.saving import restored, saved
 from training.multires.settings import plan_of, settings_of
@@ -49,8 +57,9 @@ class MultiresMethod:
     def start(self, key: jax.Array) -> State:
         own, plan = self.config.multires, self.plan
         workers = Workers()
-        box = box_around(self.dataset, own.occupancy, own.ndc_depth, workers)
-        codes = hull_codes(self.dataset, box, own.occupancy, plan.least_views, workers)
+        side = self.settings.resolution
+        box = box_around(self.dataset, side, own.ndc_depth, workers)
+        codes = hull_codes(self.dataset, box, side, plan.least_views, workers)
         view_mlp = init_view_mlp(key)
         view_mlp = view_mlp._replace(biases=(*view_mlp.biases[:2], view_mlp.biases[2] + VIEW_BIAS))
         random = np.random.default_rng((self.config.seed, 0))
@@ -59,7 +68,7 @@ class MultiresMethod:
         state = State(
             box=box, bricks=tuple(None for _ in plan.resolutions), codes=codes,
             values=Trainable(np.zeros((0, 4), np.float32), parameters), first=next(blank), second=next(blank),
-            updates=0, samples_per_ray=SAMPLES_AT_FIRST, step_cells=plan.step_cells(0.0, own.occupancy),
+            updates=0, samples_per_ray=SAMPLES_AT_FIRST, step_cells=plan.step_cells(0.0, side),
             gains=np.ones((self.dataset.views, 3), np.float32) if plan.gains else None,
         )  # fmt: skip
         return self._with_levels(state, 0, 0.0)
@@ -119,13 +128,16 @@ class MultiresMethod:
         """Renews the occupancy grid where it is due before a step."""
         if step < VISITS_FROM or step % VISIT_EVERY[step >= SETTLED]:
             return
+        threshold = self.plan.occupancy_threshold
         whole = step < SETTLED and step % WHOLE_EVERY == 0
         random = np.random.default_rng((self.config.seed, step, 1))
 
         def density_at(points: np.ndarray) -> np.ndarray:
             return self.engine.values_at(state, points)[:, 0]
 
-        state.codes = agree(visited(state.codes, density_at, random, whole=whole, faded=FADED_WHOLE if whole else 1))
+        state.codes = agree(
+            visited(state.codes, density_at, random, threshold, whole=whole, faded=FADED_WHOLE if whole else 1)
+        )
 
     def _with_levels(self, state: State, step: int, progress: float) -> State:
         """The state with rows for the levels that have joined by then. Whenever one joins, sparse levels keep the bricks that
@@ -135,8 +147,13 @@ class MultiresMethod:
         if all(had is not None or not now for had, now in zip(state.bricks, due, strict=True)):
             return state
         occupied = is_on(state.codes)
+        contracted = self.dataset.facts.contraction is not None
         bricks = tuple(
-            None if not now else np.zeros(0, np.int32) if is_dense(resolution) else bricks_near(occupied, resolution)
+            None
+            if not now
+            else ALL_HASHED
+            if contracted and resolution > HASHED_FROM
+            else bricks_near(occupied, resolution)
             for resolution, now in zip(resolutions, due, strict=True)
         )
         before, after = make_levels(resolutions, state.bricks), make_levels(resolutions, bricks)

@@ -6,7 +6,7 @@ cell and sets
 
     code <- max(code - 1, code of the density),
 
-where the code of a density is how many visits its optical depth over STEP of the cube's side takes to fall below THRESHOLD at a
+where the code of a density is how many visits its optical depth over STEP of the cube's side takes to fall below a threshold at a
 rate of DECAY a visit (instant-ngp, Müller et al. 2022, appendix E, in logarithms).
 """
 
@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 NEVER = 255
-DECAY, THRESHOLD, LONGEST = 0.8, 0.01, 40  # LONGEST: visits that the densest cell stays on
+DECAY, LONGEST = 0.8, 40  # LONGEST: visits that the densest cell stays on
 STEP = 1 / 512  # of the cube's side
 INITIAL = 5  # visits that a cell of the hull stays on
 TOGETHER = 512  # cells in a row of which all or none are visited
@@ -30,15 +30,16 @@ def is_on(codes: np.ndarray) -> np.ndarray:
     return (codes > 0) & (codes < NEVER)
 
 
-def code_of(density: np.ndarray) -> np.ndarray:
+def code_of(density: np.ndarray, threshold: float) -> np.ndarray:
     """uint8 codes of densities per side of the cube."""
     with np.errstate(divide="ignore"):
-        visits = np.ceil(np.log(density * np.float32(STEP / THRESHOLD)) / -np.log(DECAY))
+        visits = np.ceil(np.log(density * np.float32(STEP / threshold)) / -np.log(DECAY))
     return np.clip(visits, 0, LONGEST).astype(np.uint8)
 
 
 def visited(
-    codes: np.ndarray, density_at: Callable[[np.ndarray], np.ndarray], random: np.random.Generator, *, whole: bool, faded: int = 1
+    codes: np.ndarray, density_at: Callable[[np.ndarray], np.ndarray], random: np.random.Generator, threshold: float, *,
+    whole: bool, faded: int = 1,
 ) -> np.ndarray:  # fmt: skip
     """Codes after a visit to a random SHARE of the cells, or to the whole grid.
 
@@ -52,7 +53,7 @@ def visited(
             side
         )
         old = flat[cells]
-        flat[cells] = np.maximum(np.maximum(old, faded) - np.uint8(faded), code_of(density_at(points)))
+        flat[cells] = np.maximum(np.maximum(old, faded) - np.uint8(faded), code_of(density_at(points), threshold))
     return flat.reshape(codes.shape)
 
 

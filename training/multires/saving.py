@@ -9,7 +9,7 @@ import numpy as np
 from console import UserError
 from training.exposure import GAINS
 from training.multires.field import VIEW_PARAMETERS, decoder_size, inputs_of
-from training.multires.levels import FEATURES, bricks_along, is_dense, make_levels
+from training.multires.levels import ALL_HASHED, FEATURES, HASHED_FROM, bricks_along, is_dense, make_levels
 from training.multires.state import Box, State, Trainable
 
 PARTS = ("values", "first", "second")
@@ -76,6 +76,8 @@ def _bricks(arrays: Mapping[str, np.ndarray], resolution: int) -> np.ndarray | N
     if name not in arrays:
         return None
     present = arrays[name]
+    if resolution > HASHED_FROM and np.array_equal(present, ALL_HASHED):
+        return ALL_HASHED
     _require(arrays, name, (0,) if is_dense(resolution) else (len(present),), np.int32)
     if len(present) and (
         present[0] < 0 or present[-1] >= bricks_along(resolution) ** 3 or (np.diff(present) <= 0).any()

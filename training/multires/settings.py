@@ -12,7 +12,7 @@ from scenepack.constants import VIEW_FREQUENCIES
 from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.exposure import is_fitted
-from training.multires.config import MultiresConfig, settings_for
+from training.multires.config import STEPS_ACROSS, MultiresConfig, settings_for
 
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
 COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
@@ -60,7 +60,7 @@ class Plan:
     """What happens between steps.
 
     resolutions: of the levels. joins: share of the run after which each joins. samples: of a step. steps_across, steps_from: see
-    MultiresConfig. least_views: as there. gains: of the photographs are fitted (training.exposure).
+    MultiresConfig. least_views, occupancy_threshold: as there. gains: of the photographs are fitted (training.exposure).
     """
 
     resolutions: tuple[int, ...]
@@ -69,6 +69,7 @@ class Plan:
     steps_across: tuple[int, ...]
     steps_from: tuple[float, ...]
     least_views: int
+    occupancy_threshold: float
     gains: bool
 
     def step_cells(self, progress: float, resolution: int) -> float:
@@ -85,9 +86,13 @@ class Plan:
 def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
     """The plan of a run."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
-    resolutions = own.resolutions or resolutions_for(longest_side(dataset))
-    steps_across = own.steps_across or tuple(max(int(n * resolutions[-1]), own.occupancy // 2) for n in (0.5, 1, 2))
-    _require_sensible(own, resolutions, steps_across)
+    # contracted space has the inner cube in half of its side
+    pixels = longest_side(dataset) * (1 if dataset.facts.contraction is None else 2)
+    resolutions = own.resolutions or resolutions_for(pixels)
+    steps_across = own.steps_across or tuple(
+        max(int(n * resolutions[-1]), by_kind.occupancy // 2) for n in STEPS_ACROSS[dataset.kind]
+    )
+    _require_sensible(own, by_kind.occupancy, resolutions, steps_across)
     return Plan(
         resolutions=resolutions,
         joins=(0.0,) * (len(resolutions) - 1) + (own.finest_from if len(resolutions) > 1 else 0.0,),
@@ -95,14 +100,17 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
         steps_across=steps_across,
         steps_from=own.steps_from,
         least_views=min(by_kind.least_views, dataset.views),
+        occupancy_threshold=by_kind.occupancy_threshold,
         gains=is_fitted(config.exposure, rendered=dataset.facts.rendered),
     )
 
 
-def _require_sensible(own: MultiresConfig, resolutions: tuple[int, ...], steps_across: tuple[int, ...]) -> None:
+def _require_sensible(
+    own: MultiresConfig, occupancy: int, resolutions: tuple[int, ...], steps_across: tuple[int, ...]
+) -> None:  # fmt: skip
     """UserError where settings do not fit together."""
     for option, fits, expected, found in (
-        ("occupancy", own.occupancy % 8 == 0 and 8 <= own.occupancy <= 512, "a multiple of 8, at most 512", own.occupancy),
+        ("occupancy", occupancy % 8 == 0 and 8 <= occupancy <= 512, "a multiple of 8, at most 512", occupancy),
         ("view-octaves", own.view_octaves <= VIEW_FREQUENCIES, f"at most {VIEW_FREQUENCIES}", own.view_octaves),
         ("ndc-depth", 0.1 <= own.ndc_depth <= 100, "0.1 to 100", own.ndc_depth),
         ("resolutions", min(resolutions) >= 4 and max(resolutions) <= 1024, "4 to 1024", list(resolutions)),
@@ -111,7 +119,7 @@ def _require_sensible(own: MultiresConfig, resolutions: tuple[int, ...], steps_a
             f"one more than --multires.steps-from, {len(own.steps_from) + 1}", list(steps_across),
         ),
         (
-            "steps-across", min(steps_across) >= own.occupancy // 2, f"at least half of --multires.occupancy, {own.occupancy}",
+            "steps-across", min(steps_across) >= occupancy // 2, f"at least half of --multires.occupancy, {occupancy}",
             list(steps_across),
         ),
     ):  # fmt: skip
@@ -141,7 +149,7 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
     """The constants of a run's steps."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
     return Settings(
-        resolution=own.occupancy,
+        resolution=by_kind.occupancy,
         background=dataset.background,
         random_background=own.random_background or dataset.kind != "object" or dataset.facts.cut_out,
         distortion=by_kind.distortion_weight,
@@ -157,6 +165,8 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
 
 def _ray_length(dataset: RayDataset) -> float:
     """Over which the paper would spread its coarse samples of a ray, in world units."""
+    if dataset.facts.contraction is not None:
+        return 4.0 * dataset.facts.contraction
     if dataset.facts.disparity:  # even in 1/t: as far apart as at distance 1 (the cameras', by the readers)
         return 1.0 / dataset.near
     return NDC_DEPTH if dataset.ndc else dataset.far - dataset.near

@@ -15,6 +15,7 @@ from console import UserError
 from training.scenes.files import find_masks, visible_files
 from training.scenes.messages import notice
 from training.scenes.photographs import photograph_of, target_size, tell_turned
+from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward, pose
 from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Scene, SceneOptions, hold_out
 from training.scenes.space import frame_forward, frame_of_sphere, space_forward, space_of_bounds
@@ -52,7 +53,11 @@ def read(path: Path, options: SceneOptions) -> Scene:
     described = zip(sources, cameras, masks, strict=True)
     photographs = [photograph_of(source.stem, source, camera, shrink, mask) for source, camera, mask in described]
     tell_turned(path, photographs)
-    space = space_of_bounds(photographs, bounds * frame.scale) if spherified else space_forward(photographs)
+    if spherified:
+        opaque = not options.masks and not may_be_transparent(photographs)
+        space = space_of_bounds(photographs, bounds * frame.scale, opaque=opaque)
+    else:
+        space = space_forward(photographs)
     return Scene(path=path, kind="llff", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
                  **space._asdict())  # fmt: skip
 

@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-# What was photographed: cut out by alpha; from around; from one side.
-Kind = Literal["object", "surroundings", "forward"]
+# What was photographed: cut out by alpha; from around, within a box or without an end; from one side.
+Kind = Literal["object", "surroundings", "unbounded", "forward"]
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,7 @@ class Scene:
     worldspace_T_opengl: np.ndarray  # float64 [4, 4]: from the pack's grid frame (y up) to the training frame
     ndc: bool = False
     ndc_camera: tuple[int, int, float] | None = None  # width, height, focal length in pixels of the NDC warp
+    contraction: float | None = None  # half the side of the cube about the origin beyond which space may be contracted
     disparity: bool = False  # whether samples are spread evenly in 1/t, as suits captures without a far end
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)  # the colour behind everything, sRGB in [0, 1]
     held_out: str = ""  # what decided which photographs are held out, for messages; "" where none are

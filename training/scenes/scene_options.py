@@ -42,7 +42,7 @@ def checked_box(values: Sequence[float]) -> Box:
 
 
 def with_box(scene: Scene, box: Box) -> Scene:
-    """The scene with that box, its far end moved out to reach all of it. UserError for NDC scenes, whose box is all that the
+    """The scene within that box, its far end moved out to reach all of it. UserError for NDC scenes, whose box is all that the
     cameras see, and where no training photograph sees the box."""
     if scene.ndc:
         what = "a forward-facing scene has no box: in NDC, the box is everything that the cameras see"
@@ -50,7 +50,7 @@ def with_box(scene: Scene, box: Box) -> Scene:
     aabb = np.array(checked_box(box)).reshape(2, 3)
     eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
     farthest = np.linalg.norm(np.maximum(np.abs(eyes - aabb[0]), np.abs(eyes - aabb[1])), axis=-1).max()
-    boxed = replace(scene, aabb=aabb, far=max(scene.far, float(farthest)))
+    boxed = replace(scene, aabb=aabb, far=max(scene.far, float(farthest)), contraction=None)
     if not any(_meets(photograph.camera, boxed) for photograph in scene.splits["train"]):
         expected = f"something about {box_text(scene.aabb)}"
         raise UserError("no photograph sees this box", where=AABB, expected=expected, found=box_text(aabb))

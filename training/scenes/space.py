@@ -9,7 +9,8 @@ Notation: P float64 [N, 4, 4], world_T_camera of all photographs, OpenGL axes. A
     LLFF, 360 degrees       about the focus; cameras at RMS distance 1          what cameras frame, at most 1.2
     transforms, COLMAP      about the focus, z up; cameras at mean distance 1   of the points; else a cube about the origin
 
-The focus is the point nearest to all optical axes.
+The focus is the point nearest to all optical axes. Opaque photographs that look inwards show all that is around, too: beyond
+INNER on every side of the focus, methods that can do so contract space (scenepack.contraction), and the box does not count.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ NEAR_360, FAR_360, HALF_SIDE_360 = 0.45, 100.0, 1.2  # LLFF: near at most, far a
 # Of captures, in units of the cameras' mean distance from the focus:
 NEAR, FAR = 0.1, 100.0  # where no points tell
 HALF_SIDE = 1.5  # of the box of a capture that looks inwards
+INNER = 1.1  # half side of the cube that is not contracted: most cameras stand in it
 OUTWARD_HALF_SIDE = 3.0  # of one that looks outwards, where no points tell
 FARTHEST = 30.0  # reach of the points' box of a capture that looks outwards
 NEAREST, NEAREST_FAR = 0.02, 10.0  # near is at least, far at least
@@ -93,6 +95,7 @@ class Space(NamedTuple):
     disparity: bool = True
     ndc: bool = False
     ndc_camera: tuple[int, int, float] | None = None
+    contraction: float | None = None
 
 
 # --- training frames --------------------------------------------------------------------------------------------------
@@ -164,13 +167,15 @@ def space_of_object(cameras: Sequence[Camera], *, opaque: bool) -> Space:
     return Space(near, float(distances.max()) + reach, cube(half), disparity=False)
 
 
-def space_of_bounds(photographs: Sequence[Photograph], bounds: np.ndarray) -> Space:
-    """Of a 360° capture in its frame_of_sphere, with each photograph's nearest and farthest depth [N, 2]."""
+def space_of_bounds(photographs: Sequence[Photograph], bounds: np.ndarray, *, opaque: bool) -> Space:
+    """Of a 360° capture in its frame_of_sphere, with each photograph's nearest and farthest depth [N, 2]. opaque: see
+    space_of_capture."""
     cameras = [photograph.camera for photograph in photographs]
     corners = [np.hypot(c.width / c.fx, c.height / c.fy) / 2 for c in cameras]
     framed = (np.linalg.norm(poses_of(cameras)[:, :3, 3], axis=-1) * corners).max()
     near = float(np.clip(0.9 * bounds.min(), 0.05, NEAR_360))
-    return Space(near, max(FAR_360, float(bounds.max())), cube(min(HALF_SIDE_360, float(framed))))
+    far, inner = max(FAR_360, float(bounds.max())), INNER if opaque else None
+    return Space(near, far, cube(min(HALF_SIDE_360, float(framed))), contraction=inner)
 
 
 def space_of_capture(
@@ -181,16 +186,18 @@ def space_of_capture(
     focus, and as far as HALF_SIDE where cameras look inwards."""
     P = poses_of(cameras)
     inwards = looks_inwards(P)
-    reach = HALF_SIDE if inwards else FARTHEST
+    reach, near, far = HALF_SIDE if inwards else FARTHEST, NEAR, FAR
     if points is not None:
+        near, far = _near_far(P, points)
         box = box_of_points(points.places, points.weights, reach, otherwise=cube(HALF_SIDE))
-        return Space(*_near_far(P, points), _with_frames(box, cameras, points) if opaque else box)
-    if file_box is not None and (file_box[0] < 0).all() and (file_box[1] > 0).all():
-        return Space(NEAR, FAR, np.clip(file_box, -reach, reach))
-    if not inwards:
-        return Space(NEAR, FAR, cube(OUTWARD_HALF_SIDE))
-    framed = FRAMED_MARGIN * framed_half_side(cameras, np.zeros(3))
-    return Space(NEAR, FAR, cube(HALF_SIDE if opaque else min(HALF_SIDE, framed)))
+        box = _with_frames(box, cameras, points) if opaque else box
+    elif file_box is not None and (file_box[0] < 0).all() and (file_box[1] > 0).all():
+        box = np.clip(file_box, -reach, reach)
+    elif not inwards:
+        box = cube(OUTWARD_HALF_SIDE)
+    else:
+        box = cube(HALF_SIDE if opaque else min(HALF_SIDE, FRAMED_MARGIN * framed_half_side(cameras, np.zeros(3))))
+    return Space(near, far, box, contraction=INNER if opaque and inwards else None)
 
 
 def space_forward(photographs: Sequence[Photograph]) -> Space:

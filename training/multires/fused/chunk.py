@@ -119,16 +119,16 @@ def _march_wave(low, high, grid, batch, numbers, scratch, count, wave):
     for r in range(high - low):
         ray, got = low + r, 0
         while scratch.alive[r] and got < wave:
-            k, t = next_sample(grid, batch, ray, scratch.next_k[r], numbers.step)
+            k, t, piece = next_sample(grid, batch, ray, scratch.next_k[r], numbers.step)
             if k < 0:
                 scratch.alive[r] = False
                 break
             if count >= room:
                 return -1
             scratch.ray[count], scratch.t[count] = r, t
-            scratch.xs[count] = (batch.origins[ray, 0] + t * batch.directions[ray, 0]) * unit
-            scratch.ys[count] = (batch.origins[ray, 1] + t * batch.directions[ray, 1]) * unit
-            scratch.zs[count] = (batch.origins[ray, 2] + t * batch.directions[ray, 2]) * unit
+            scratch.xs[count] = (batch.origins[ray, piece, 0] + t * batch.directions[ray, piece, 0]) * unit
+            scratch.ys[count] = (batch.origins[ray, piece, 1] + t * batch.directions[ray, piece, 1]) * unit
+            scratch.zs[count] = (batch.origins[ray, piece, 2] + t * batch.directions[ray, piece, 2]) * unit
             scratch.next_k[r] = k + 1
             count, got = count + 1, got + 1
     return count

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from training.multires.fused.vectors import FEATURES, add_to_row, blend_row, prefetch_row
+from training.multires.levels import DENSE, HASH_Y, HASH_Z, HASHED, HASHED_ROWS
 
 BLOCK = 16  # samples whose corners are computed together
 CORNERS = 8 * BLOCK
@@ -40,8 +41,10 @@ def corners(levels, level, xs, ys, zs, at, ids, weights, out, cells):
         weights[U(out + 2 * BLOCK + s)], weights[U(out + 3 * BLOCK + s)] = c * gz, d * gz
         weights[U(out + 4 * BLOCK + s)], weights[U(out + 5 * BLOCK + s)] = a * fz, b * fz
         weights[U(out + 6 * BLOCK + s)], weights[U(out + 7 * BLOCK + s)] = c * fz, d * fz
-    if levels.place[level] < 0:
+    if levels.place[level] == DENSE:
         _dense_rows(side + 1, levels.offset[level], ids, out, cells)
+    elif levels.place[level] == HASHED:
+        _hashed_rows(levels.offset[level], ids, out, cells)
     else:
         _brick_rows(side // 4 + 1, levels.place[level], levels.offset[level], levels.maps, ids, out, cells)
 
@@ -56,6 +59,25 @@ def _dense_rows(width, first, ids, out, cells):
         ids[U(out + 2 * BLOCK + s)], ids[U(out + 3 * BLOCK + s)] = row + line, row + line + 1
         ids[U(out + 4 * BLOCK + s)], ids[U(out + 5 * BLOCK + s)] = row + plane, row + plane + 1
         ids[U(out + 6 * BLOCK + s)], ids[U(out + 7 * BLOCK + s)] = row + plane + line, row + plane + line + 1
+
+
+@njit(nogil=True, cache=True)
+def _hashed_rows(first, ids, out, cells):
+    """Rows of a level whose vertices share HASHED_ROWS."""
+    mask, one, of_y, of_z = np.uint32(HASHED_ROWS - 1), np.uint32(1), np.uint32(HASH_Y), np.uint32(HASH_Z)
+    start = np.int32(first)
+    for s in range(BLOCK):
+        x = np.uint32(cells[U(s)])
+        y, z = np.uint32(np.uint32(cells[U(BLOCK + s)]) * of_y), np.uint32(np.uint32(cells[U(2 * BLOCK + s)]) * of_z)
+        x1, y1, z1 = np.uint32(x + one), np.uint32(y + of_y), np.uint32(z + of_z)
+        ids[U(out + s)] = start + np.int32((x ^ y ^ z) & mask)
+        ids[U(out + BLOCK + s)] = start + np.int32((x1 ^ y ^ z) & mask)
+        ids[U(out + 2 * BLOCK + s)] = start + np.int32((x ^ y1 ^ z) & mask)
+        ids[U(out + 3 * BLOCK + s)] = start + np.int32((x1 ^ y1 ^ z) & mask)
+        ids[U(out + 4 * BLOCK + s)] = start + np.int32((x ^ y ^ z1) & mask)
+        ids[U(out + 5 * BLOCK + s)] = start + np.int32((x1 ^ y ^ z1) & mask)
+        ids[U(out + 6 * BLOCK + s)] = start + np.int32((x ^ y1 ^ z1) & mask)
+        ids[U(out + 7 * BLOCK + s)] = start + np.int32((x1 ^ y1 ^ z1) & mask)
 
 
 @njit(nogil=True, cache=True)

@@ -17,6 +17,8 @@ import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED
 from training.dataset import RayDataset
+from training.marching.layout import GridBox
+from training.marching.rays import to_grid
 from training.method import Rays, RenderOutput
 from training.multires.field import (
     HIDDEN,
@@ -56,7 +58,7 @@ from training.multires.fused.view_mlp import (
 from training.multires.fused.view_mlp import packed as packed_view_mlp
 from training.multires.fused.view_mlp import turned as turned_view_mlp
 from training.multires.fused.workers import Workers
-from training.multires.levels import ROWS_OF_BRICK, Levels, absent_rows, make_levels
+from training.multires.levels import HASHED, ROWS_OF_BRICK, Levels, absent_rows, make_levels
 from training.multires.occupancy import is_on
 from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Plan, Settings
 from training.multires.state import State, Trainable
@@ -113,7 +115,7 @@ class FusedEngine:
         """Random rays of a step, in cells of the occupancy grid."""
         random, rays = np.random.default_rng((self.seed, step)), self.plan.rays(state.samples_per_ray)
         ids = random.integers(0, self.count, rays)
-        batch = empty_batch(rays)
+        batch = empty_batch(rays, self.photographs.contraction)
         batch.phase[:] = random.random(rays, np.float32)
         batch.background[:] = self.settings.background
         if self.settings.random_background:
@@ -160,7 +162,10 @@ class FusedEngine:
             level, slab = joined[part // slabs], part % slabs
             planes = int(levels.resolution[level]) + 1
             low, high = planes * slab // slabs, planes * (slab + 1) // slabs
-            scatter(levels, level, output, low, high, gradient, marks)
+            if levels.place[level] != HASHED:
+                scatter(levels, level, output, low, high, gradient, marks)
+            elif slab == 0:  # its planes share rows: one worker adds them all
+                scatter(levels, level, output, 0, planes, gradient, marks)
 
         self.workers.share(len(joined) * slabs, add)
         for rows in absent_rows(levels):
@@ -188,23 +193,21 @@ class FusedEngine:
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
         origins, directions, near, far = (np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far))
-        box, gathered = state.box, np.empty((len(near), 9), np.float32)
+        box, gathered, contraction = state.box, np.empty((len(near), 9), np.float32), self.photographs.contraction
         for low in range(0, len(near), RENDERED_TOGETHER):
             some = slice(low, low + RENDERED_TOGETHER)
-            batch = empty_batch(len(near[some]), coloured=False)
+            batch = empty_batch(len(near[some]), contraction, coloured=False)
             batch.phase[:] = 0.5
             take_rays(
-                origins[some], directions[some], near[some], far[some], box.origin, box.cell, box.dims, batch, 0,
-                len(batch.start),
+                origins[some], directions[some], near[some], far[some], contraction, box.origin, box.cell, box.dims, batch
             )  # fmt: skip
             gathered[some] = self._gather(state, batch)
-        scale = np.linalg.norm(directions / box.cell, axis=-1)  # cells per t
         *_, view_mlp = split_parameters(state.values.parameters, self.inputs)
         background = jnp.asarray(self.settings.background, jnp.float32)
         output = shade(
             jnp.asarray(gathered), view_mlp if self.settings.has_view_mlp else None, rays.viewdirs, background
         )
-        return finished(output, scale)
+        return finished(output, to_grid(GridBox(*box, contraction or None), rays))
 
     def _gather(self, state: State, batch: Batch) -> np.ndarray:
         gathered, chunks = np.empty((len(batch.start), 9), np.float32), -(-len(batch.start) // CHUNK)

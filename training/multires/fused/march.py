@@ -48,14 +48,26 @@ def _leaving(origin, direction, cell, bits):
 
 @njit(nogil=True, cache=True)
 def next_sample(grid, batch, ray, k, step):
-    """(k of the next sample at or after k in an occupied cell, its t); k is -1 where there is none before the ray's end."""
+    """(k of the next sample at or after k in an occupied cell, its t, its piece of the ray); k is -1 where there is none before
+    the ray's end."""
     bits, blocks, side = grid.bits, grid.blocks, np.int64(grid.side)
     coarse = side >> BLOCK_BITS
-    ox, oy, oz = batch.origins[ray, 0], batch.origins[ray, 1], batch.origins[ray, 2]
-    dx, dy, dz = batch.directions[ray, 0], batch.directions[ray, 1], batch.directions[ray, 2]
     start, stop, phase = batch.start[ray], batch.end[ray], batch.phase[ray]
     t = start + (phase + np.float32(k)) * step
+    piece, last = -1, batch.begins.shape[1] - 1
+    until, ox, oy, oz = np.float32(-1.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    dx, dy, dz = ox, oy, oz
     while t < stop:
+        while piece < 0 or t >= until:
+            piece += 1
+            until = stop if piece == last else min(batch.begins[ray, piece + 1], stop)
+            if t < until:
+                ox, oy, oz = batch.origins[ray, piece, 0], batch.origins[ray, piece, 1], batch.origins[ray, piece, 2]
+                dx, dy, dz = (
+                    batch.directions[ray, piece, 0],
+                    batch.directions[ray, piece, 1],
+                    batch.directions[ray, piece, 2],
+                )
         x = min(max(np.int64(ox + t * dx), 0), side - 1)
         y = min(max(np.int64(oy + t * dy), 0), side - 1)
         z = min(max(np.int64(oz + t * dz), 0), side - 1)
@@ -65,15 +77,8 @@ def next_sample(grid, batch, ray, k, step):
         else:
             cell = (z * side + y) * side + x
             if bits[cell >> 5] >> np.uint32(cell & 31) & np.uint32(1):
-                return k, t
-        out = min(_leaving(ox, dx, x, size), _leaving(oy, dy, y, size), _leaving(oz, dz, z, size))
+                return k, t, piece
+        out = min(_leaving(ox, dx, x, size), _leaving(oy, dy, y, size), _leaving(oz, dz, z, size), until)
         k = max(k + 1, np.int64((out - start) / step - phase - np.float32(CLOSE)) + 1)
         t = start + (phase + np.float32(k)) * step
-    return -1, t
-
-
-@njit(nogil=True, cache=True)
-def rays_meet(grid, batch, step, meets, low, high):
-    """meets[n]: whether any of rays low … high - 1 passes an occupied cell, as far as samples tell that are `step` apart."""
-    for ray in range(low, high):
-        meets[ray] = next_sample(grid, batch, ray, 0, step)[0] >= 0
+    return -1, t, piece

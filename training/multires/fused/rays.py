@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from scenepack.contraction import MOST_PIECES
 from training.dataset import NEWTON_STEPS, RayDataset
 from training.scenes.rays import NDC_NEAR
 
@@ -21,7 +22,8 @@ class Photographs(NamedTuple):
 
     pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, 4] float64; first int64 [V]; width
     int64 [V]; row_step: one row in so many is taken; ndc float64 [3] = width, height, focal, zeros where rays are not warped.
-    near, far: bounds of t. gains float32 [V, 3]: see RayDataset; of no photographs where colours stay as they are.
+    near, far: bounds of t. contraction: half the side of the inner cube of contracted space; 0 where it is not. gains
+    float32 [V, 3]: see RayDataset; of no photographs where colours stay as they are.
     """
 
     pixels: np.ndarray
@@ -34,18 +36,21 @@ class Photographs(NamedTuple):
     ndc: np.ndarray
     near: float
     far: float
+    contraction: float
     gains: np.ndarray = np.zeros((0, 3), np.float32)
 
 
 class Batch(NamedTuple):
-    """N rays in grid coordinates and what they should show; float32.
+    """N rays in grid coordinates, each of up to P straight pieces, and what they should show; float32.
 
-    origins, directions (unit) [N, 3] in voxels; start, end [N] in voxels; length [N] world units per voxel; viewdirs, target
-    and background [N, 3]; phase [N]: of the samples, in steps.
+    origins, directions (unit) [N, P, 3] in voxels: at distance s, a ray is at origins + s directions of the last piece whose
+    begins [N, P] is not beyond s. start, end [N] in voxels; length [N] world units per voxel; viewdirs, target and background
+    [N, 3]; phase [N]: of the samples, in steps.
     """
 
     origins: np.ndarray
     directions: np.ndarray
+    begins: np.ndarray
     start: np.ndarray
     end: np.ndarray
     length: np.ndarray
@@ -63,17 +68,23 @@ def photographs_of(dataset: RayDataset) -> Photographs:
     )
     first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
     pixels, near, far = np.asarray(dataset.pixels), float(dataset.near), float(dataset.far)
-    return Photographs(pixels, poses, intrinsics, lenses, first, width, dataset.facts.row_step, ndc, near, far)
+    contraction = dataset.facts.contraction or 0.0
+    return Photographs(
+        pixels, poses, intrinsics, lenses, first, width, dataset.facts.row_step, ndc, near, far, contraction
+    )
 
 
-def empty_batch(rays: int, coloured: bool = True) -> Batch:
-    """Room for so many rays; without room for viewing directions, target and background where it is not coloured."""
+def empty_batch(rays: int, contraction: float, coloured: bool = True) -> Batch:
+    """Room for so many rays, of several pieces each where contraction is not 0; without room for viewing directions, target and
+    background where it is not coloured."""
+    pieces = MOST_PIECES if contraction > 0 else 1
 
     def room(*shape: int) -> np.ndarray:
         return np.empty((rays, *shape), np.float32)
 
     viewdirs, target, background = (np.empty((rays if coloured else 0, 3), np.float32) for _ in range(3))
-    return Batch(room(3), room(3), room(), room(), room(), viewdirs, target, background, room())
+    ends = room(), room(), room()
+    return Batch(room(pieces, 3), room(pieces, 3), room(pieces), *ends, viewdirs, target, background, room())
 
 
 @njit(nogil=True, cache=True)
@@ -102,19 +113,27 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
                 batch.viewdirs[n, axis] = direction[axis]
         if photographs.ndc[2] > 0:
             _warp_to_ndc(position, direction, photographs.ndc)
-        _into_grid(batch, n, position, direction, photographs.near, photographs.far, origin, voxel, dims)
+        if photographs.contraction > 0:
+            _into_contracted_grid(
+                batch, n, position, direction, photographs.near, photographs.contraction, origin, voxel
+            )
+        else:
+            _into_grid(batch, n, position, direction, photographs.near, photographs.far, origin, voxel, dims)
         if coloured:
             _colour(photographs.pixels, photographs.gains, view, ids[n], batch, n)
 
 
 @njit(nogil=True, cache=True)
-def take_rays(origins, directions, near, far, origin, voxel, dims, batch, low, high):
-    """Fills the geometry of rays low … high - 1 of `batch` from rays of the training frame, [N, 3] and [N]."""
+def take_rays(origins, directions, near, far, contraction, origin, voxel, dims, batch):
+    """Fills the geometry of `batch` from rays of the training frame, [N, 3] and [N]."""
     direction, position = np.empty(3), np.empty(3)
-    for n in range(low, high):
+    for n in range(len(near)):
         for axis in range(3):
             position[axis], direction[axis] = origins[n, axis], directions[n, axis]
-        _into_grid(batch, n, position, direction, np.float64(near[n]), np.float64(far[n]), origin, voxel, dims)
+        if contraction > 0:
+            _into_contracted_grid(batch, n, position, direction, np.float64(near[n]), contraction, origin, voxel)
+        else:
+            _into_grid(batch, n, position, direction, np.float64(near[n]), np.float64(far[n]), origin, voxel, dims)
 
 
 @njit(nogil=True, cache=True)
@@ -166,8 +185,55 @@ def _into_grid(batch, n, position, direction, near, far, origin, voxel, dims):
         safe = along if abs(along) >= 1e-9 else 1e-9
         to_low, to_high = -position[axis] / safe, (dims[axis] - position[axis]) / safe
         start, end = max(start, min(to_low, to_high)), min(end, max(to_low, to_high))
-        batch.origins[n, axis], batch.directions[n, axis] = position[axis], along
+        batch.origins[n, 0, axis], batch.directions[n, 0, axis] = position[axis], along
+    batch.begins[n, 0] = 0.0
     batch.start[n], batch.end[n], batch.length[n] = start, end, world / scale
+
+
+@njit(nogil=True, cache=True)
+def _into_contracted_grid(batch, n, position, direction, near, inner, origin, voxel):
+    """A ray's path through contracted space in voxels; see scenepack.contraction.path_of, notation included."""
+    values, slopes, place, moved = np.empty(7), np.empty(7), np.empty(3), np.empty(3)
+    for axis in range(3):
+        values[axis], slopes[axis] = position[axis] / inner, direction[axis] / inner
+        values[axis + 3], slopes[axis + 3] = -values[axis], -slopes[axis]
+    values[6], slopes[6] = 1.0, 0.0
+    leads, t, s = 6, near, 0.0
+    for line in range(6):
+        if values[line] + slopes[line] * t > values[leads] + slopes[leads] * t:
+            leads = line
+    scale = inner / voxel[0]
+    batch.begins[n, :] = np.inf
+    for piece in range(batch.begins.shape[1]):
+        value, rate = values[leads], slopes[leads]
+        width, speed = value + rate * t, 0.0
+        for axis in range(3):
+            x = values[axis] + t * slopes[axis]
+            if leads < 6 and axis == leads % 3:
+                sign = 1.0 if leads < 3 else -1.0
+                place[axis], moved[axis] = sign * (2.0 - 1.0 / width), sign * rate
+            else:
+                place[axis], moved[axis] = x / width, slopes[axis] * value - values[axis] * rate
+            speed += moved[axis] ** 2
+        speed = np.sqrt(speed)
+        for axis in range(3):
+            unit = moved[axis] / speed
+            batch.origins[n, piece, axis] = (place[axis] - s * unit) * scale - origin[axis] / voxel[axis]
+            batch.directions[n, piece, axis] = unit
+        batch.begins[n, piece] = s * scale
+        after, follows = np.inf, -1
+        for line in range(7):
+            if slopes[line] > rate:
+                crossing = (value - values[line]) / (slopes[line] - rate)
+                if crossing < after:
+                    after, follows = crossing, line
+        if follows < 0:
+            s += speed / (width * rate)
+            break
+        after = max(after, t)
+        s += speed * (after - t) / (width * (width + rate * (after - t)))
+        t, leads = after, follows
+    batch.start[n], batch.end[n], batch.length[n] = 0.0, s * scale, voxel[0]
 
 
 @njit(nogil=True, cache=True)
