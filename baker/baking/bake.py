@@ -136,14 +136,15 @@ def bake(
 def assembled(
     run: Run, grid: BakeGrid, atlas: tuple[np.ndarray, np.ndarray, np.ndarray], head: ViewMlpParams | None
 ) -> Pack:
-    """A pack of what fill_atlas gives of a run's grid, without metadata."""
+    """A pack of what fill_atlas gives of a run's grid, without metadata but for what rays must know."""
     camera = run.scene.splits["train"][0].camera
-    return Pack(
+    pack = Pack(
         voxel_size=grid.voxel_size, min_xyz=grid.min_xyz, grid_size=grid.size, block_size=BLOCK_SIZE,
         atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=head and from_params(head),
         worldspace_T_opengl=grid.worldspace_T_opengl, ndc=run.scene.ndc,
         input_width=camera.width, input_height=camera.height, input_focal=float(camera.fx),
     )  # fmt: skip
+    return pack if grid.contraction is None else pack.with_metadata(contraction=grid.contraction)
 
 
 def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
@@ -196,7 +197,8 @@ def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stage
     with stages("box"), progress("looking for content", 1.0, stage=STAGE) as bar:
         box = once(work, "box", find_box)
         bar.update(1.0)
-    grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame)
+    contraction = run.dataset.facts.contraction if config.aabb is None else None
+    grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame, contraction)
     while True:
         with progress("culling", 1.0, stage=STAGE) as bar:
             culling = cull(
@@ -215,7 +217,7 @@ def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stage
                    f"graphics card: {coarser} voxels instead; for larger packs: --most-macroblocks {kept}"),
             stacklevel=2,
         )  # fmt: skip
-        grid = make_grid(box["low"], box["high"], coarser, BLOCK_SIZE, frame)
+        grid = make_grid(box["low"], box["high"], coarser, BLOCK_SIZE, frame, contraction)
 
 
 def _query(run: Run, config: BakeConfig) -> FieldQuery:
@@ -225,8 +227,10 @@ def _query(run: Run, config: BakeConfig) -> FieldQuery:
 
 
 def _box_to_bake(run: Run, box: Box) -> np.ndarray:
-    """What of a box [2, 3] was trained. UserError where that is nothing, or a scene has no box."""
+    """What of a box [2, 3] was trained, and is not contracted. UserError where that is nothing, or a scene has no box."""
     asked, trained = with_box(run.scene, box).aabb, np.asarray(run.dataset.aabb, np.float64)
+    if run.dataset.facts.contraction is not None:
+        trained = np.array([[-1.0], [1.0]]) * run.dataset.facts.contraction * np.ones(3)
     both = np.stack([np.maximum(asked[0], trained[0]), np.minimum(asked[1], trained[1])])
     if not (both[0] < both[1]).all():
         raise UserError("nothing was trained in this box", where=AABB, expected=f"a part of {box_text(trained)}",

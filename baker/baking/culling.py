@@ -221,7 +221,7 @@ def _visibility(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: 
     present = density > 0
     if not present.any():
         return np.zeros(density.shape, np.float32)
-    layout = build_layout(present, grid.min_xyz, grid.voxel_size * grid.cell)
+    layout = build_layout(present, grid.min_xyz, grid.voxel_size * grid.cell, grid.contraction)
     rows = jnp.asarray(np.concatenate([[0.0], density[present]]).astype(np.float32))
     layout = with_depths(layout, cell_means(layout, rows) * (grid.voxel_size * grid.cell))
     segments = segments_across(density.shape)

@@ -21,7 +21,8 @@ MAX_CELLS = 512  # of culling, along an axis
 class BakeGrid:
     """min_xyz float64 [3], voxel_size: grid frame. blocks (x, y, z). worldspace_T_opengl [4, 4]: grid to training frame.
 
-    resolution: voxels along the longest side of the box that the blocks cover.
+    resolution: voxels along the longest side of the box that the blocks cover. contraction: half the side of the inner cube, where
+    space is contracted (scenepack.contraction); None where it is not.
     """
 
     min_xyz: np.ndarray
@@ -30,6 +31,7 @@ class BakeGrid:
     block_size: int
     worldspace_T_opengl: np.ndarray
     resolution: int
+    contraction: float | None = None
 
     @property
     def cell(self) -> int:
@@ -69,8 +71,9 @@ def box_in_grid_frame(aabb: np.ndarray, worldspace_T_opengl: np.ndarray) -> tupl
 
 
 def make_grid(
-    low: np.ndarray, high: np.ndarray, resolution: int, block_size: int, worldspace_T_opengl: np.ndarray
-) -> BakeGrid:
+    low: np.ndarray, high: np.ndarray, resolution: int, block_size: int, worldspace_T_opengl: np.ndarray,
+    contraction: float | None = None,
+) -> BakeGrid:  # fmt: skip
     """The grid with `resolution` voxels along the longest side of the box, rounded up to whole blocks and centred on it.
 
     UserError where more than 254 blocks would lie along an axis.
@@ -86,5 +89,5 @@ def make_grid(
     extent = np.array(blocks) * block_size * voxel_size
     x, y, z = blocks
     return BakeGrid(
-        0.5 * (low + high) - 0.5 * extent, voxel_size, (x, y, z), block_size, worldspace_T_opengl, resolution
-    )
+        0.5 * (low + high) - 0.5 * extent, voxel_size, (x, y, z), block_size, worldspace_T_opengl, resolution, contraction
+    )  # fmt: skip

@@ -18,15 +18,16 @@ from baker.tuning.marcher import (
     MAX_ALPHA,
     PART,
     TOGETHER,
-    Box,
     Tables,
     box_of,
+    lines_of,
     list_samples,
     mark_support,
     room_for_samples,
 )
 from baker.tuning.shading import Accumulated, over_background, shown
 from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, TRANSMITTANCE_STOP
+from training.marching.layout import GridBox
 from training.marching.rays import GridRays, in_grid_frame, to_grid
 from training.method import Rays
 from training.multires.fused.workers import Workers
@@ -56,7 +57,7 @@ class FloatMarcher:
     def __init__(self, floats: FloatGrid) -> None:
         grid = floats.grid
         self.rows, self.values, self.workers = floats.rows.ravel(), floats.values, Workers()
-        self.box = box_of(grid.min_xyz, grid.voxel_size, grid.size)
+        self.box = box_of(grid.min_xyz, grid.voxel_size, grid.size, grid.contraction)
         self.grid_T_training = jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32)
         self.tables = _tables(floats.indices, floats.rows, grid.block_size)
         self.found = [room_for_samples() for _ in range(self.workers.count)]
@@ -67,8 +68,7 @@ class FloatMarcher:
         for first in range(0, len(sums), TOGETHER):
             some = np.minimum(np.arange(first, first + TOGETHER), len(sums) - 1)
             part = _in_grid(self.box, Rays(*(array[some] for array in rays)), self.grid_T_training)
-            lines = tuple(np.asarray(a) for a in (part.origins, part.directions, part.start, part.end))
-            last = min(first + TOGETHER, len(sums))
+            lines, last = lines_of(part), min(first + TOGETHER, len(sums))
 
             def share(worker: int, number: int, first: int = first, last: int = last, lines=lines) -> None:
                 low, high = number * PART, min((number + 1) * PART, last - first)
@@ -80,7 +80,7 @@ class FloatMarcher:
 
 
 @jax.jit
-def _in_grid(box: Box, rays: Rays, grid_T_training: jax.Array) -> GridRays:
+def _in_grid(box: GridBox, rays: Rays, grid_T_training: jax.Array) -> GridRays:
     """As training.marching.rays.GridFrameRays: from where they begin in training, without an end of their own."""
     moved = in_grid_frame(rays, grid_T_training)
     return to_grid(box, moved._replace(far=jnp.full_like(moved.far, jnp.inf)))

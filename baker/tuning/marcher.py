@@ -23,6 +23,7 @@ from baker.tuning.shading import Accumulated
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset
+from training.marching.layout import GridBox
 from training.marching.rays import GridFrameRays, GridRays, to_grid
 from training.multires.fused.workers import Workers
 
@@ -36,17 +37,25 @@ CLOSE = 1e-3  # steps: what is left to rounding when a ray jumps over empty spac
 MOST_COPIES = 4  # workers that mark light: each has a copy of all voxels
 
 
-class Box(NamedTuple):
-    """A grid in its frame, as training.marching.rays.to_grid asks for it: origin [3], voxel, dims int32 [3]."""
-
-    origin: jax.Array
-    voxel: jax.Array
-    dims: jax.Array
+def box_of(min_xyz: np.ndarray, voxel_size: float, size: tuple[int, ...], contraction: float | None) -> GridBox:
+    """The box of a grid of `size` (x, y, z) voxels that begins at min_xyz, in its frame."""
+    inner = None if contraction is None else jnp.float32(contraction)
+    return GridBox(jnp.asarray(min_xyz, jnp.float32), jnp.float32(voxel_size), jnp.asarray(size, jnp.int32), inner)
 
 
-def box_of(min_xyz: np.ndarray, voxel_size: float, size: tuple[int, ...]) -> Box:
-    """The box of a grid of `size` (x, y, z) voxels that begins at min_xyz."""
-    return Box(jnp.asarray(min_xyz, jnp.float32), jnp.float32(voxel_size), jnp.asarray(size, jnp.int32))
+class Lines(NamedTuple):
+    """R rays in voxels as the loops have them; see training.marching.rays.GridRays."""
+
+    origins: np.ndarray
+    directions: np.ndarray
+    begins: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+
+
+def lines_of(rays: GridRays) -> Lines:
+    """The arrays of rays on the host."""
+    return Lines(*(np.asarray(a) for a in (rays.origins, rays.directions, rays.begins, rays.start, rays.end)))
 
 
 def pack_rays(pack: Pack, dataset: RayDataset) -> GridFrameRays:
@@ -139,10 +148,10 @@ def list_samples(tables: Tables, rays, ray, k, room, found):
 
     Samples lie at start + 0.5 + k; the ray has no more where fewer than `room` are listed.
     """
-    origins, directions, starts, ends = rays
-    ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
-    dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-    start, stop = starts[ray], ends[ray]
+    origins, directions, begins = rays.origins, rays.directions, rays.begins
+    start, stop = rays.start[ray], rays.end[ray]
+    piece, last, until = -1, begins.shape[1] - 1, np.float32(-1.0)
+    ox, oy, oz, dx, dy, dz = until, until, until, until, until, until
     slots, support, near = tables.slots, tables.support, tables.near
     most_x, most_y, most_z = tables.blocks[0] - 1, tables.blocks[1] - 1, tables.blocks[2] - 1
     size = np.int64(tables.size)
@@ -151,6 +160,12 @@ def list_samples(tables: Tables, rays, ray, k, room, found):
     count = 0
     along = start + half + np.float32(k)
     while along < stop and count < room:
+        while piece < 0 or along >= until:
+            piece += 1
+            until = stop if piece == last else min(begins[ray, piece + 1], stop)
+            if along < until:
+                ox, oy, oz = origins[ray, piece, 0], origins[ray, piece, 1], origins[ray, piece, 2]
+                dx, dy, dz = directions[ray, piece, 0], directions[ray, piece, 1], directions[ray, piece, 2]
         gx, gy, gz = ox + along * dx, oy + along * dy, oz + along * dz
         bx = min(max(np.int64(gx) // size, 0), most_x)
         by = min(max(np.int64(gy) // size, 0), most_y)
@@ -178,6 +193,7 @@ def list_samples(tables: Tables, rays, ray, k, room, found):
                 along = start + half + np.float32(k)
                 continue
             out = min(_cube(ox, dx, x, x0, size), _cube(oy, dy, y, y0, size), _cube(oz, dz, z, z0, size))
+        out = min(out, until)
         k = max(k + 1, np.int64(out - start - half - np.float32(CLOSE)) + 1)
         along = start + half + np.float32(k)
     return count, k
@@ -301,7 +317,7 @@ class PackMarcher:
     def __init__(self, pack: Pack, dataset: RayDataset) -> None:
         self.rays, self.tables, self.workers = pack_rays(pack, dataset), tables_of(pack), Workers()
         self.side = pack.padded_block_size
-        self.box = box_of(pack.min_xyz, pack.voxel_size, pack.grid_size)
+        self.box = box_of(pack.min_xyz, pack.voxel_size, pack.grid_size, pack.contraction)
         self.found = [room_for_samples() for _ in range(self.workers.count)]
 
     def meets(self, ids: np.ndarray, away: np.ndarray | None = None) -> np.ndarray:
@@ -351,17 +367,17 @@ class PackMarcher:
             if on_share:
                 on_share(last / len(ids))
 
-    def _grid_rays(self, ids: np.ndarray, away: np.ndarray | None) -> Iterator[tuple[int, tuple[np.ndarray, ...]]]:
-        """Origins, directions [R, 3], start and end [R] in voxels, of up to TOGETHER rays at a time, and the first's place."""
+    def _grid_rays(self, ids: np.ndarray, away: np.ndarray | None) -> Iterator[tuple[int, Lines]]:
+        """Up to TOGETHER rays at a time, and the first's place."""
         for first in range(0, len(ids), TOGETHER):
             some = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)
             moved = None if away is None else jnp.asarray(away[some])
             rays = _in_grid(self.box, self.rays, jnp.asarray(ids[some]), moved)
-            yield first, tuple(np.asarray(a) for a in (rays.origins, rays.directions, rays.start, rays.end))
+            yield first, lines_of(rays)
 
 
 @jax.jit
-def _in_grid(box: Box, source: GridFrameRays, ids: jax.Array, away: jax.Array | None) -> GridRays:
+def _in_grid(box: GridBox, source: GridFrameRays, ids: jax.Array, away: jax.Array | None) -> GridRays:
     return to_grid(box, source.geometry_at(ids, away))
 
 

@@ -17,9 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.marcher import Box, PackMarcher
+from baker.tuning.marcher import PackMarcher
 from training.dataset import RayDataset
-from training.marching.rays import GridFrameRays, to_grid
+from training.marching.layout import GridBox
+from training.marching.rays import GridFrameRays, grid_points, to_grid
 
 SPACING = 3.0  # voxels between neighbouring rays
 MOST_RAYS = 12_000_000  # that meet content
@@ -69,15 +70,14 @@ def _pixel_width(marcher: PackMarcher, ids: np.ndarray) -> float | None:
 
 
 @jax.jit
-def _widths(box: Box, source: GridFrameRays, ids: jax.Array, depths: jax.Array) -> jax.Array:
+def _widths(box: GridBox, source: GridFrameRays, ids: jax.Array, depths: jax.Array) -> jax.Array:
     """float32 [N]: voxels from a ray to those of the next column and row, the wider of both, at depths [N] in voxels."""
     centre = jnp.zeros((ids.shape[0], 2))
-    here = to_grid(box, source.geometry_at(ids, centre))
+    t = to_grid(box, source.geometry_at(ids, centre)).times(depths)
 
     def point(away: jax.Array) -> jax.Array:
-        rays = to_grid(box, source.geometry_at(ids, away))
-        t = depths / here.scale * rays.scale
-        return rays.origins + t[:, None] * rays.directions
+        rays = source.geometry_at(ids, away)
+        return grid_points(box, rays.origins + t[:, None] * rays.directions)
 
     at = point(centre)
     steps = [jnp.linalg.norm(point(centre + jnp.asarray(one)) - at, axis=-1) for one in ((1.0, 0.0), (0.0, 1.0))]

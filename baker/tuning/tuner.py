@@ -30,13 +30,14 @@ import numpy as np
 
 from baker.tuning.cells import BETAS, DEPTHS, TINY, add_slopes, cells_of, move_cells, move_moments, store_cells
 from baker.tuning.gradients import CHUNK, LOG_DENSITY, gather_chunk, slope_chunk, work_for
-from baker.tuning.marcher import LISTED, Box, PackMarcher, room_for_samples
+from baker.tuning.marcher import LISTED, PackMarcher, lines_of, room_for_samples
 from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error
 from baker.view_mlp import from_params, to_params
 from scenepack.codecs.steps import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.marching.rays import GridFrameRays, to_grid
+from training.marching.layout import GridBox
+from training.marching.rays import GridFrameRays, GridRays, to_grid
 from training.method import ViewMlpParams
 from training.multires.fused.workers import Workers
 
@@ -139,8 +140,8 @@ class Tuner:
 
     def _gather(self, ids: np.ndarray) -> ShadingInputs:
         """Fills the work's samples and sums of rays `ids` [rays]; what shading them asks for."""
-        *rays, viewdirs, target = _rays_and_colours(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
-        rays = tuple(np.asarray(a) for a in rays)
+        grid, viewdirs, target = _rays_and_colours(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
+        rays = lines_of(grid)
 
         def share(worker: int, chunk: int) -> None:
             low, high = chunk * CHUNK, (chunk + 1) * CHUNK
@@ -198,11 +199,12 @@ class Tuner:
 
 
 @jax.jit
-def _rays_and_colours(box: Box, source: GridFrameRays, dataset: RayDataset, ids: jax.Array) -> tuple[jax.Array, ...]:
-    """Rays `ids` in voxels: origins, directions [R, 3], start and end [R]; their viewing directions and colours [R, 3]."""
+def _rays_and_colours(
+    box: GridBox, source: GridFrameRays, dataset: RayDataset, ids: jax.Array
+) -> tuple[GridRays, jax.Array, jax.Array]:  # fmt: skip
+    """Rays `ids` in voxels, their viewing directions and colours [R, 3]."""
     rays = source.geometry_at(ids)
-    grid = to_grid(box, rays)
-    return grid.origins, grid.directions, grid.start, grid.end, rays.viewdirs, dataset.colours_at(ids)
+    return to_grid(box, rays), rays.viewdirs, dataset.colours_at(ids)
 
 
 def adam_head(
