@@ -2,12 +2,14 @@
 
 This is docs/rendering.md written down as code; the fast renderer is tested against it, and it shares nothing with it.
 Notation: R rays; g = (p - min_xyz) / voxel_size is a grid position in voxels; bs = block_size; B = bs + 2.
-Sample k of a ray is at t0 + 0.5 + k, where t0 is the distance in voxels at which the ray enters the grid's box.
+Sample k of a ray is at t0 + 0.5 + k, where t0 is the distance in voxels at which the ray enters the grid's box. In a contracted
+pack it is at 0.5 + k along the whole path, from where the ray begins.
 Like merf's `baked_render.py`, it is kept beside the fast renderer for as long as that one changes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,10 +22,12 @@ from scenepack.constants import (
     UNPREMULTIPLY_GAIN,
     VIEW_FREQUENCIES,
 )
+from scenepack.contraction import path_of, piece_at
 from scenepack.pack import Pack, ViewMlp
 from training.scenes.rays import undistort
 from viewer.rendering.camera import ViewCamera
 
+PositionsAt = Callable[[np.ndarray, int], np.ndarray]
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
@@ -143,6 +147,34 @@ def march(
     if crop is not None:
         corners = (np.asarray(crop) - pack.min_xyz) / pack.voxel_size
         low, high = np.maximum(low, corners.min(axis=0)), np.minimum(high, corners.max(axis=0))
+    trace = straight_samples if pack.contraction is None else contracted_samples
+    positions_at, counts = trace(pack, origins, directions, first, (low, high))
+
+    count = len(origins)
+    rgb, features = np.zeros((count, 3)), np.zeros((count, 4))
+    transmittance, samples = np.ones(count), np.zeros(count, int)
+    k = 0
+    alive = np.flatnonzero(counts > 0)
+    while len(alive):
+        positions = positions_at(alive, k)
+        rgba, fetched = fetch(pack, positions)
+        inside = np.all((positions >= low - 1e-9) & (positions <= high + 1e-9), axis=1)
+        contributes = (rgba[:, 3] > ALPHA_CONTRIBUTES) & inside
+        rays = alive[contributes]
+        rgb[rays] += transmittance[rays, None] * rgba[contributes, :3]
+        features[rays] += transmittance[rays, None] * fetched[contributes]
+        transmittance[rays] *= 1.0 - rgba[contributes, 3]
+        samples[rays] += 1
+        k += 1
+        alive = alive[(k < counts[alive]) & (transmittance[alive] > TRANSMITTANCE_STOP)]
+    return rgb, features, transmittance, samples
+
+
+def straight_samples(
+    _: Pack, origins: np.ndarray, directions: np.ndarray, first: np.ndarray, box: tuple[np.ndarray, np.ndarray]
+) -> tuple[PositionsAt, np.ndarray]:
+    """Where sample k of rays lies (their numbers [N] and k to [N, 3]), and up to which k [R] samples lie in the box."""
+    low, high = box
     with np.errstate(divide="ignore", invalid="ignore"):
         to_low, to_high = (low - origins) / directions, (high - origins) / directions
     # A ray parallel to a pair of faces is between them for ever, or never.
@@ -151,24 +183,25 @@ def march(
     enter = np.where(parallel, np.where(between, -np.inf, np.inf), np.minimum(to_low, to_high)).max(axis=1)
     leave = np.where(parallel, np.inf, np.maximum(to_low, to_high)).min(axis=1)
     start = np.maximum(enter, first) + 0.5
+    return lambda rays, k: origins[rays] + (start[rays] + k)[:, None] * directions[rays], leave - start
 
-    count = len(origins)
-    rgb, features = np.zeros((count, 3)), np.zeros((count, 4))
-    transmittance, samples = np.ones(count), np.zeros(count, int)
-    k = 0
-    alive = np.flatnonzero(start < leave)
-    while len(alive):
-        positions = origins[alive] + (start[alive] + k)[:, None] * directions[alive]
-        rgba, fetched = fetch(pack, positions)
-        contributes = rgba[:, 3] > ALPHA_CONTRIBUTES
-        rays = alive[contributes]
-        rgb[rays] += transmittance[rays, None] * rgba[contributes, :3]
-        features[rays] += transmittance[rays, None] * fetched[contributes]
-        transmittance[rays] *= 1.0 - rgba[contributes, 3]
-        samples[rays] += 1
-        k += 1
-        alive = alive[(start[alive] + k < leave[alive]) & (transmittance[alive] > TRANSMITTANCE_STOP)]
-    return rgb, features, transmittance, samples
+
+def contracted_samples(
+    pack: Pack, origins: np.ndarray, directions: np.ndarray, first: np.ndarray, _: tuple[np.ndarray, np.ndarray]
+) -> tuple[PositionsAt, np.ndarray]:
+    """Likewise; up to which k samples lie before infinity."""
+    assert pack.contraction is not None
+    radius, centre = pack.contraction / pack.voxel_size, -pack.min_xyz / pack.voxel_size
+    path = path_of((origins - centre) / radius, directions, first / radius)
+
+    def positions_at(rays: np.ndarray, k: int) -> np.ndarray:
+        s = np.full(len(origins), (0.5 + k) / radius)
+        piece = piece_at(path, s)
+        row = np.arange(len(origins))
+        contracted = path.origins[row, piece] + s[:, None] * path.directions[row, piece]
+        return (centre + radius * contracted)[rays]
+
+    return positions_at, radius * path.ends - 0.5
 
 
 def fetch(pack: Pack, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,8 +21,7 @@ MOST_PIECES = 7  # of a path: |x|∞ and 1 are the envelope of seven linear func
 def contract(points: Any, xp: ModuleType = np) -> Any:
     """Points [..., 3] of space in contracted space."""
     w = xp.maximum(xp.abs(points).max(-1, keepdims=True), 1.0)
-    shrunk = points / w
-    return xp.where(xp.abs(shrunk) >= 1.0, shrunk * (2.0 - 1.0 / w), shrunk)
+    return xp.where(xp.abs(points) >= w, xp.sign(points) * (2.0 - 1.0 / w), points / w)
 
 
 def uncontract(points: Any, xp: ModuleType = np) -> Any:
@@ -63,14 +62,14 @@ def path_of(origins: Any, directions: Any, begin: Any, xp: ModuleType = np) -> P
         exists = xp.isfinite(t)
         at = xp.where(exists, t, 0.0)
         value, rate = (xp.take_along_axis(a, leads[:, None], axis=1)[:, 0] for a in (values, slopes))
-        width, inner = value + rate * at, leads == 6
+        width, inner = xp.where(exists, value + rate * at, 1.0), leads == 6
         outward = xp.where(leads < 3, 1.0, -1.0)[:, None] * (xp.arange(3) == (leads % 3)[:, None])
         outward = xp.where(inner[:, None], 0.0, outward)  # unit vector through the side of the cube that leads
         x = origins + at[:, None] * directions
         place = xp.where(outward != 0.0, outward * (2.0 - 1.0 / width[:, None]), x / width[:, None])
         # du/dt = V / w²
         moved = xp.where(outward != 0.0, outward * rate[:, None], directions * value[:, None] - origins * rate[:, None])
-        speed = xp.sqrt((moved * moved).sum(1))
+        speed = xp.where(exists, xp.sqrt((moved * moved).sum(1)), 1.0)
         unit = moved / speed[:, None]
         pieces.append((place - s[:, None] * unit, unit, xp.where(exists, s, xp.inf), t, width, rate, speed))
         overtakes = slopes > rate[:, None]
@@ -79,7 +78,7 @@ def path_of(origins: Any, directions: Any, begin: Any, xp: ModuleType = np) -> P
         after = xp.where(exists, xp.maximum(crossings.min(1), t), xp.inf)
         leads, ends_here = crossings.argmin(1), ~xp.isfinite(after)
         lasts = xp.where(ends_here, 0.0, after) - at
-        farther = width + rate * lasts
+        farther = xp.where(ends_here, 1.0, width + rate * lasts)
         last = 1.0 / xp.where(ends_here, width * xp.where(rate > 0, rate, 1.0), 1.0)
         grown = speed * xp.where(ends_here, last, lasts / (width * farther))
         s, t = xp.where(exists, s + grown, s), after

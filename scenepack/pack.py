@@ -14,7 +14,7 @@ import numpy as np
 
 from scenepack.constants import EMPTY_BLOCK
 
-MOST_NEAR = 1e6  # grid units; a larger number is nonsense
+MOST_LENGTH = 1e6  # grid units; a larger number in the metadata is nonsense
 
 
 @dataclass(frozen=True)
@@ -91,9 +91,19 @@ class Pack:
     def near(self) -> float:
         """How far from the cameras of its photographs rays begin, grid units; 0 where the pack does not say, or says nonsense."""
         near = self.metadata.get("near")
-        if isinstance(near, bool) or not isinstance(near, int | float) or not 0 <= near <= MOST_NEAR:
+        if isinstance(near, bool) or not isinstance(near, int | float) or not 0 <= near <= MOST_LENGTH:
             return 0.0
         return float(near)
+
+    @property
+    def contraction(self) -> float | None:
+        """R, half the side of the inner cube of a contracted pack (scenepack.contraction), grid units; None for packs of straight
+        space: forward-facing ones, and those that do not say, or say nonsense.
+        """
+        radius = self.metadata.get("contraction")
+        if self.ndc or isinstance(radius, bool) or not isinstance(radius, int | float):
+            return None
+        return float(radius) if 0 < radius <= MOST_LENGTH else None
 
     @property
     def max_xyz(self) -> np.ndarray:

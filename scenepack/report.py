@@ -72,6 +72,7 @@ def pack_facts(files: PackFiles, pack: Pack) -> dict[str, Any]:
         "features": pack.atlas_features is not None,
         "view_mlp": pack.view_mlp is not None,
         "ndc": pack.ndc,
+        "contraction": pack.contraction,
         "input": {"width": pack.input_width, "height": pack.input_height, "focal": pack.input_focal},
         "worldspace_T_opengl": pack.worldspace_T_opengl.tolist(),
         "metadata": dict(pack.metadata),
@@ -131,6 +132,8 @@ def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]
         ("voxels with alpha", _of(voxels["with_alpha"], voxels["grid"], "of the grid")),
         ("", _of(voxels["with_alpha"], voxels["stored"], "of the stored")),
     ]
+    if facts["contraction"] is not None:
+        grid.insert(2, ("contraction", f"of space beyond ±{facts['contraction']:.6g} world units"))
     storage = [("on disk", _bytes(sizes["disk"]))]
     named = {"rgba": "rgba images", "feature": "feature images", "indices": "indices", "params": "JSON"}
     storage += [(f"  {named.get(part, part)}", _bytes(sizes[part])) for part in (*named, "other") if sizes[part]]

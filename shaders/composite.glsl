@@ -30,8 +30,36 @@ Marched nothing_yet() {
 #endif
 #endif
 
+#ifdef CONTRACTED
+uniform vec3 contraction_centre;   // the middle of the inner cube, voxels ...
+uniform float contraction_radius;  // ... and half its side
+
+// The unit vector through that side of the cube [-1, 1]^3 beyond which a point lies; zero in the cube.
+vec3 outward_at(vec3 point) {
+    vec3 size = abs(point);
+    float largest = max(max(size.x, size.y), size.z);
+    if (largest <= 1.0) return vec3(0.0);
+    vec3 side = size.x == largest ? vec3(1.0, 0.0, 0.0) : size.y == largest ? vec3(0.0, 1.0, 0.0) : vec3(0.0, 0.0, 1.0);
+    return side * sign(point);
+}
+#endif
+
 #ifdef ACCUMULATE_NORMAL
 uniform vec3 grid_size;
+
+#ifdef CONTRACTED
+// A gradient at a point of contracted space as that of space there, up to its length: times the transpose of du/dx.
+// In the pyramid of space beyond a side of the cube, with the outward unit vector e and w: times w, it is
+//   g where g and e are at right angles, and along e, (e g) / w - (u g without e).
+vec3 gradient_in_space(vec3 gradient, vec3 position) {
+    vec3 u = (position - contraction_centre) / contraction_radius;
+    vec3 outward = outward_at(u);
+    if (outward == vec3(0.0)) return gradient;
+    vec3 along = outward * dot(outward, gradient);
+    vec3 across = gradient - along;
+    return across + along * (2.0 - dot(outward, u)) - outward * dot(u, across);
+}
+#endif
 
 float opacity_at(vec3 position) {
     vec3 inside = clamp(position, vec3(0.0), grid_size - 1e-3);
@@ -50,7 +78,12 @@ vec3 normal_at(vec3 position) {
             away[(axis + 1) % 3] = float(edge >> 1) * 2.0 - 1.0;
             rise += away * opacity_at(position + NORMAL_REACH * away);
         }
-    return -rise / max(length(rise), 1e-4);
+    float steepness = length(rise);
+#ifdef CONTRACTED
+    rise = gradient_in_space(rise, position);
+    rise *= steepness / max(length(rise), TINY);
+#endif
+    return -rise / max(steepness, 1e-4);
 }
 #endif
 

@@ -32,10 +32,19 @@ vec3 residual(Ray ray, Marched marched) {
 }
 
 #if MODE == MODE_DEPTH || MODE == MODE_NORMALS
+// Mean distance along the ray, in voxels; in contracted packs, in voxels of space.
+float mean_depth(Ray ray, Marched marched) {
+    float mean = marched.depth / max(1.0 - marched.transmittance, 1e-6);
+#ifdef CONTRACTED
+    return ray.start + distance_at(ray, mean);
+#else
+    return mean;
+#endif
+}
+
 // Where the ray meets the scene, at its mean depth: in voxels; in forward-facing packs in the training frame, unwarped.
 vec3 mean_point(Ray ray, Marched marched) {
-    float mean = marched.depth / max(1.0 - marched.transmittance, 1e-6);
-    vec3 position = ray.origin + (mean - ray.start) * ray.direction;
+    vec3 position = ray.origin + (mean_depth(ray, marched) - ray.start) * ray.direction;
 #ifdef NDC
     vec3 warped = inverse(voxel_R_ndc) * (position - voxel_t_ndc);
     float z = 2.0 * NDC_NEAR / min(warped.z - 1.0, -TINY);
@@ -74,8 +83,7 @@ vec3 displayed_colour(Ray ray, Marched marched) {
 #elif MODE == MODE_ALPHA
     return vec3(alpha);
 #elif MODE == MODE_DEPTH
-    float mean = marched.depth / max(alpha, 1e-6);
-    return vec3(alpha * (depth_range.y - mean) / (depth_range.y - depth_range.x));
+    return vec3(alpha * (depth_range.y - mean_depth(ray, marched)) / (depth_range.y - depth_range.x));
 #elif MODE == MODE_NORMALS
     return 0.5 * (alpha + grid_normal(ray, marched));
 #elif MODE == MODE_SAMPLES

@@ -2,12 +2,13 @@
 //
 // Source: the published viewer's "3D texture atlas" view. The repacked atlas is a narrow beam (viewer/rendering/gpu_scene.py), so
 // its slots are stacked anew, x first, then y, then z, into a cube of atlas_side^3 cells that fills the grid's box.
-// Inputs: atlas_count: how many hold content; atlas_side.
+// Inputs: atlas_count: how many hold content; atlas_side; atlas_min, atlas_max: that box, of contracted packs the inner cube.
 // Every sample is taken, one a voxel of the atlas.
 
 uniform float atlas_count;
 uniform float atlas_side;
-uniform vec3 grid_size;
+uniform vec3 atlas_min;
+uniform vec3 atlas_max;
 
 #define EDGE_VOXELS 0.7
 #define EDGE_OPACITY 0.12
@@ -18,11 +19,11 @@ bool on_edge(vec3 local) {
     return dot(near, vec3(1.0)) >= 2.0;
 }
 
-Marched march(Ray ray) {
-    Marched marched = nothing_yet();
+void march(Ray ray, inout Marched marched) {
     float cube = atlas_side * float(PADDED_BLOCK_SIZE);
-    float scale = cube / min(min(grid_size.x, grid_size.y), grid_size.z);  // atlas voxels a voxel of the grid
-    vec3 origin = (ray.origin - 0.5 * grid_size) * scale + 0.5 * cube;
+    vec3 size = atlas_max - atlas_min;
+    float scale = cube / min(min(size.x, size.y), size.z);  // atlas voxels a voxel of the grid
+    vec3 origin = (ray.origin - 0.5 * (atlas_min + atlas_max)) * scale + 0.5 * cube;
     vec2 inside = box_interval(origin, ray.inverse, vec3(0.0), vec3(cube));
     float end = min(inside.y, ray.length * scale);
     for (float t = max(inside.x, 0.0) + 0.5; t < end; t += 1.0) {
@@ -38,5 +39,4 @@ Marched march(Ray ray) {
             if (marched.transmittance <= TRANSMITTANCE_STOP) break;
         }
     }
-    return marched;
 }

@@ -2,8 +2,7 @@
 //
 // Source: docs/rendering.md, "Samples". Inputs: ray.glsl, grid.glsl, composite.glsl.
 
-Marched march(Ray ray) {
-    Marched marched = nothing_yet();
+void march(Ray ray, inout Marched marched) {
     for (float k = 0.0; k < ray.samples; k += 1.0) {
         vec3 position = ray.origin + k * ray.direction;
         vec3 block = block_of(position);
@@ -17,5 +16,4 @@ Marched march(Ray ray) {
             if (marched.transmittance <= TRANSMITTANCE_STOP) break;
         }
     }
-    return marched;
 }

@@ -22,8 +22,7 @@ int skip_word(vec3 cell) {
     return int(textureLod(skip_grid, (cell + 0.5) * SKIP_GRID_TEXEL, 0.0).r);
 }
 
-Marched march(Ray ray) {
-    Marched marched = nothing_yet();
+void march(Ray ray, inout Marched marched) {
     vec2 content_interval = box_interval(ray.origin, ray.inverse, content_min, content_max);
     float k = max(floor(content_interval.x), 0.0);
     float end = min(ceil(content_interval.y) + 1.0, ray.samples);
@@ -70,5 +69,4 @@ Marched march(Ray ray) {
         }
         if (marched.transmittance <= TRANSMITTANCE_STOP) break;
     }
-    return marched;
 }

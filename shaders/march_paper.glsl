@@ -8,8 +8,7 @@
 
 uniform sampler3D atlas_alpha_nearest;
 
-Marched march(Ray ray) {
-    Marched marched = nothing_yet();
+void march(Ray ray, inout Marched marched) {
     float t = 0.0;  // from sample 0, where the ray has entered the grid by half a voxel
     while (t < ray.length && marched.transmittance > TRANSMITTANCE_STOP) {
         vec3 position = ray.origin + t * ray.direction;
@@ -33,5 +32,4 @@ Marched march(Ray ray) {
         }
         t += 1.0;
     }
-    return marched;
 }

@@ -7,6 +7,7 @@
 //   training_R_camera: for the view direction of the view MLP.
 //   ORTHOGRAPHIC: parallel rays; fx and fy are pixels per voxel. Never together with NDC or DISTORTION.
 //   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray. DISTORTION: distortion, lens_reach; see undistorted.
+//   CONTRACTED: the ray is that of space; path.glsl makes rays of the grid of it, one a piece.
 #ifndef TINY
 #define TINY 1e-8
 #endif
@@ -125,10 +126,16 @@ Ray camera_ray(vec2 fragment) {
 #endif
     ray.direction = without_zeros(direction);
     ray.inverse = 1.0 / ray.direction;
+#ifdef CONTRACTED
+    ray.start = first;
+    ray.length = runs ? 0.0 : -1.0;
+    ray.samples = 0.0;
+#else
     vec2 inside = box_interval(origin, ray.inverse, box_min, box_max);
     ray.start = max(inside.x, first) + 0.5;
     ray.length = runs ? inside.y - ray.start : -1.0;
     ray.samples = max(ceil(ray.length), 0.0);
+#endif
     ray.origin = origin + ray.start * ray.direction;
     return ray;
 }

@@ -5,6 +5,7 @@
 //   MARCHER          MARCHER_EXACT, MARCHER_PAPER or MARCHER_BRUTE
 //   MODE             one of MODE_...; see display.glsl
 //   NDC              defined for forward-facing packs
+//   CONTRACTED       defined for contracted packs; see path.glsl
 //   DISTORTION       defined for cameras whose lens distorts
 //   ORTHOGRAPHIC     defined for cameras whose rays are parallel
 //   FEATURES_STORED  defined where the pack has features; FEATURES_BESIDE where they lie beside rgba in one atlas
@@ -31,6 +32,9 @@
 #else
 #include "march_brute.glsl"
 #endif
+#ifdef CONTRACTED
+#include "path.glsl"
+#endif
 #include "display.glsl"
 #ifdef BACKDROP
 #include "backdrop.glsl"
@@ -40,7 +44,12 @@ out vec4 fragment_colour;
 
 void main() {
     Ray ray = camera_ray(gl_FragCoord.xy);
-    Marched marched = march(ray);
+    Marched marched = nothing_yet();
+#ifdef CONTRACTED
+    march_path(ray, marched);
+#else
+    march(ray, marched);
+#endif
 #ifdef NDC
     partially_unpremultiply(marched);
 #endif

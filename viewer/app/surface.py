@@ -1,7 +1,7 @@
 """Where a ray meets the scene: read from the pack itself, without the card, for one pixel at a time.
 
-Notation: u, distance along a ray in voxels (of the warped space in forward-facing packs); alpha(u), the opacity per voxel that
-the renderer interpolates there; T, what is left of the light. The renderer's depth is the mean over all that a ray meets, which
+Notation: u, distance along a ray in voxels (of the warped space in forward-facing packs, along its path in contracted ones);
+alpha(u), the opacity per voxel that the renderer interpolates there; T, what is left of the light. The renderer's depth is the mean over all that a ray meets, which
 lies half a voxel behind a hard face. Where T has lost half of what the ray loses in all, the ray is in what is seen; the
 surface is where alpha first reaches half of the highest that it has in there. On a hard face, that is the face itself.
 """
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, NDC_NEAR
+from scenepack.contraction import Path, path_of, piece_at, time_at
 from scenepack.pack import Pack
 from viewer.app.projection import ray_through
 from viewer.rendering.camera import ViewCamera
@@ -56,6 +57,39 @@ class _Line:
         share = u / self.bend
         return self.shift + share / (1.0 - share) * self.slope
 
+    def interval(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
+        """u between which the ray lies in a box (voxels)."""
+        direction = np.where(np.abs(self.direction) < 1e-8, 1e-8, self.direction)
+        a, b = (low - self.origin) / direction, (high - self.origin) / direction
+        start, leave = max(float(np.minimum(a, b).max()), self.first), float(np.maximum(a, b).min())
+        return start, min(leave, self.bend * (1.0 - 1e-6)) if self.bend else leave
+
+    def places(self, u: np.ndarray) -> np.ndarray:
+        """Voxels, float64 [n, 3]."""
+        return self.origin + u[:, None] * self.direction
+
+
+@dataclass(frozen=True)
+class _ContractedRay:
+    """The same of a contracted pack, where u begins at 0. radius: half the side of the inner cube, voxels."""
+
+    path: Path
+    radius: float
+    centre: np.ndarray
+    unit: float
+
+    def distance(self, u: float) -> float:
+        return float(time_at(self.path, np.array([u / self.radius]))[0]) * self.radius * self.unit
+
+    def interval(self, _low: np.ndarray, _high: np.ndarray) -> tuple[float, float]:
+        return 0.0, self.radius * float(self.path.ends[0]) * (1.0 - 1e-6)
+
+    def places(self, u: np.ndarray) -> np.ndarray:
+        s = u / self.radius
+        piece = piece_at(self.path, s[None])[0]
+        contracted = self.path.origins[0, piece] + s[:, None] * self.path.directions[0, piece]
+        return self.centre + self.radius * contracted
+
 
 def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> Hit | None:
     """What is seen at a point of the picture (pixels from its corner); None where there is nothing.
@@ -78,7 +112,11 @@ def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: floa
     return Hit(origin + distance * direction, distance)
 
 
-def _straight(pack: Pack, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line:
+def _straight(pack: Pack, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line | _ContractedRay:
+    if pack.contraction is not None:
+        path = path_of(origin[None] / pack.contraction, direction[None], np.array([near / pack.contraction]))
+        voxel = pack.voxel_size
+        return _ContractedRay(path, pack.contraction / voxel, -pack.min_xyz / voxel, voxel)
     return _Line((origin - pack.min_xyz) / pack.voxel_size, direction, near / pack.voxel_size, pack.voxel_size)
 
 
@@ -102,18 +140,16 @@ def _warped(frame: RayFrame, origin: np.ndarray, direction: np.ndarray, near: fl
     return _Line(start, warped / bend, float(first), 1.0, float(shift), bend, float(o[2] / ahead[2]))
 
 
-def _met(pack: Pack, line: _Line, low: np.ndarray, high: np.ndarray) -> float | None:
+def _met(pack: Pack, line: _Line | _ContractedRay, low: np.ndarray, high: np.ndarray) -> float | None:
     """u where the line meets a surface within a box (voxels)."""
-    direction = np.where(np.abs(line.direction) < 1e-8, 1e-8, line.direction)
-    a, b = (low - line.origin) / direction, (high - line.origin) / direction
-    start, leave = max(float(np.minimum(a, b).max()), line.first), float(np.maximum(a, b).min())
-    if line.bend:
-        leave = min(leave, line.bend * (1.0 - 1e-6))
+    start, leave = line.interval(low, high)
     if leave <= start:
         return None
     u = start + np.arange(int((leave - start) * STEPS) + 1) / STEPS
-    alpha = opacities(pack, line.origin + u[:, None] * line.direction)
-    alpha = np.where(alpha > ALPHA_CONTRIBUTES, alpha, 0.0)
+    places = line.places(u)
+    inside = np.all((places > low - 1e-6) & (places < high + 1e-6), axis=1)
+    alpha = opacities(pack, places)
+    alpha = np.where(inside & (alpha > ALPHA_CONTRIBUTES), alpha, 0.0)
     left = np.cumprod((1.0 - np.minimum(alpha, 1.0 - 1e-9)) ** (1.0 / STEPS))
     taken = 1.0 - left
     if taken[-1] < LEAST_SEEN:

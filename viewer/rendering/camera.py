@@ -141,12 +141,25 @@ def is_mirrored(pack: Pack) -> bool:
     return bool(np.linalg.det(pack.worldspace_T_opengl[:3, :3]) < 0)
 
 
-def content_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (float64 [3] each, grid frame) of the box around the occupied macroblocks; the grid where there are none."""
-    blocks = np.argwhere(pack.occupied)[:, ::-1]
+def inner_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (float64 [3] each, voxels) of the grid, of contracted packs of its part in the inner cube, unless there is none."""
     low, high = np.zeros(3), np.asarray(pack.grid_size, np.float64)
-    if len(blocks):
-        low, high = blocks.min(0) * pack.block_size, np.minimum((blocks.max(0) + 1) * pack.block_size, high)
+    if pack.contraction is None:
+        return low, high
+    ends = (np.array([-1.0, 1.0])[:, None] * pack.contraction - pack.min_xyz) / pack.voxel_size
+    inner_low, inner_high = np.maximum(low, ends[0]), np.minimum(high, ends[1])
+    return (inner_low, inner_high) if np.all(inner_low < inner_high) else (low, high)
+
+
+def content_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (float64 [3] each, grid frame) of the box around the occupied macroblocks, as far as they lie in inner_box; that
+    box where none do.
+    """
+    low, high = inner_box(pack)
+    corners = np.argwhere(pack.occupied)[:, ::-1] * float(pack.block_size)
+    corners = corners[np.all((corners < high) & (corners + pack.block_size > low), axis=1)]
+    if len(corners):
+        low, high = np.maximum(corners.min(0), low), np.minimum(corners.max(0) + pack.block_size, high)
     return pack.min_xyz + pack.voxel_size * low, pack.min_xyz + pack.voxel_size * high
 
 

@@ -14,7 +14,7 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull
 
 from scenepack.pack import Pack
-from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, is_mirrored, orbit_path
+from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, inner_box, is_mirrored, orbit_path
 from viewer.rendering.once_per_pack import once_per_pack
 
 MARGIN = 1.05  # of half the picture over what is seen
@@ -25,14 +25,21 @@ TOUCHING = np.ones((3, 3, 3), bool)  # corners, too
 
 
 def counted_blocks(pack: Pack) -> np.ndarray:
-    """The occupied macroblocks without stray pieces, bool [z, y, x]."""
-    pieces, count = ndimage.label(pack.occupied, TOUCHING)  # pyright: ignore[reportGeneralTypeIssues]
+    """The occupied macroblocks without stray pieces, bool [z, y, x]; of contracted packs, those in the inner cube."""
+    occupied = pack.occupied
+    if pack.contraction is not None:
+        low, high = inner_box(pack)
+        outer = np.ones_like(occupied)
+        first, last = np.floor(low / pack.block_size).astype(int), np.ceil(high / pack.block_size).astype(int)
+        outer[tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))] = False
+        occupied = occupied & ~outer
+    pieces, count = ndimage.label(occupied, TOUCHING)  # pyright: ignore[reportGeneralTypeIssues]
     if count < 2:
-        return pack.occupied
+        return occupied
     sizes = np.bincount(pieces.ravel())
     sizes[0] = 0
     kept = sizes >= STRAY * sizes.sum()
-    return kept[pieces] if kept.any() else pack.occupied
+    return kept[pieces] if kept.any() else occupied
 
 
 @once_per_pack
@@ -53,7 +60,7 @@ def outline(pack: Pack) -> np.ndarray:
         corners = _corners(*np.stack(boxes, axis=1))
     if np.linalg.matrix_rank(corners - corners[0]) == 3:
         corners = corners[ConvexHull(corners).vertices]
-    return pack.min_xyz + pack.voxel_size * np.clip(corners, 0.0, pack.grid_size)
+    return pack.min_xyz + pack.voxel_size * np.clip(corners, *inner_box(pack))
 
 
 def _seen_box(pack: Pack, block: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from scenepack.constants import PUBLISHED_NDC_CAMERA
 from scenepack.pack import Pack
-from viewer.rendering.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera, inner_box
 from viewer.rendering.settings import RenderSettings
 
 
@@ -56,6 +56,13 @@ class RayFrame:
         self.pack = pack
         self.training_T_grid = np.asarray(pack.worldspace_T_opengl, np.float64)
         self._whole = np.zeros(3), np.asarray(pack.grid_size, np.float64)
+        self._inner = inner_box(pack)
+        self.contraction = {}
+        if pack.contraction is not None:
+            self.contraction = {
+                "contraction_centre": -pack.min_xyz / pack.voxel_size,
+                "contraction_radius": pack.contraction / pack.voxel_size,
+            }
         self.ndc = {}
         if pack.ndc:
             width, height, focal = ndc_input(pack)
@@ -92,15 +99,20 @@ class RayFrame:
             "ray_near": camera.ray_near * voxels,
             "box_min": box_min,
             "box_max": box_max,
+            "atlas_min": self._inner[0],
+            "atlas_max": self._inner[1],
             "training_R_camera": training_T_camera[:3, :3],
             "training_camera": training_T_camera[:3, 3],
             "depth_range": lambda: self.depth_range(camera),
             **self.ndc,
+            **self.contraction,
         }
 
     def box(self, settings: RenderSettings) -> tuple[np.ndarray, np.ndarray]:
-        """The grid's box in voxels, cut down to the crop box; both corners at its middle where nothing is left."""
-        low, high = self._whole
+        """The grid's box in voxels, cut down to the crop box, and to the inner cube if surroundings are not to be shown; both
+        corners at its middle where nothing is left.
+        """
+        low, high = self._whole if settings.surroundings else self._inner
         if settings.crop is None:
             return low, high
         corners = (np.asarray(settings.crop, np.float64) - self.pack.min_xyz) / self.pack.voxel_size
@@ -110,11 +122,12 @@ class RayFrame:
         return low, high
 
     def depth_range(self, camera: ViewCamera) -> tuple[float, float]:
-        """Distances along its rays, in voxels, between which the grid lies as seen by `camera`."""
-        _, size = self._whole
+        """Distances along its rays, in voxels, between which the grid (its inner cube) lies as seen by `camera`."""
+        low, high = self._inner
+        size = high - low
         if self.pack.ndc:
             return 0.0, float(np.linalg.norm(size))
-        away = 0.5 * size - (camera.position - self.pack.min_xyz) / self.pack.voxel_size
+        away = 0.5 * (low + high) - (camera.position - self.pack.min_xyz) / self.pack.voxel_size
         middle, radius = float(np.linalg.norm(away)), float(0.5 * np.linalg.norm(size))
         if camera.orthographic:
             middle = float(away @ -camera.grid_T_camera[:3, 2])

@@ -226,6 +226,7 @@ class Renderer:
             settings.marcher == "exact"
             and settings.mode != "atlas"
             and not self.pack.ndc
+            and self.pack.contraction is None
             and not any(camera.distortion)
         )
 
@@ -251,6 +252,7 @@ class Renderer:
             # cost modes take the steps that the picture takes.
             "SAMPLES_A_TEST": 1 if accumulates_features or (stored and counting) else 2,
             "NDC": pack.ndc,
+            "CONTRACTED": pack.contraction is not None and mode != "atlas",
             "DISTORTION": any(camera.distortion),
             "ORTHOGRAPHIC": camera.orthographic,
             "FEATURES_STORED": stored,

@@ -54,6 +54,8 @@ class RenderSettings:
     """nothing closer than this along the optical axis is shown, grid units; the larger of this and the camera's counts"""
     crop: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
     """corners (min, max) of a box in the grid frame outside of which nothing is shown"""
+    surroundings: bool = True
+    """whether what lies beyond the inner cube of a contracted pack is shown"""
     samples: int = 1
     """rays along each side of a pixel, whose mean is shown (viewer.rendering.supersampling)"""
     cost_scale: float = 64.0

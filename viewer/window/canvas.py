@@ -15,12 +15,13 @@ import moderngl
 import numpy as np
 
 from scenepack.pack import Pack
+from viewer.app.projection import ray_through
 from viewer.app.stage import Drawn, Layer, Sheet
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
 from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.gpu_clock import GpuClock
-from viewer.rendering.ray_frame import RayFrame
+from viewer.rendering.layers import depth_along_axis
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
 from viewer.rendering.sketch_picture import SketchPicture
@@ -162,16 +163,11 @@ class Canvas:
             return None
         pack = self.renderer.pack
         pixel = replace(camera, cx=camera.cx - x + 0.5, cy=camera.cy - y + 0.5, width=1, height=1)
-        settings = replace(settings, marcher="exact", background=(0.0, 0.0, 0.0))
-        alpha = self._float_pixel(pixel, replace(settings, mode="alpha"))
-        if alpha < 0.1:
+        raw = self._floats(pixel, replace(settings, marcher="exact", mode="depth", raw=True), components=4)
+        if raw[0, 0, 3] < 0.1:
             return None
-        shade = self._float_pixel(pixel, replace(settings, mode="depth")) / alpha
-        near, far = RayFrame(pack).depth_range(camera)
-        return (far - shade * (far - near)) * pack.voxel_size
-
-    def _float_pixel(self, camera: ViewCamera, settings: RenderSettings) -> float:
-        return float(self._floats(camera, settings)[0, 0, 0])
+        _, ray = ray_through(camera, x, y)
+        return float(depth_along_axis(raw, pixel, pack)[0, 0] / (ray @ -camera.grid_T_camera[:3, 2]))
 
     def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """See Stage.ray_counts."""

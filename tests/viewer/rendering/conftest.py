@@ -10,7 +10,7 @@ import moderngl
 import pytest
 
 from scenepack import Pack, load_pack
-from tests.viewer.rendering.shapes import shapes_pack
+from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 
 
@@ -53,6 +53,11 @@ def shapes() -> Pack:
 @pytest.fixture(scope="session")
 def ndc_shapes() -> Pack:
     return shapes_pack(ndc=True)
+
+
+@pytest.fixture(scope="session")
+def surroundings() -> Pack:
+    return surroundings_pack()
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from scenepack.pack import Pack
-from tests.viewer.rendering.shapes import shapes_pack
+from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.settings import MODES, RenderSettings
@@ -33,6 +33,16 @@ NDC_VARIANTS = {
     "ndc-normal": RenderSettings(),
     "ndc-depth": RenderSettings(mode="depth"),
     "ndc-paper": RenderSettings(marcher="paper"),
+}
+CONTRACTED_VARIANTS = {
+    "contracted-normal": RenderSettings(),
+    "contracted-normals": RenderSettings(mode="normals"),
+    "contracted-inner": RenderSettings(surroundings=False),
+}
+PACKS: dict[str, Callable[[], Pack]] = {
+    "shapes": shapes_pack,
+    "ndc_shapes": lambda: shapes_pack(ndc=True),
+    "surroundings": surroundings_pack,
 }
 
 
@@ -54,6 +64,8 @@ def camera_for(pack: Pack) -> ViewCamera:
     """The view of a golden picture."""
     if pack.ndc:
         return ViewCamera.look_at((0.3, 0.2, 0), (0, 0, 4), fov_degrees=50, size=SIZE, mirrored=True)
+    if pack.contraction is not None:
+        return ViewCamera.look_at((-3, 1.4, 2.5), (0.7, -0.2, -0.6), fov_degrees=50, size=SIZE)
     return ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=SIZE)
 
 
@@ -62,11 +74,12 @@ def settings_of(mode: str) -> RenderSettings:
     return RenderSettings(mode=mode, cost_scale=24)  # type: ignore[arg-type]
 
 
-def all_variants() -> Iterator[tuple[str, bool, RenderSettings]]:
-    """Name, whether of the forward-facing pack, and settings of every golden picture."""
-    yield from ((mode, False, settings_of(mode)) for mode in MODES)
-    yield from ((name, False, settings) for name, settings in VARIANTS.items())
-    yield from ((name, True, settings) for name, settings in NDC_VARIANTS.items())
+def all_variants() -> Iterator[tuple[str, str, RenderSettings]]:
+    """Name, which of PACKS, and settings of every golden picture."""
+    yield from ((mode, "shapes", settings_of(mode)) for mode in MODES)
+    yield from ((name, "shapes", settings) for name, settings in VARIANTS.items())
+    yield from ((name, "ndc_shapes", settings) for name, settings in NDC_VARIANTS.items())
+    yield from ((name, "surroundings", settings) for name, settings in CONTRACTED_VARIANTS.items())
 
 
 def compared(actual: np.ndarray, expected: np.ndarray, tolerance: Tolerance) -> dict[str, float | bool]:
@@ -92,10 +105,10 @@ def on_this_card(folder: Path) -> dict[str, object]:
     renderer = str(ctx.info["GL_RENDERER"])
     tolerance = ON_LLVMPIPE if "llvmpipe" in renderer else ELSEWHERE
     pictures = {}
-    packs = {ndc: shapes_pack(ndc=ndc) for ndc in (False, True)}
-    for name, ndc, settings in all_variants():
-        with OffscreenRenderer(packs[ndc], settings.marcher, ctx) as offscreen:
-            actual = offscreen.render(camera_for(packs[ndc]), settings)
+    packs = {name: make() for name, make in PACKS.items()}
+    for name, pack, settings in all_variants():
+        with OffscreenRenderer(packs[pack], settings.marcher, ctx) as offscreen:
+            actual = offscreen.render(camera_for(packs[pack]), settings)
         expected = np.asarray(Image.open(GOLDEN / f"{name}.png", formats=["PNG"]).convert("RGB"))
         pictures[name] = compared(actual, expected, tolerance)
         if not pictures[name]["within"]:

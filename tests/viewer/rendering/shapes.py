@@ -5,16 +5,19 @@ Everything comes from formulas, so that golden pictures do not depend on a rando
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from scenepack.blocks import atlas_from_dense
 from scenepack.constants import VIEW_MLP_WIDTHS
+from scenepack.contraction import uncontract
 from scenepack.pack import Pack, ViewMlp, pack_of_cube
 
 BLENDER_FRAME = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
 NDC_FRAME = np.diag([1.0, 1.0, -1.0, 1.0])
+FLOOR, BALL, SKY = -0.8, (3.0, 0.6, -2.0, 1.2), 20.0  # of surroundings_pack, units of R
 
 
 def glossy_mlp() -> ViewMlp:
@@ -59,3 +62,42 @@ def shapes_pack(side: int = 70, block_size: int = 14, *, ndc: bool = False, diff
     camera = {"ndc": True, "input_width": 160.0, "input_height": 120.0, "input_focal": 140.0} if ndc else {}
     mlp, frame = None if diffuse else glossy_mlp(), NDC_FRAME if ndc else BLENDER_FRAME
     return pack_of_cube(side, block_size, atlas, mlp, frame, **camera)
+
+
+def surroundings_pack(side: int = 128, block_size: int = 14, *, radius: float = 1.0, diffuse: bool = False) -> Pack:
+    """A contracted pack of side^3 voxels over all of space. In units of R = radius: the scene above in the inner cube, a
+    chequered floor at y = FLOOR out to infinity, a red ball (BALL: x, y, z, radius), and a sky of radius SKY.
+    """
+    voxel = 4.0 / side
+    centres = (np.arange(side) + 0.5) * voxel - 2.0
+    u = np.stack(np.broadcast_arrays(centres[None, None, :], centres[None, :, None], centres[:, None, None]), axis=-1)
+    x, y, z = np.moveaxis(uncontract(u), -1, 0)
+    inside = (np.abs(u).max(-1) < 0.95) * opacity(x, y, z, voxel)
+    floor = _solid(y - FLOOR)
+    ball = _solid(np.sqrt((x - BALL[0]) ** 2 + (y - BALL[1]) ** 2 + (z - BALL[2]) ** 2) - BALL[3])
+    away = np.sqrt(x * x + y * y + z * z)
+    sky, height = _solid(SKY - away), y / away
+    alpha = np.maximum.reduce([inside, floor, ball, sky])
+    checks = 0.25 + 0.5 * ((np.floor(x) + np.floor(z)) % 2)
+    colours = {
+        "inside": (0.9, 0.6 + 0.3 * np.sin(5 * y), 0.2), "ball": (0.8, 0.15, 0.1 + 0.1 * np.sign(y - BALL[1])),
+        "sky": (0.75 - 0.5 * height, 0.85 - 0.4 * height, 1.0), "floor": (checks, checks, 0.8 * checks),
+    }  # fmt: skip
+    rgb = np.zeros(u.shape)
+    for name, part in (("floor", floor), ("sky", sky), ("ball", ball), ("inside", inside)):
+        rgb = np.where((part >= alpha)[..., None], np.stack(np.broadcast_arrays(*colours[name], x)[:3], -1), rgb)
+    levels = np.rint(255 * alpha)[..., None]
+    rgba = np.concatenate([np.rint(0.6 * rgb * levels), levels], axis=-1).astype(np.uint8)
+    features = np.rint((0.5 + 0.5 * np.sin(3 * np.stack([x, y, z, x], -1) / (1 + away[..., None]))) * levels).astype(
+        np.uint8
+    )
+    atlas = atlas_from_dense(rgba, None if diffuse else features, block_size)
+    pack = pack_of_cube(side, block_size, atlas, None if diffuse else glossy_mlp(), BLENDER_FRAME)
+    pack = replace(pack, voxel_size=radius * voxel, min_xyz=np.full(3, -2.0 * radius))
+    return pack.with_metadata(contraction=radius)
+
+
+def _solid(distance: np.ndarray) -> np.ndarray:
+    """Opacity where `distance` to a surface is negative; its edge is about a voxel wide after the contraction."""
+    slope = np.sqrt(sum(np.square(np.gradient(distance, axis=axis)) for axis in range(3)))
+    return np.clip(1.0 - distance / np.maximum(slope, 1e-9), 0, 1) ** 2

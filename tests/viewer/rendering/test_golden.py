@@ -12,7 +12,15 @@ from PIL import Image
 
 from scenepack.pack import Pack
 from tests.viewer.rendering import pictures
-from tests.viewer.rendering.golden_variants import GOLDEN, NDC_VARIANTS, VARIANTS, all_variants, camera_for, settings_of
+from tests.viewer.rendering.golden_variants import (
+    CONTRACTED_VARIANTS,
+    GOLDEN,
+    NDC_VARIANTS,
+    VARIANTS,
+    all_variants,
+    camera_for,
+    settings_of,
+)
 from tests.viewer.rendering.pictures import compare_with_golden
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import MODES, RenderSettings
@@ -44,6 +52,11 @@ def test_each_variant_looks_as_before(golden: Callable[..., None], shapes: Pack,
 @pytest.mark.parametrize("name", NDC_VARIANTS)
 def test_forward_facing_packs_look_as_before(golden: Callable[..., None], ndc_shapes: Pack, name: str) -> None:
     golden(name, ndc_shapes, NDC_VARIANTS[name])
+
+
+@pytest.mark.parametrize("name", CONTRACTED_VARIANTS)
+def test_contracted_packs_look_as_before(golden: Callable[..., None], surroundings: Pack, name: str) -> None:
+    golden(name, surroundings, CONTRACTED_VARIANTS[name])
 
 
 def test_no_golden_picture_is_left_over() -> None:
