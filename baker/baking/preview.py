@@ -38,7 +38,7 @@ def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
     found = content_box(query, *box_in_grid_frame(run.dataset.aabb, frame), resolution, frame, TAU_ALPHA)
     if found is None:
         return None
-    grid = make_grid(*found, resolution, BLOCK_SIZE, frame)
+    grid = make_grid(*found, resolution, BLOCK_SIZE, frame, run.dataset.facts.contraction)
     culling = cull_by_opacity(query, grid, occupied_query(run))
     if not culling.kept.any():
         return None

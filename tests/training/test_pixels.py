@@ -139,7 +139,7 @@ def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_ha
     fused = pytest.importorskip("training.multires.fused.rays", reason="pip install 'snerg[train]'")
     low, high = procedural_scene.aabb
     layout = build_layout(np.ones((8, 8, 8), bool), low, (high - low) / 8)
-    batch = fused.empty_batch(len(ids))
+    batch = fused.empty_batch(len(ids), 0.0)
     batch.background[:] = thin.background
     fused.fill_batch(fused.photographs_of(thin), ids.astype(np.int64), np.float64(low), np.float64((high - low) / 8),
                      np.array([8, 8, 8], np.int32), batch, 0, len(ids))  # fmt: skip

@@ -30,7 +30,7 @@ def test_the_march_lists_every_sample_with_support_and_says_which_rays_did_not_f
     for ray, t in zip(np.asarray(found.ray)[found.valid], np.asarray(found.t)[found.valid], strict=True):
         listed[ray].append(float(t))
     t = (start[:, None] + np.asarray(phase)[:, None] + np.arange(40)).astype(np.float32)  # [ray, sample]
-    g = grid_rays.origins[:, None] + t[..., None] * grid_rays.directions[:, None]
+    g = grid_rays.points(jnp.arange(256)[:, None], jnp.asarray(t))
     expected = (t < end[:, None]) & np.asarray(layout.has_support(g.reshape(-1, 3))).reshape(t.shape)
     for ray in range(256):
         if found.complete[ray]:

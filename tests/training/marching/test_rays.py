@@ -7,10 +7,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from tests.training.marching.grids import ORIGIN, VOXEL, random_rays
+from training.marching.layout import GridBox
 from training.marching.march import until_complete
-from training.marching.rays import GridFrameRays, to_grid
+from training.marching.rays import GridFrameRays, grid_points, to_grid
 from training.marching.sparse_grid import build_layout
 from training.method import Rays
 
@@ -67,3 +69,29 @@ def test_a_ray_begins_at_near_and_ends_with_the_box() -> None:
     found = to_grid(layout, rays)
     np.testing.assert_allclose(found.start * VOXEL, [1.3, 1.5, 3.0], atol=1e-5)
     np.testing.assert_allclose(found.end * VOXEL, 2.7 * ones, atol=1e-5)
+
+
+def test_a_contracted_ray_is_a_path_through_the_contracted_points_of_the_ray() -> None:
+    inner, side = 1.1, 64
+    box = GridBox(jnp.full(3, -2 * inner), jnp.float32(4 * inner / side), jnp.full(3, side), inner)
+    rays = random_rays(200)._replace(near=jnp.full(200, 0.3))
+    found = to_grid(box, rays)
+    assert (np.isfinite(np.asarray(found.begins)).sum(1) > 1).any() and np.all(np.asarray(found.start) == 0)
+    for share in (0.0, 0.3, 0.9):
+        s = share * found.end
+        points = rays.origins + found.times(s)[:, None] * rays.directions
+        np.testing.assert_allclose(found.points(jnp.arange(200), s), grid_points(box, points), atol=2e-3)
+    np.testing.assert_allclose(found.times(0 * found.end), 0.3, atol=1e-6)
+    fused = pytest.importorskip("training.multires.fused.rays", reason="pip install 'snerg[train]'")
+    batch = fused.empty_batch(200, inner)
+    fused.take_rays(
+        *(np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far)), inner, np.full(3, -2 * inner),
+        np.full(3, 4 * inner / side), np.full(3, side, np.int32), batch,
+    )  # fmt: skip
+    for name in ("start", "end", "length"):
+        np.testing.assert_allclose(getattr(batch, name), getattr(found, name), rtol=1e-4, atol=1e-4)
+    for share in (0.1, 0.5, 0.95):
+        s = np.float32(share) * batch.end
+        piece = (batch.begins <= s[:, None]).sum(1) - 1
+        at = batch.origins[np.arange(200), piece] + s[:, None] * batch.directions[np.arange(200), piece]
+        np.testing.assert_allclose(at, found.points(jnp.arange(200), jnp.asarray(s)), atol=2e-3)

@@ -33,13 +33,14 @@ from training.multires.fused.engine import FusedEngine
 from training.multires.fused.rays import Batch
 
 SMALL = MultiresConfig(resolutions=(16, 32, 128), occupancy=32, samples_per_step=4096, steps_across=(20, 64, 96))
+HASHED = dataclasses.replace(SMALL, resolutions=(16, 64, 256))
 CONFIG = TrainConfig(method="multires", engine="fused", steps=40, multires=SMALL)
 TRAINED = 12  # steps: enough for mist of all densities, and for rays that end
 ROOM = 1 << 17  # samples of the JAX lists: for everything
 
 
 def scene_path(kind: str, procedural_path: Path, folder: Path) -> Path:
-    """object: cut out by alpha; surroundings: opaque, through a lens that distorts; forward: in NDC."""
+    """object: cut out by alpha; surroundings, unbounded: opaque, through a lens that distorts; forward: in NDC."""
     if kind == "object":
         return procedural_path
     if kind == "forward":
@@ -73,7 +74,8 @@ class Trained:
         b, state = self.batch, self.state
         engine = JaxEngine(self.method.dataset, self.method.plan, self.method.settings, 0)
         cells, maps, absent, levels = engine._derived(dataclasses.replace(state, kept={}))
-        rays = GridRays(*(jnp.asarray(a) for a in (b.origins, b.directions, b.start, b.end, b.length, b.length)))
+        arrays = b.origins, b.directions, b.begins, b.start, b.end, b.length, b.length
+        rays = GridRays(*(jnp.asarray(a) for a in arrays))
         segments = 4 * state.codes.shape[0]
         sizes = MarchSizes(segments, ROOM, ROOM, segments * 4)
         samples = march(cells, rays, jnp.asarray(b.phase), sizes, state.step_cells)  # type: ignore[arg-type]
@@ -92,10 +94,13 @@ class Trained:
         return constants, metrics, gradient
 
 
-@pytest.fixture(scope="module", params=["object", "surroundings", "forward"])
+@pytest.fixture(scope="module", params=["object", "surroundings", "unbounded", "forward"])
 def trained(request: pytest.FixtureRequest, procedural_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Trained:
     path = scene_path(request.param, procedural_path, tmp_path_factory.mktemp(request.param) / "scene")
-    method = MultiresMethod(CONFIG, make_dataset(load_scene(path)))
+    unbounded = request.param == "unbounded"
+    config = dataclasses.replace(CONFIG, multires=HASHED) if unbounded else CONFIG
+    method = MultiresMethod(config, make_dataset(load_scene(path), contracted=unbounded))
+    assert method.dataset.kind == request.param
     state = method.start(jax.random.key(0))
     for step in range(TRAINED):
         state, _ = method.step(state, step)
@@ -246,7 +251,7 @@ def test_points_and_pictures_are_the_same_when_many_threads_ask_at_once(trained:
 def test_a_run_repeats_itself_to_the_last_bit_whatever_the_number_of_threads(
     trained: Trained, threads: int
 ) -> None:  # fmt: skip
-    method = MultiresMethod(CONFIG, trained.method.dataset)
+    method = MultiresMethod(trained.method.config, trained.method.dataset)
     method.engine = FusedEngine(method.dataset, method.plan, method.settings, CONFIG.seed, threads)
     state = method.start(jax.random.key(0))
     for step in range(TRAINED):
