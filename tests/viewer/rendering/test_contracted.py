@@ -13,6 +13,7 @@ from scenepack.pack import Pack
 from tests.scenepack.random_packs import random_pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from tests.viewer.rendering.shapes import BALL, FLOOR, SKY
+from viewer.app.first_view import view_from_within
 from viewer.app.projection import project, ray_through
 from viewer.app.surface import surface_at
 from viewer.rendering.camera import ViewCamera, content_box
@@ -162,6 +163,24 @@ def test_the_inner_cube_is_what_cameras_frame(surroundings: Pack) -> None:
         np.linalg.norm(outside.position) + np.sqrt(3) * np.array([-1, 1])
     )
     assert all(np.linalg.norm(camera.position) < 6.0 for camera in filling_orbit(surroundings, 3, 40.0, SIZE))
+
+
+def test_the_viewer_begins_amid_the_photographs_wherever_they_were_taken(surroundings: Pack) -> None:
+    """A contracted pack surrounds its cameras, unlike one of an object."""
+    views = [ViewCamera.orbit(surroundings, azimuth, distance=5.0) for azimuth in (0, 20, 40)]
+    cameras = [
+        {
+            "name": f"{i}",
+            "split": "train",
+            "world_T_camera": (surroundings.worldspace_T_opengl @ view.grid_T_camera).tolist(),
+        }
+        | {key: getattr(view, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
+        | {"distortion": [0.0] * 4}
+        for i, view in enumerate(views)
+    ]
+    first = view_from_within(surroundings.with_metadata(cameras=cameras))
+    assert first is not None and np.allclose(first.position, views[1].position)
+    assert view_from_within(surroundings.with_metadata(cameras=cameras, contraction=None)) is None
 
 
 def test_no_light_is_lost_where_rays_leave_for_infinity(offscreen: Make, surroundings: Pack) -> None:
