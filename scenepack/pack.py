@@ -103,7 +103,7 @@ class Pack:
         radius = self.metadata.get("contraction")
         if self.ndc or isinstance(radius, bool) or not isinstance(radius, int | float):
             return None
-        return float(radius) if 0 < radius <= MOST_LENGTH else None
+        return float(radius) if self.voxel_size <= radius <= MOST_LENGTH else None
 
     @property
     def max_xyz(self) -> np.ndarray:

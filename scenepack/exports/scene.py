@@ -165,6 +165,8 @@ def surface_of(field: Field, export: Export, placing: Placing, tell: Told = lamb
     tell(0.6, "removing floaters")
     surface = without_floaters(surface, export.keep)
     near = placing.near_enough(surface.vertices)
+    if export.kind == "mesh":
+        near &= placing.in_inner_cube(surface.vertices)
     if not near.all():
         surface = surface.only(np.all(near[surface.faces], axis=1))
     require_some(len(surface.faces), export)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from scenepack import commands, open_pack, report
+from scenepack import commands, load_pack, open_pack, report
 from scenepack.check import check_pack
 from tests.scenepack.helpers import edit_json, read_image, small_pack, write_image, written
 from tests.told import told
@@ -40,6 +40,14 @@ def test_info_prints_plain_lines_without_a_terminal(tmp_path: Path, run: Run, na
     assert f"grid: grid: {x} × {y} × {z} voxels" in out
     assert "metadata: steps: 250\n" in out and "metadata: cameras: 9 entries" in out
     assert all(line.count(": ") >= 2 for line in out.splitlines()) and "\x1b" not in out
+
+
+def test_info_tells_the_contraction_and_convert_keeps_it(tmp_path: Path, run: Run) -> None:
+    folder = written(tmp_path / "pack", small_pack().with_metadata(contraction=0.75))
+    assert "grid: contraction: of space beyond ±0.75 world units\n" in run("info", folder)[1]
+    assert run("convert", folder, "--out", tmp_path / "new", "--codec", "webp")[0] == 0
+    assert load_pack(tmp_path / "new").contraction == 0.75
+    assert "contraction" not in run("info", written(tmp_path / "plain", small_pack()))[1]
 
 
 def test_what_metadata_say_reaches_no_terminal_but_as_plain_text(tmp_path: Path, run: Run) -> None:

@@ -18,7 +18,7 @@ def take_over(app: App, preferences: Preferences) -> None:
     interface.theme, interface.scale = preferences.theme, preferences.interface_scale
     interface.axes_shown = preferences.axes_shown
     app.controllers.dead_zone = preferences.dead_zone
-    app.settings = replace(app.settings, background=preferences.background)
+    app.settings = replace(app.settings, background=preferences.background, surroundings=preferences.surroundings)
     if preferences.backdrop != PLAIN:
         app.set_backdrop(preferences.backdrop)
     app.resolution.target_fps, app.resolution.enabled = preferences.target_fps, preferences.dynamic_resolution
@@ -34,6 +34,7 @@ def to_remember(app: App) -> Preferences:
         moved=list(interface.moved),
         layout=interface.layout,
         background=app.settings.background,
+        surroundings=app.settings.surroundings,
         backdrop=backdrop.style if backdrop is not None else PLAIN,
         theme=interface.theme,
         interface_scale=interface.scale,

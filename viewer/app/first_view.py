@@ -1,4 +1,5 @@
-"""Where to begin in a scene that surrounds its cameras: rooms are seen from within, not from behind their walls."""
+"""Where to begin in a scene that surrounds its cameras, as contracted packs do: rooms are seen from within, not from behind their
+walls."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ def view_from_within(pack: Pack) -> ViewCamera | None:
     low, high = content_box(pack)
     margin = CLOSE * np.linalg.norm(high - low)
     eyes = np.array([view.position for view in views])
-    if np.all((eyes > low - margin) & (eyes < high + margin), axis=1).mean() < 0.5:
+    within = np.all((eyes > low - margin) & (eyes < high + margin), axis=1).mean() >= 0.5
+    if pack.contraction is None and not within:
         return None
     backs = np.array([view.grid_T_camera[:3, 2] for view in views])
     spread = max(float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean()), 1e-9)

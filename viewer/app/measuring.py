@@ -67,6 +67,7 @@ class Measuring:
             camera.height,
             settings.crop,
             settings.near,
+            settings.surroundings,
         )
         key = (id(host.scene.pack), x, y, scale, *view)
         if key != self._looked:

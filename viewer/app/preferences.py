@@ -43,7 +43,7 @@ def default_file() -> Path:
 class Preferences:
     """window: width, height in screen units. recent: paths of what was opened, the last first. moved, layout, theme,
     interface_scale (its scale), axes_shown: see Interface. background: plain, sRGB in 0 … 1. backdrop: "plain" or one of
-    viewer.app.backdrops.STYLES. dead_zone: of controllers, 0 … 1.
+    viewer.app.backdrops.STYLES. surroundings: see RenderSettings. dead_zone: of controllers, 0 … 1.
     """
 
     window: tuple[int, int] = (1280, 800)
@@ -58,6 +58,7 @@ class Preferences:
     interface_scale: float = 1.0
     backdrop: str = "gradient"
     axes_shown: bool = True
+    surroundings: bool = True
     dead_zone: float = 0.15
     recent: list[str] = field(default_factory=list)
 

@@ -30,6 +30,7 @@ class Startup:
 
     pack: Path | None = None
     mode: Mode = "normal"
+    surroundings: bool = True
     pose: str | None = None
     compare: Path | None = None
     photographs: Path | None = None
@@ -43,6 +44,8 @@ class Startup:
     def begin(self, app: App) -> None:
         """Starts to open the pack; the rest follows when it is there."""
         app.set(mode=self.mode)
+        if not self.surroundings:
+            app.set(surroundings=False)
         page = self.page or self._page()
         if page is not None:
             app.interface.opens(page)

@@ -1,9 +1,10 @@
 """Where a ray meets the scene: read from the pack itself, without the card, for one pixel at a time.
 
 Notation: u, distance along a ray in voxels (of the warped space in forward-facing packs, along its path in contracted ones);
-alpha(u), the opacity per voxel that the renderer interpolates there; T, what is left of the light. The renderer's depth is the mean over all that a ray meets, which
-lies half a voxel behind a hard face. Where T has lost half of what the ray loses in all, the ray is in what is seen; the
-surface is where alpha first reaches half of the highest that it has in there. On a hard face, that is the face itself.
+alpha(u), the opacity per voxel that the renderer interpolates there; T, what is left of the light. The renderer's depth is the
+mean over all that a ray meets, which lies half a voxel behind a hard face. Where T has lost half of what the ray loses in all,
+the ray is in what is seen; the surface is where alpha first reaches half of the highest that it has in there. On a hard face,
+that is the face itself.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -40,6 +41,7 @@ def bench(
     ablations: bool = False,
     dense_pack: Path | None = None,
     allow_half: bool = False,
+    surroundings: bool = True,
     json: Path | None = None,
     markdown: Path | None = None,
     plot: Path | None = None,
@@ -68,6 +70,7 @@ def bench(
         dense_pack: Pack of the same scene trained without the sparsity loss, for the last row of that table.
         allow_half: Measure a pack that does not fit on the graphics card at half its resolution. Without this option, such a
             pack is refused.
+        surroundings: Show what lies beyond the inner cube of an unbounded scene.
         json: Also write the figures to this file; "-" prints them instead of the table.
         markdown: Also write the table to this file, as Markdown.
         plot: Plot the frame times into this PNG, with the median and the 95th percentile.
@@ -89,6 +92,8 @@ def bench(
     else:
         contenders = _contenders(loaded, compare is not None, ablations)
         contenders += [Contender(NO_SPARSITY, RenderSettings(), load_pack(dense_pack))] if dense_pack else []
+    for contender in contenders:
+        contender.settings = replace(contender.settings, surroundings=surroundings)
     try:
         measurement = measure(loaded, list(flown.cameras), contenders, photographs=photographs, allow_half=allow_half)
     except NoRoomError as error:

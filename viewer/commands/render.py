@@ -61,6 +61,7 @@ def render(
     near: float = 0.0,
     ortho_height: float | None = None,
     crop: str | None = None,
+    surroundings: bool = True,
     samples: int = 1,
     fps: int = 30,
 ) -> None:
@@ -87,6 +88,7 @@ def render(
         near: Hide everything closer than this along the optical axis, in grid units.
         ortho_height: Render without perspective, and show this many grid units from the top of the picture to the bottom.
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
+        surroundings: Show what lies beyond the inner cube of an unbounded scene.
         samples: Rays along each side of a pixel: 4 averages 4 x 4 rays per pixel (anti-aliasing).
         fps: Frames per second of a film.
     """
@@ -103,6 +105,7 @@ def render(
         background=(1.0, 1.0, 1.0) if transparent else _colour(background),
         near=near,
         crop=_box(crop) if crop else None,
+        surroundings=surroundings,
         samples=samples,
     )
     passes = passes_for(parse_modes(mode), settings, transparent=transparent, exr=exr)

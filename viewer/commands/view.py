@@ -52,6 +52,7 @@ def demo_pack() -> Path | None:
 def view(
     pack: Annotated[Path | None, tyro.conf.Positional] = None,
     mode: Mode = "normal",
+    surroundings: bool = True,
     pose: str | None = None,
     compare: Path | None = None,
     photographs: Path | None = None,
@@ -73,6 +74,7 @@ def view(
         pack: Folder or .zip of a baked scene, or a saved session (.snerg). Without it, the start page opens. For a folder of
             photographs or a training run, the viewer offers to make a scene.
         mode: What to show first. "normal" is the picture.
+        surroundings: Show what lies beyond the inner cube of an unbounded scene.
         pose: First camera: a pose copied from the viewer, or x,y,z,x,y,z of eye and target in the grid frame (y up).
         compare: Another pack, shown under the same camera.
         photographs: Folder of the scene that the pack was made from. The default is the folder that the pack names.
@@ -100,6 +102,7 @@ def view(
     wishes = Startup(
         pack=pack,
         mode=mode,
+        surroundings=surroundings,
         pose=pose,
         compare=compare,
         photographs=photographs,
@@ -117,7 +120,7 @@ def view(
     except NoDisplay as reason:
         if frames is not None or export is not None:
             raise UserError(str(reason), remedy="start it with xvfb-run, or use snerg-render") from reason
-        _render_instead(pack, mode, reason)
+        _render_instead(pack, RenderSettings(mode=mode, surroundings=surroundings), reason)
         return 0
 
 
@@ -241,7 +244,7 @@ def _keep(app: App, window: Window, keeper: Keeper, trail: Trail) -> None:
                 print(f"snerg-view: {problem}", file=sys.stderr)
 
 
-def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
+def _render_instead(path: Path | None, settings: RenderSettings, reason: NoDisplay) -> None:
     chosen = path or demo_pack()
     if chosen is None:
         raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
@@ -253,7 +256,7 @@ def _render_instead(path: Path | None, mode: Mode, reason: NoDisplay) -> None:
         raise UserError("is not a pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
     loaded = load_pack(chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
-    for written in fly_over(loaded, name_of(chosen), OUT, rig_for(loaded).fov, RenderSettings(mode=mode)):
+    for written in fly_over(loaded, name_of(chosen), OUT, rig_for(loaded).fov, settings):
         print(written)
 
 

@@ -45,7 +45,10 @@ def legend(app: App) -> Legend | None:
         if pack.ndc:
             return Legend(GREY, f"{near:.0f}", f"{(near + far) / 2:.0f}", f"{far:.0f}", "voxels into the warped grid")
         near, far = near * pack.voxel_size, far * pack.voxel_size
-        return Legend(GREY, f"{near:.3g}", f"{(near + far) / 2:.3g}", f"{far:.3g}", "distance, in the grid's units")
+        at_least = "≥ " if pack.contraction is not None else ""
+        return Legend(
+            GREY, f"{near:.3g}", f"{(near + far) / 2:.3g}", f"{at_least}{far:.3g}", "distance, in the grid's units"
+        )
     return None
 
 

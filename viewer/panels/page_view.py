@@ -56,6 +56,12 @@ def show(app: App, stage: Stage, fonts: Fonts) -> None:
             if changed:
                 app.set(cost_scale=value)
         _background(app)
+        if app.scene is not None and app.scene.pack.contraction is not None:
+            label("Surroundings")
+            shown = switch("surroundings", app.settings.surroundings)
+            if shown != app.settings.surroundings:
+                app.set(surroundings=shown)
+            tip("What lies beyond the inner cube of an unbounded scene")
     with card("resolution", fonts, "Resolution"):
         picked = segments("rest", list(RESOLUTIONS), str(app.resolution.rest_scale), RESOLUTIONS)
         if picked:

@@ -12,6 +12,7 @@ from typing import Any
 import moderngl
 
 from console import Notice
+from scenepack.contraction import contract
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.drawing import Drawing
@@ -99,7 +100,10 @@ class Renderer:
     def see_first(self, camera: ViewCamera) -> None:
         """What lies close to `camera` shall arrive first. Cameras of forward-facing packs lie all on one side of them."""
         if not self.pack.ndc:
-            position = (camera.position - self.pack.min_xyz) / self.pack.voxel_size
+            radius, place = self.pack.contraction, camera.position
+            if radius is not None:
+                place = radius * contract(place / radius)
+            position = (place - self.pack.min_xyz) / self.pack.voxel_size
             for scene in self._scenes.values():
                 scene.see_first(position)
 

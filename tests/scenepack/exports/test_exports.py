@@ -19,7 +19,7 @@ from scenepack.exports.mending import components, decimated, smoothed
 from scenepack.exports.scene import Export, export_scene
 from scenepack.exports.surface import extract
 from scenepack.pack import pack_of_cube
-from tests.viewer.rendering.shapes import BLENDER_FRAME, NDC_FRAME
+from tests.viewer.rendering.shapes import BALL, BLENDER_FRAME, NDC_FRAME, SKY, surroundings_pack
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: the extra dev")
 SIDE, BLOCK, RADIUS, CENTRE = 42, 14, 0.55, np.array([0.1, -0.05, 0.2])
@@ -210,6 +210,29 @@ def test_forward_facing_packs_are_unwarped(tmp_path: Path, frame: str) -> None:
     front = np.abs(off) < 0.15
     assert front.mean() > 0.2  # the other faces close the box behind
     assert np.median(normals[front] @ n / np.linalg.norm(n)) > 0.97
+
+
+def test_a_contracted_pack_is_written_as_it_is_in_space(tmp_path: Path) -> None:
+    save_pack(surroundings_pack(radius=2.0), tmp_path / "pack")
+    for name in ("mesh.ply", "points.ply", "gaussians.ply"):
+        assert run(str(tmp_path / "pack"), tmp_path / name, "--keep", "all") == 0
+    mesh = trimesh.load(tmp_path / "mesh.ply", process=False)
+    assert len(mesh.faces) > 1000 and np.abs(mesh.bounds).max() <= 2.0 + 0.1
+    centre, radius = 2.0 * np.array(BALL[:3]), 2.0 * BALL[3]
+    cloud = trimesh.load(tmp_path / "points.ply", process=False)
+    off = np.linalg.norm(cloud.vertices - centre, axis=1)
+    near = off < 1.3 * radius
+    assert near.sum() > 300 and np.abs(cloud.vertices).max() > 0.5 * 2.0 * SKY
+    assert np.median(np.abs(off[near & (off > 0.7 * radius)] - radius)) < 0.1 * radius
+    body = (tmp_path / "gaussians.ply").read_bytes().partition(b"end_header\n")[2]
+    values = np.frombuffer(body, "<f4").reshape(-1, len(COLUMNS))
+    at = {name: i for i, (name, _) in enumerate(COLUMNS)}
+    far = np.abs(values[:, :3]).max(axis=1) / 2.0
+    sizes = np.exp(values[:, at["scale_0"] : at["scale_0"] + 3])
+    inner = far < 0.99
+    assert np.allclose(sizes[inner], sizes[inner][0]) and inner.sum() > 1000
+    beyond = far > 1.01
+    assert np.allclose(sizes[beyond].max(axis=1) / sizes[inner][0, 0], far[beyond] ** 2, rtol=1e-3)
 
 
 def test_memory_bounds_make_voxels_coarser_and_say_so(folder: str, tmp_path: Path, monkeypatch, capsys) -> None:

@@ -59,6 +59,20 @@ def test_forward_facing_packs_render_without_a_pose(ndc_folder: str, tmp_path: P
     assert picture(tmp_path / "a.png").std() > 5
 
 
+def test_the_surroundings_of_a_contracted_pack_can_be_left_out(surroundings: Pack, tmp_path: Path) -> None:
+    save_pack(surroundings, tmp_path / "pack")
+    pack = str(tmp_path / "pack")
+    seen = {}
+    for name, words in (("all", []), ("inner", ["--no-surroundings"])):
+        assert render.main([pack, "--out", str(tmp_path / f"{name}.png"), *words, *SMALL]) == 0
+        seen[name] = picture(tmp_path / f"{name}.png")
+    assert (seen["inner"] == 255).all(axis=2).mean() > 0.3 and (seen["all"] == 255).all(axis=2).mean() < 0.01
+    figures = tmp_path / "figures.json"
+    words = ["--frames", "2", "--no-surroundings", "--compare", "paper", "--json", str(figures)]
+    assert bench.main([pack, *words, *SMALL]) == 0
+    assert 15 < json.loads(figures.read_text())["compare"]["psnr"] < 60
+
+
 def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp_path: Path) -> None:
     assert render.main([folder, "--out", str(tmp_path / "smooth.png"), "--samples", "4", *SMALL]) == 0
     assert render.main([folder, "--out", str(tmp_path / "large.png"), "--size", "192x144"]) == 0

@@ -9,6 +9,7 @@ import pytest
 
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
+from tests.viewer.rendering.shapes import surroundings_pack
 from viewer.panels import legend
 from viewer.rendering.settings import MODES
 from viewer.rendering.shader_source import assemble, colour_stops, compile_program
@@ -61,6 +62,16 @@ def test_the_numbers_of_the_depths_are_distances(ui, app):
     by_legend = near + (1 - shades[y, x] / opacity[y, x]) * (far - near)  # white is near
     assert len(x) > 20 and np.abs(by_legend - distances).max() < 0.02
     assert float(told.middle) == pytest.approx((near + far) / 2, abs=0.01) and "units" in told.unit
+
+
+def test_depths_of_a_contracted_pack_are_told_as_far_as_the_inner_cube(ui, app, pack_folder):
+    app.show(surroundings_pack(64), pack_folder)
+    app.set(mode="depth")
+    ui.settle()
+    told, camera = legend.legend(app), app.camera()
+    assert told.high.startswith("≥ ")
+    distances = [ui.canvas.distance_at(camera, app.settings, x, 20.5) for x in (10.5, 200.5, 400.5)]
+    assert all(distance > float(told.high[2:]) for distance in distances)  # the sky
 
 
 @pytest.mark.parametrize("mode", ["samples", "jumps"])

@@ -5,9 +5,11 @@ import pytest
 from imgui_bundle import imgui
 from PIL import Image
 
+from tests.viewer.rendering.shapes import surroundings_pack
 from tests.viewer.waiting import until
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
+from viewer.app.carried_over import take_over, to_remember
 from viewer.app.commands import run
 from viewer.panels.layout import PAGES
 from viewer.rendering.settings import MODES
@@ -107,6 +109,29 @@ def test_the_rail_opens_and_closes_pages(ui, app):
         assert app.interface.page == page.id
     ui.click(x, 48 + 10 + 16 + 40 * (len(PAGES) - 1))
     assert app.interface.page == ""
+
+
+def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(ui, app, pack, pack_folder):
+    app.interface.page = "view"
+    contracted = surroundings_pack(64)
+    with watch() as seen:
+        ui.settle()
+        assert not [label for _, label in seen.seen if "##surroundings" in label]
+    app.show(contracted, pack_folder)
+    with watch() as seen:
+        ui.settle()
+        (place,) = [each.at for (_, label), each in seen.seen.items() if "##surroundings" in label]
+    whole = scene_part(ui)
+    ui.click(*place)
+    ui.settle()
+    assert not app.settings.surroundings and not to_remember(app).surroundings
+    assert np.abs(scene_part(ui).astype(int) - whole).mean() > 20
+    again = App()
+    take_over(again, to_remember(app))
+    assert not again.settings.surroundings
+    ui.click(*place)
+    ui.settle()
+    assert app.settings.surroundings and np.abs(scene_part(ui).astype(int) - whole).mean() < 1
 
 
 def test_a_dialog_waits_for_its_answer_and_keeps_the_keys(ui, app):
