@@ -111,8 +111,9 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
                 place[axis] = origin[axis] + (place[axis] + 0.5) * cell[axis]
             if photographs.ndc[2] > 0:
                 _from_ndc(place, photographs.ndc)
-            if photographs.contraction > 0:
-                _uncontract(place, photographs.contraction)
+            if photographs.contraction > 0 and not _uncontract(place, photographs.contraction):
+                possible[z, y, x] = 0
+                continue
             for axis in range(3):
                 relative[axis] = place[axis] - pose[axis, 3]
             if photographs.contraction > 0 and (
@@ -145,13 +146,20 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
 
 @njit(nogil=True, cache=True)
 def _uncontract(place, inner):
-    """A point of contracted space becomes one of the world: scenepack.contraction.uncontract."""
+    """A point of contracted space becomes one of the world: scenepack.contraction.uncontract. False where no point of the world
+    is contracted to: beyond the sides of the inner cube along two axes or three."""
     largest = max(abs(place[0]), abs(place[1]), abs(place[2])) / inner
+    outer = 0
+    for axis in range(3):
+        outer += abs(place[axis]) > inner
+    if outer > 1:
+        return False
     if largest > 1.0:
         w = 1.0 / (2.0 - min(largest, 2.0 - 1e-6))
         for axis in range(3):
             at = place[axis] / inner
             place[axis] = inner * (np.sign(at) * w if abs(at) == largest else at * w)
+    return True
 
 
 @njit(nogil=True, cache=True)

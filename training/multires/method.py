@@ -42,6 +42,7 @@ from training.view_mlp import init_view_mlp
 
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
 WHOLE_EVERY, FADED_WHOLE = 100, 3  # steps, before it settles, between visits to every cell; what codes lose then
+WITHIN = 1 - 1e-6  # of the inner cube's side: in the last cell before its edge
 VIEW_BIAS = -2.0  # the view MLP starts near zero, so that diffuse colour settles first
 SAMPLES_AT_FIRST = 64.0  # a ray, until a step has counted them
 
@@ -89,8 +90,12 @@ class MultiresMethod:
 
     def query(self, state: State, points: jax.Array) -> FieldOutput:
         """The field at points [N, 3]; see training.method.Method. Density is 0 where the occupancy grid is off."""
-        box, side = state.box, self.settings.resolution
-        places = (np.asarray(points, np.float64) - box.origin) / box.cell
+        box, side, inner = state.box, self.settings.resolution, self.dataset.facts.contraction
+        points = np.asarray(points, np.float64)
+        if inner is not None:  # a voxel beyond an edge of contracted space, to interpolate with, is as the edge
+            largest = np.abs(points).max(-1, keepdims=True)
+            points = np.where(np.abs(points) == largest, points, np.clip(points, -WITHIN * inner, WITHIN * inner))
+        places = (points - box.origin) / box.cell
         inside = ((places >= 0) & (places < box.dims)).all(-1)
         x, y, z = np.clip(places.astype(np.int64), 0, side - 1).T
         on = inside & is_on(state.codes[z, y, x])

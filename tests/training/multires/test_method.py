@@ -108,13 +108,13 @@ def test_weights_of_octaves_that_the_view_mlp_does_not_see_are_zero(learnt: Lear
 
 
 def test_cells_stay_on_as_long_as_their_density_says_and_those_outside_the_hull_never_are() -> None:
-    assert list(code_of(np.array([0.0, 5.0, 5.2, 100.0, 1e9], np.float32))) == [0, 0, 1, 14, 40]
+    assert list(code_of(np.array([0.0, 5.0, 5.2, 100.0, 1e9], np.float32), 0.01)) == [0, 0, 1, 14, 40]
     codes = np.full((8, 8, 8), NEVER, np.uint8)
     codes[:4] = 2
     for visits_left in (1, 0, 0):
-        codes = visited(codes, lambda points: np.zeros(len(points)), np.random.default_rng(0), whole=True)
+        codes = visited(codes, lambda points: np.zeros(len(points)), np.random.default_rng(0), 0.01, whole=True)
         assert (codes[:4] == visits_left).all() and (codes[4:] == NEVER).all()
-    codes = visited(codes, lambda points: 100.0 * (points[:, 0] > 0.5), np.random.default_rng(0), whole=True)
+    codes = visited(codes, lambda points: 100.0 * (points[:, 0] > 0.5), np.random.default_rng(0), 0.01, whole=True)
     assert (codes[:4, :, 4:] == 14).all() and not codes[:4, :, :4].any()
 
 
