@@ -91,11 +91,11 @@ class MultiresMethod:
     def query(self, state: State, points: jax.Array) -> FieldOutput:
         """The field at points [N, 3]; see training.method.Method. Density is 0 where the occupancy grid is off."""
         box, side, inner = state.box, self.settings.resolution, self.dataset.facts.contraction
-        points = np.asarray(points, np.float64)
+        asked = np.asarray(points, np.float64)
         if inner is not None:  # a voxel beyond an edge of contracted space, to interpolate with, is as the edge
-            largest = np.abs(points).max(-1, keepdims=True)
-            points = np.where(np.abs(points) == largest, points, np.clip(points, -WITHIN * inner, WITHIN * inner))
-        places = (points - box.origin) / box.cell
+            largest = np.abs(asked).max(-1, keepdims=True)
+            asked = np.where(np.abs(asked) == largest, asked, np.clip(asked, -WITHIN * inner, WITHIN * inner))
+        places = (asked - box.origin) / box.cell
         inside = ((places >= 0) & (places < box.dims)).all(-1)
         x, y, z = np.clip(places.astype(np.int64), 0, side - 1).T
         on = inside & is_on(state.codes[z, y, x])
