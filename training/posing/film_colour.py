@@ -2,10 +2,9 @@
 
 Notation: a signal is R'G'B' as it is coded, in [0, 1]; light is linear R, G, B, and 1 is diffuse white.
 
-HLG: the inverse of its OETF gives light of the scene (ITU-R BT.2100, table 5), as photographs are made of it; diffuse white
-is at 75 % of the signal. PQ: its EOTF gives light of the display (table 4); diffuse white has 203 cd/m² (BT.2408, 2.2).
-Light up to KNEE stays as it is. Above, a curve that goes on with the same slope (Reinhard's, extended) brings the brightest
-light to 1: diffuse white becomes 244 of 255.
+HLG: the inverse OETF gives light of the scene (ITU-R BT.2100, table 5); diffuse white is at 75 % of the signal. PQ: the EOTF
+gives light of the display (table 4); diffuse white has 203 cd/m² (BT.2408, 2.2). Light up to KNEE stays as it is. Above,
+Reinhard's extended curve goes on with the same slope and brings the brightest light to 1: diffuse white becomes 244 of 255.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
+from training.scenes.deep_pictures import linear_to_srgb
 
 # Values of ITU-T H.273, which FFmpeg has as AVCOL_…: transfer characteristics, primaries, matrix coefficients.
 PQ, HLG = 16, 18
@@ -103,7 +103,7 @@ def _codes(hdr: int | None) -> np.ndarray:
     brightest = _light(hdr)[1]
     light = np.linspace(0, 1, LEVELS) ** 2 * brightest
     shown = light if hdr is None else tone_mapped(light, brightest)
-    return np.rint(linear_to_srgb(np.clip(shown, 0, 1)) * 255).astype(np.uint8)
+    return np.rint(linear_to_srgb(shown) * 255).astype(np.uint8)
 
 
 def tone_mapped(light: np.ndarray, brightest: float) -> np.ndarray:
@@ -127,7 +127,3 @@ def pq_to_nits(signal: np.ndarray) -> np.ndarray:
 
 def srgb_to_linear(signal: np.ndarray) -> np.ndarray:
     return np.where(signal <= 0.04045, signal / 12.92, ((signal + 0.055) / 1.055) ** 2.4)
-
-
-def linear_to_srgb(light: np.ndarray) -> np.ndarray:
-    return np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)

@@ -1,8 +1,7 @@
 """Which pairs of pictures are matched: all of few; of many, neighbours in their order and those that look most alike.
 
-What looks alike is told without a vocabulary tree: the features of the largest scale, few of each picture, are compared
-with those of every other ("preemptive matching", Wu, Towards Linear-time Incremental Structure from Motion, 3DV 2013). That
-also finds where a walk around something comes back to its beginning.
+Pictures look alike whose features of the largest scale match ("preemptive matching", Wu, Towards Linear-time Incremental
+Structure from Motion, 3DV 2013). That also finds where a walk around something comes back to its beginning.
 
 Notation: N pictures, numbered in the order of their names; F features of each, descriptors uint8 [F, 128].
 """

@@ -145,7 +145,7 @@ def _readable(name: str) -> str:
 
 
 def _named(files: Sequence[Path]) -> str:
-    return few([_readable(file.name) for file in files], most=4)
+    return few([_readable(file.name) for file in files])
 
 
 def _formats(files: Sequence[Path]) -> str:

@@ -11,10 +11,10 @@ from PIL import Image, ImageFilter
 
 from console import UserError
 from tests.training.posing.rooms import texture
+from tools.pose_error import similarity
 from training.posing import pairs as pairs_module
 from training.posing.pairs import OVERLAP, all_pairs, chosen_pairs, how_many_pairs
 from training.posing.photograph import read_photograph, sharpness, thumbnail
-from training.posing.pose_error import similarity
 from training.posing.prepare import blurred, file_stems, repeated
 
 
