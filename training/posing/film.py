@@ -27,7 +27,7 @@ from console import UserError
 from console.contents import HEAD_BYTES, told
 from training.posing.film_colour import srgb_of, with_matrix
 from training.posing.photograph import PREVIEW_SIDE, same_view, sharpness, thumbnail, write_picture
-from training.scenes.film_containers import DEMUXERS, FILM_NAMES, container_of
+from training.scenes.sources import DEMUXERS, FILM_NAMES, container_of
 
 CODECS = (
     "h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mjpeg", "prores", "dnxhd", "mpeg1video", "mpeg2video", "h263", "msmpeg4v2",

@@ -9,7 +9,6 @@ Reinhard's extended curve goes on with the same slope and brings the brightest l
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -70,8 +69,7 @@ def _gamut(primaries: int, hdr: bool) -> np.ndarray | None:
 
 def _converted(signal: np.ndarray, hdr: int | None, matrix: np.ndarray | None) -> np.ndarray:
     """uint16 [H, W, 3] in the film's transfer function and primaries as uint8 sRGB."""
-    light_of, brightest = _light(hdr)
-    code_of = _codes(hdr)
+    light_of, brightest, code_of = _tables(hdr)
     out = np.empty(signal.shape, np.uint8)
     rows = max(BAND_PIXELS // signal.shape[1], 1)
     for first in range(0, len(signal), rows):
@@ -84,26 +82,19 @@ def _converted(signal: np.ndarray, hdr: int | None, matrix: np.ndarray | None) -
 
 
 @cache
-def _light(hdr: int | None) -> tuple[np.ndarray, float]:
-    """Light of each of LEVELS signals, float32, and the brightest that is kept."""
+def _tables(hdr: int | None) -> tuple[np.ndarray, float, np.ndarray]:
+    """Light float32 of each of LEVELS signals; the brightest that is kept; uint8 sRGB by LEVELS square roots of its shares."""
     signal = np.linspace(0, 1, LEVELS)
-    functions: dict[int | None, tuple[Callable[[np.ndarray], np.ndarray], float]] = {
-        HLG: (lambda x: hlg_to_scene(x) / float(hlg_to_scene(np.array(DIFFUSE_WHITE_HLG))), 1.0),
-        PQ: (lambda x: pq_to_nits(x) / DIFFUSE_WHITE_PQ, BRIGHTEST_PQ / DIFFUSE_WHITE_PQ),
-        None: (srgb_to_linear, 1.0),
-    }
-    function, brightest = functions[hdr]
-    light = function(signal)
-    return light.astype(np.float32), float(light[-1]) if hdr == HLG else brightest
-
-
-@cache
-def _codes(hdr: int | None) -> np.ndarray:
-    """uint8 sRGB of light, by LEVELS square roots of its share of the brightest."""
-    brightest = _light(hdr)[1]
-    light = np.linspace(0, 1, LEVELS) ** 2 * brightest
-    shown = light if hdr is None else tone_mapped(light, brightest)
-    return np.rint(linear_to_srgb(shown) * 255).astype(np.uint8)
+    if hdr == HLG:
+        light = hlg_to_scene(signal) / float(hlg_to_scene(np.array(DIFFUSE_WHITE_HLG)))
+        brightest = float(light[-1])
+    elif hdr == PQ:
+        light, brightest = pq_to_nits(signal) / DIFFUSE_WHITE_PQ, BRIGHTEST_PQ / DIFFUSE_WHITE_PQ
+    else:
+        light, brightest = srgb_to_linear(signal), 1.0
+    kept = np.linspace(0, 1, LEVELS) ** 2 * brightest
+    shown = kept if hdr is None else tone_mapped(kept, brightest)
+    return light.astype(np.float32), brightest, np.rint(linear_to_srgb(shown) * 255).astype(np.uint8)
 
 
 def tone_mapped(light: np.ndarray, brightest: float) -> np.ndarray:

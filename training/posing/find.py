@@ -11,12 +11,11 @@ import json
 import os
 import shutil
 import time
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from console import Notice, Progress, UserError, progress
+from console import Progress, UserError, progress
 from console.atomic import is_leftover, replacing, write_file
 from console.json_text import read_json_file
 from training.lock import only_one_trains
@@ -33,6 +32,7 @@ from training.posing.prepare import (
     stored,
 )
 from training.posing.rejection_report import report_rejections, require_enough, warn_left_out, warn_of_prepared
+from training.scenes.messages import notice
 from training.scenes.read import has_poses
 from training.scenes.sources import MASKS, Source, require_source
 
@@ -53,7 +53,7 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
     used or overlap, or a run was trained on an OUT/scene of other photographs. ModuleNotFoundError as `require`.
     """
     for note in source.notes:
-        warnings.warn(Notice(f"{source.path}: {note}"), stacklevel=2)
+        notice(source.path, note)
     key = {"files": fingerprint(source), "frames": most_frames if source.kind == "film" else 0}
     scene = out / SCENE
     if (scene / REPORT).is_file():
@@ -120,8 +120,7 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
     }  # fmt: skip
     _assemble(out / SCENE, work, found["registered"], report)
     shutil.rmtree(work, ignore_errors=True)
-    if unposed:
-        warn_left_out(source, unposed, "no pose was found")
+    warn_left_out(source, unposed, "no pose was found")
     return out / SCENE
 
 

@@ -21,7 +21,6 @@ from PIL import Image
 
 from console import UserError, refusal
 from training.posing.child_process import json_answers
-from training.posing.pairs import how_many_pairs
 from training.posing.photograph import link_or_convert
 from training.posing.prepare import choose, read_photographs
 from training.scenes.pictures import small_picture
@@ -85,7 +84,7 @@ def _film(source: Source, folder: Path, probes: Path, answer: Callable[..., None
 def _estimate(images: Path, names: Sequence[str], count: int, preparing: float, answer: Callable[..., None]) -> None:
     """Estimates the seconds of all pictures from a few that are timed; nothing where pycolmap is not installed."""
     try:
-        from training.posing.mapping import measured
+        from training.posing.mapping import how_many_pairs, measured
     except ModuleNotFoundError:
         return
     if len(names) < 2:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from console import Notice, UserError
+from console import UserError
 from console.atomic import write_file
 from training.posing.prepare import IMAGES, Prepared
-from training.scenes.messages import few
+from training.scenes.messages import few, notice
 from training.scenes.sources import FEWEST, MASKS, Source
 
 TABLE, LEFT_OUT = "photographs.txt", "left_out.json"
@@ -30,16 +29,15 @@ def warn_of_prepared(source: Source, prepared: Prepared, masked: Sequence[str]) 
         by_reason.setdefault(reason, []).append(name)
     for reason, names in by_reason.items():
         warn_left_out(source, names, reason)
-    without = [picture.told_as for picture in prepared.pictures if picture.name not in set(masked)]
-    if masked and without:
-        count = f"{len(without)} photographs have no mask" if len(without) > 1 else "1 photograph has no mask"
-        warnings.warn(Notice(f"{source.path}: {count}, all of it is used ({few(without)})"), stacklevel=2)
+    without = [picture.told_as for picture in prepared.pictures if masked and picture.name not in set(masked)]
+    count = f"{len(without)} photographs have no mask" if len(without) > 1 else "1 photograph has no mask"
+    notice(source.path, f"{count}, all of it is used", without)
 
 
 def warn_left_out(source: Source, names: Sequence[str], reason: str) -> None:
     """A notice of pictures that are left out."""
-    count = f"{len(names)} pictures are left out" if len(names) > 1 else "1 picture is left out"
-    warnings.warn(Notice(f"{source.path}: {count}: {reason} ({few(names)})"), stacklevel=3)
+    are = "pictures are" if len(names) > 1 else "picture is"
+    notice(source.path, f"{len(names)} {are} left out: {reason}", names)
 
 
 def require_enough(source: Source, count: int) -> None:

@@ -1,7 +1,7 @@
 """Decoding of what Pillow cuts down to 8 bits or does not know: TIFF and PNG of more bits or floats, and OpenEXR.
 
-Notation: results are float32 [H, W, 3 or 4] in [0, 1], display-referred sRGB, RGB not premultiplied. Integers are divided by the
-largest of their type. A TIFF of floats is display-referred, as far as it keeps within [0, 1]. OpenEXR is linear light.
+Results are float32 [H, W, 3 or 4] in [0, 1], display-referred sRGB, RGB not premultiplied. Integers are divided by the largest of
+their type. A TIFF of floats must be display-referred; OpenEXR is linear light.
 """
 
 from __future__ import annotations
