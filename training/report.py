@@ -1,4 +1,4 @@
-"""A run in figures and pictures: curves.png, and in the end the folder report/ with report.md, report.json and pictures.
+"""Report of a run: curves.png, and in the end the folder report/ with report.md, report.json and pictures.
 
 report.json: {"scene", "step", "steps", "seconds", "training_seconds", "psnr" and "loss" (of the last logged batch),
 "validation" [{"step", "seconds", "psnr"}], "best_validation_psnr", "rays_per_second" (median), "config", "provenance"}.
@@ -26,8 +26,7 @@ POINTS = 400  # a picture shows no more; longer runs are averaged
 
 
 def draw_curves(records: Records, path: Path, title: str) -> None:
-    """PSNR, loss and rays per second over the steps as a PNG; curves without a value yet are left out. OSError where it cannot
-    be written."""
+    """PSNR, loss and rays per second over the steps as a PNG, without empty curves. OSError where it cannot be written."""
     psnr = _curve("training rays", records, "psnr")
     psnr += _curve("photographs held out", records, "validation_psnr", marked=True)
     loss = _curve("loss", [r for r in records if r.get("loss", 0.0) > 0], "loss")
@@ -49,7 +48,7 @@ def _curve(label: str, records: Records, name: str, *, marked: bool = False) -> 
 
 
 def _series(records: Records, name: str, over: str = "step") -> tuple[list[float], list[float]]:
-    """The finite values of a name in the records, and what they lie over ("step", "training_seconds")."""
+    """x ("step" or "training_seconds") and y of the finite values under a name."""
     pairs = [(float(r[over]), float(r[name])) for r in records if name in r and over in r and np.isfinite(r[name])]
     return [x for x, _ in pairs], [y for _, y in pairs]
 
@@ -75,14 +74,13 @@ def write_report(run: Run, records: Records) -> None:
 
 def _figures(run: Run, records: Records) -> dict[str, Any]:
     """What report.json holds."""
-    batches = [r for r in records if "loss" in r]
     validation = [
         {"step": r["step"], "seconds": r.get("training_seconds", r["seconds"]), "psnr": r["validation_psnr"]}
         for r in records
         if "validation_psnr" in r
     ]
     speeds = _series(records, "rays_per_second")[1]
-    last: Mapping[str, Any] = batches[-1] if batches else {}
+    last: Mapping[str, Any] = next((r for r in reversed(records) if "loss" in r), {})
     return {
         "scene": str(run.scene.path),
         "step": run.step,
@@ -119,12 +117,11 @@ def _text(run: Run, figures: Mapping[str, Any], folder: Path) -> str:
         lines += ["## Photographs held out", "", "| step | minutes of training | PSNR (dB) |", "| --- | --- | --- |"]
         lines += [f"| {v['step']} | {v['seconds'] / 60:.2f} | {v['psnr']:.2f} |" for v in figures["validation"]]
         lines += ["", "Minutes are of training alone, without the time that validation took.", ""]
-    captions = {
-        "latest.png": "Photograph and rendering, side by side.",
-        "psnr-minutes.png": "PSNR of held-out photographs against minutes.",
-        "curves.png": "Curves over the steps.",
-    }
-    for name, caption in captions.items():
+    for name, caption in (
+        ("latest.png", "Photograph and rendering, side by side."),
+        ("psnr-minutes.png", "PSNR of held-out photographs against minutes."),
+        ("curves.png", "Curves over the steps."),
+    ):
         if (folder / name).is_file():
             lines += [f"![{caption}]({name})", ""]
     return "\n".join(lines)

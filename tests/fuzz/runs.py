@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from training.commands.train import FREE, changed_settings
-from training.metrics_log import MetricsLog, read_metrics
+from training.recorder import MetricsLog, read_metrics
 from training.report import draw_curves, write_report
 from training.run import Run, read_description, resume_run
 
