@@ -50,16 +50,12 @@ def from_arrays(template: Tree, arrays: Mapping[str, np.ndarray]) -> Tree:
 
     UserError where a name is missing, or an array's shape or type is another.
     """
-    where, remedy = "checkpoint", "the file belongs to another configuration"
     leaves = []
-    for name, expected in named_leaves(template).items():
-        if name not in arrays:
-            raise UserError(f'no array "{name}"', where=where, remedy=remedy)
-        shapes = [f"{array.dtype} {list(array.shape)}" for array in (expected, arrays[name])]
-        if shapes[0] != shapes[1]:
-            raise UserError(
-                f'array "{name}" does not fit', where=where, expected=shapes[0], found=shapes[1], remedy=remedy
-            )
+    for name, wanted in named_leaves(template).items():
+        expected, found = ("none" if a is None else f"{a.dtype} {list(a.shape)}" for a in (wanted, arrays.get(name)))
+        if expected != found:
+            raise UserError(f'array "{name}" does not fit', where="checkpoint", expected=expected, found=found,
+                            remedy="the file belongs to another configuration")  # fmt: skip
         leaves.append(jnp.asarray(arrays[name]))
     return jax.tree.unflatten(jax.tree.structure(template), leaves)
 

@@ -171,9 +171,7 @@ class Annealing:
 def _told_to_stop(asked: bool, seconds: float, config: TrainConfig, step: int) -> tuple[bool, bool]:
     """(a signal came, the time is up), the same in every process; once a step, so that what is raised was saved before."""
     late = 0 < config.minutes * 60 <= seconds
-    if jax.process_count() == 1:
-        return asked, late
-    if step % AGREE_EVERY and step != config.steps:
+    if jax.process_count() > 1 and step % AGREE_EVERY and step != config.steps:
         return False, False
     return anywhere(asked), bool(agree(np.array(late)))
 

@@ -88,10 +88,9 @@ def _lens(exif: Any, size: tuple[int, int]) -> tuple[str, float | None]:
     return camera, focal if focal is None or 0.2 < focal / max(size) < 20 else None
 
 
-def _positive(value: object) -> float | None:
+def _positive(value: Any) -> float | None:
     with contextlib.suppress(TypeError, ValueError, ArithmeticError):
-        number = float(value)  # type: ignore[arg-type]
-        return number if np.isfinite(number) and number > 0 else None
+        return float(value) if 0 < float(value) < np.inf else None
     return None
 
 

@@ -44,13 +44,11 @@ class TiffTags:
     orientation: int
 
     @property
-    def deep(self) -> bool:
-        """Whether Pillow would cut it down, or not read it."""
+    def deep(self) -> bool:  # Pillow would cut it down, or not read it
         return self.bits > 8 or self.sample_format != UNSIGNED
 
     @property
     def has_alpha(self) -> bool:
-        """Whether its last sample is alpha."""
         return self.extra in (PREMULTIPLIED, STRAIGHT)
 
 
@@ -144,13 +142,11 @@ class ExrHeader:
     channels: int  # how many all parts have
 
     @property
-    def is_whole(self) -> bool:
-        """Whether the data window is the display window."""
+    def is_whole(self) -> bool:  # the data window is the display window
         return self.data_size == self.size and self.corner == (0, 0)
 
     @property
-    def has_alpha(self) -> bool:
-        """Whether anything may be transparent: also what lies outside of the data window."""
+    def has_alpha(self) -> bool:  # of its own, or outside of the data window
         return len(self.names) > 3 or not self.is_whole
 
 

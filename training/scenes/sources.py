@@ -102,11 +102,11 @@ class Source:
 
 
 def find_source(path: Path) -> Source | None:
-    """The photographs or the film at `path`; None where there are none. A scene with poses is not looked for.
+    """The photographs or the film at `path`, whether or not there are poses; None where there are none.
 
-    Photographs lie in the folder itself, or else in its `images`, or else in folders just below, but those of masks. A folder may
-    hold one film instead, also beside fewer than FEWEST pictures, such as its cover. UserError where it holds several films, or
-    only pictures of formats that are not read, unless these lie further below: then it may be any folder.
+    Photographs lie in the folder itself, or else in its `images`, or else in folders just below, but those of masks. A folder
+    may hold one film instead, also beside fewer than FEWEST pictures, such as its cover. UserError for several films, and for a
+    folder or its `images` with pictures of formats that are not read alone.
     """
     if os.path.isfile(path):
         return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
