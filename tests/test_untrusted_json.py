@@ -20,9 +20,8 @@ from console.json_text import MOST_BYTES, parse_json
 from scenepack import load_pack
 from tests.scenepack.helpers import small_pack, written
 from tools.procedural import write_procedural_scene
-from training.config import TINY
-from training.config_validation import from_json
-from training.metrics_log import MetricsLog
+from training.config import TINY, from_json
+from training.recorder import MetricsLog
 from training.run import read_description
 from training.scenes import load_scene
 from viewer.app import preferences

@@ -1,8 +1,7 @@
 """Checkpoints of a run: checkpoints/step_%08d.safetensors, written aside and renamed, the last two kept.
 
-A file holds the arrays that Method.save named, and in its metadata the step and a checksum of the arrays. A reader that finds
-the newest damaged goes back to the one before it, and says so. The leaves of a tree of arrays are named by their paths,
-"params/fine/field/0/weight".
+A file holds the arrays of Method.save, and in its metadata the step and a checksum of the arrays. Where the newest file is
+damaged, the one before it is read, with a notice. The leaves of a tree are named by their paths, "params/fine/field/0/weight".
 """
 
 from __future__ import annotations
@@ -28,10 +27,6 @@ from console import Notice, UserError
 from console.atomic import write_file
 
 KEPT = 2
-DTYPES = {
-    "float64": "F64", "float32": "F32", "float16": "F16", "bfloat16": "BF16", "int64": "I64", "int32": "I32", "int16": "I16",
-    "int8": "I8", "uint64": "U64", "uint32": "U32", "uint16": "U16", "uint8": "U8", "bool": "BOOL",
-}  # fmt: skip
 FORMAT = "1"
 NAME = re.compile(r"step_(\d{8,})\.safetensors")
 Tree = TypeVar("Tree")
@@ -51,20 +46,16 @@ def to_arrays(tree: Any) -> dict[str, np.ndarray]:
 
 
 def from_arrays(template: Tree, arrays: Mapping[str, np.ndarray]) -> Tree:
-    """The tree of the template's structure (of arrays or of jax.ShapeDtypeStruct) with the named arrays as leaves, on the device.
+    """The tree of a template's structure (of arrays or of jax.ShapeDtypeStruct) with the named arrays as leaves, on the device.
 
-    UserError where a name is missing or an array's shape or type is another.
+    UserError where a name is missing, or an array's shape or type is another.
     """
-    where, remedy = "checkpoint", "the file belongs to another configuration"
     leaves = []
-    for name, expected in named_leaves(template).items():
-        if name not in arrays:
-            raise UserError(f'no array "{name}"', where=where, remedy=remedy)
-        shapes = [f"{array.dtype} {list(array.shape)}" for array in (expected, arrays[name])]
-        if shapes[0] != shapes[1]:
-            raise UserError(
-                f'array "{name}" does not fit', where=where, expected=shapes[0], found=shapes[1], remedy=remedy
-            )
+    for name, wanted in named_leaves(template).items():
+        expected, found = ("none" if a is None else f"{a.dtype} {list(a.shape)}" for a in (wanted, arrays.get(name)))
+        if expected != found:
+            raise UserError(f'array "{name}" does not fit', where="checkpoint", expected=expected, found=found,
+                            remedy="the file belongs to another configuration")  # fmt: skip
         leaves.append(jnp.asarray(arrays[name]))
     return jax.tree.unflatten(jax.tree.structure(template), leaves)
 
@@ -85,30 +76,18 @@ def writing(path: Path) -> Iterator[None]:
         ) from error
 
 
-def checkpoint_path(folder: Path, step: int) -> Path:
-    """Where the checkpoint after `step` steps lies in a run's checkpoints folder."""
-    return folder / f"step_{step:08d}.safetensors"
-
-
 def list_checkpoints(folder: Path) -> list[tuple[int, Path]]:
     """(step, path) of every finished checkpoint, oldest first."""
-    found = []
-    for path in folder.glob("step_*.safetensors") if folder.is_dir() else ():
-        match = NAME.fullmatch(path.name)
-        if match and path.is_file():  # opening a pipe would wait for its writer
-            found.append((int(match.group(1)), path))
-    return sorted(found)
+    matches = [(NAME.fullmatch(path.name), path) for path in folder.glob("*")]
+    # a pipe is no file: opening it would wait for its writer
+    return sorted((int(match[1]), path) for match, path in matches if match and path.is_file())
 
 
 def write_checkpoint(folder: Path, step: int, arrays: Mapping[str, np.ndarray]) -> Path:
-    """Writes the state after `step` steps and drops all but the newest KEPT checkpoints.
-
-    A killed writer leaves the old checkpoints and at most a temporary file. UserError where the disk is full or the folder
-    cannot be written; no temporary file stays then.
-    """
+    """Writes the state after `step` steps and drops all but the newest KEPT checkpoints. UserError where it cannot be written."""
     arrays = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     metadata = {"format": FORMAT, "step": str(step), "crc32": _checksum(arrays)}
-    path = checkpoint_path(folder, step)
+    path = folder / f"step_{step:08d}.safetensors"
     with writing(path):
         folder.mkdir(parents=True, exist_ok=True)
         write_file(path, _serialised(arrays, metadata))
@@ -133,10 +112,7 @@ def read_checkpoint(path: Path) -> tuple[int, dict[str, np.ndarray]]:
 
 
 def read_newest_checkpoint(folder: Path) -> tuple[int, dict[str, np.ndarray]]:
-    """(step, arrays) of the newest readable checkpoint; a damaged one is passed over with a warning line.
-
-    UserError where there is none, or none that can be read.
-    """
+    """(step, arrays) of the newest readable checkpoint, with a notice of damaged ones. UserError where none can be read."""
     checkpoints = list_checkpoints(folder)
     if not checkpoints:
         raise UserError("no checkpoint", where=folder, remedy="train the run first: snerg-train SCENE --out RUN")
@@ -164,14 +140,15 @@ def _bytes_of(array: np.ndarray) -> memoryview:
 
 
 def _serialised(arrays: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> Iterator[bytes | memoryview]:
-    """A safetensors file part by part: the package's own writer would hold all arrays twice more, gigabytes of a fine grid."""
+    """The parts of a safetensors file. The package's own writer copies all arrays before it writes: gigabytes of a fine grid."""
     names = sorted(arrays, key=lambda name: (-arrays[name].dtype.itemsize, name))  # so that each is aligned
     header: dict[str, Any] = {"__metadata__": dict(metadata)}
     offset = 0
     for name in names:
         array = arrays[name]
         span = [offset, offset + array.nbytes]
-        header[name] = {"dtype": DTYPES[array.dtype.name], "shape": list(array.shape), "data_offsets": span}
+        dtype = array.dtype.name.upper().replace("FLOAT", "F").replace("INT", "I").replace("UI", "U")  # F32, BF16, U8
+        header[name] = {"dtype": dtype, "shape": list(array.shape), "data_offsets": span}
         offset += array.nbytes
     text = json.dumps(header, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 8)

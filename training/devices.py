@@ -1,12 +1,11 @@
 """Many devices and hosts as one mesh, by JAX's own runtime.
 
-Notation: D devices of P processes stand in one line, the mesh axis "rays". Rays and samples are split along it (each device
-computes its share), pixels are stored along it, parameters and everything else are whole on every device. The programs are
-ordinary `jit`s of the global batch: the compiler inserts the sums, so that what is computed does not depend on D, but for the
-order in which floats are added.
+Notation: D devices of P processes stand in one line, the mesh axis "rays". Rays, samples and pixels are split along it,
+parameters and everything else are whole on every device. Programs are `jit`s of the global batch into which the compiler
+inserts the sums: D changes nothing but the order in which floats are added.
 
-Every process runs the same lines in the same order; process 0 alone writes files. Whatever a process decides by itself
-(a signal, a clock, a file it cannot read) is agreed upon first, or the others would wait for it for ever.
+Every process runs the same lines in the same order; process 0 alone writes files. The processes agree upon what one of them
+decides (by a signal, a clock, a file that it cannot read), or the others would wait for it for ever.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ AXIS = "rays"
 SPLIT, WHOLE = PartitionSpec(AXIS), PartitionSpec()
 Tree = TypeVar("Tree")
 
-# (processes, index) as launchers tell a process of itself
+# Variables of the number of processes and the index of this one
 LAUNCHERS = (
     ("SLURM_STEP_NUM_TASKS", "SLURM_PROCID"),
     ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"),
@@ -36,21 +35,20 @@ LAUNCHERS = (
 
 
 def launched() -> tuple[int, int] | None:
-    """(processes, this one's index) as the launcher tells (Slurm, Open MPI and MPICH's environment), None without one."""
-    return next(
-        ((int(os.environ[n]), int(os.environ[i])) for n, i in LAUNCHERS if n in os.environ and i in os.environ), None
-    )
+    """(processes, index of this one) by the launcher's variables; None without a launcher."""
+    env = os.environ
+    return next(((int(env[n]), int(env[i])) for n, i in LAUNCHERS if {n, i} <= env.keys()), None)
 
 
 def join_processes(coordinator: str | None = None, processes: int | None = None, process_id: int | None = None) -> None:
     """Connects this process with the others of its run; does nothing where it is the only one. Call before JAX is used.
 
-    What is left out is taken from the launcher (Slurm, Open MPI and MPICH's environment; JAX itself knows Slurm, Open
-    MPI 4, Kubernetes jobs and TPU pods). UserError where the options do not fit together, or the others do not come.
+    What is left out comes from the launcher (Slurm, Open MPI, MPICH; JAX itself knows Slurm, Open MPI 4, Kubernetes jobs and TPU
+    pods). UserError where the options do not fit together, or the others do not connect.
     """
     found = launched()
     address = coordinator or os.environ.get("JAX_COORDINATOR_ADDRESS")
-    in_kubernetes_job = "KUBERNETES_SERVICE_HOST" in os.environ and "JOB_COMPLETION_INDEX" in os.environ
+    in_kubernetes_job = {"KUBERNETES_SERVICE_HOST", "JOB_COMPLETION_INDEX"} <= os.environ.keys()
     is_alone = address is None and processes is None and process_id is None and (found is None or found[0] == 1)
     if is_alone and not in_kubernetes_job:
         return
@@ -78,7 +76,7 @@ def is_writer() -> bool:
 
 
 def split(tree: Tree, mesh: Mesh) -> Tree:
-    """Within a compiled program: arrays [N, ...] whose rows the devices shall compute, N / D each. No value changes."""
+    """Within a compiled program: the same arrays [N, ...], of which each device computes N / D rows."""
     return tree if mesh.size == 1 else jax.lax.with_sharding_constraint(tree, NamedSharding(mesh, SPLIT))
 
 
@@ -144,7 +142,7 @@ def anywhere(flag: bool) -> bool:
 
 @contextmanager
 def together() -> Iterator[None]:
-    """What one process may fail at: where one raises, all do, instead of waiting for it."""
+    """Where the block raises a UserError in one process, it does in all, instead of waiting for that one."""
     failure: Exception | None = None
     try:
         yield

@@ -1,16 +1,15 @@
 """Exposure and white balance of each photograph, fitted along with the field and left out of the pack.
 
-A camera on automatic meters and balances every photograph anew. A field takes on the difference as mist before the cameras and as
-colours that turn with the view. So each photograph has a gain for each colour channel (display colours are about a power of the
-light, so that an exposure is a gain there, too):
+A camera on automatic meters and balances every photograph anew, which a field imitates with mist before the cameras and colours
+that change with the view. So each photograph has a gain for each colour channel (of display colours, about a power of the
+light):
 
-    photograph = gain look,      mean of log gain over the photographs = 0,
+    photograph = gain shown,      mean of log gain over the photographs = 0,
 
-where `look` is what the field shows. The pack has the average look; field and pack are compared with photograph / gain. Gains are
-fitted every few steps by alternating least squares. A ridge towards 1 keeps gains from drifting that change slowly from view to
-view, which a field takes on as easily.
+where `shown` is the field's colour. The pack has the average; field and pack are compared with photograph / gain. Gains are
+fitted every few steps by least squares. A ridge towards 1 keeps gains from drifting slowly from view to view.
 
-Notation: V photographs, K rays of each that are looked at.
+Notation: V photographs, K sampled rays of each.
 """
 
 from __future__ import annotations
@@ -29,8 +28,7 @@ BRIGHTEST = 250  # of 255: a photograph's pixel beyond is clipped
 OPAQUE = 0.5  # of the field's opacity: a ray with less shows the background
 FEWEST_WITNESSES = 16  # rays that count, of a photograph with a gain of its own
 GAINS = (0.4, 2.5)  # no camera goes further on its own
-# Root mean square of the log gains below which "auto" leaves photographs as they are. Shading and a coarse field feign as much:
-# 0.03 on captures of one exposure, and on rendered scenes.
+# Root mean square of the log gains below which "auto" leaves photographs as they are. It is 0.03 on captures of one exposure.
 LEAST_SPREAD = 0.05
 
 
@@ -52,10 +50,9 @@ def drawn(first: np.ndarray, count: int, seed: tuple[int, int]) -> np.ndarray:
 
 
 def fitted(gains: np.ndarray, look: np.ndarray, opacity: np.ndarray, pixels: np.ndarray, *, auto: bool) -> np.ndarray:
-    """Gains float32 [V, 3] after a fit; all are 1 where `auto` finds that exposures do not differ.
+    """Gains float32 [V, 3] after a fit, from those before; all are 1 where `auto` finds that exposures do not differ.
 
-    gains [V, 3]: before. Of the rays: look [V, K, 3] is what the field shows without a background, premultiplied by its opacity
-    [V, K]; pixels uint8 [V, K, 3 or 4].
+    look [V, K, 3]: the field's colour without a background, premultiplied by its opacity [V, K]. pixels: uint8 [V, K, 3 or 4].
     """
     counts = (opacity > OPAQUE) & (pixels[..., :3].max(-1) <= BRIGHTEST)
     if pixels.shape[-1] == 4:

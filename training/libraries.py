@@ -1,6 +1,6 @@
-"""JAX and Numba, begun; or the variable of the environment that keeps them from it, in one line.
+"""Start of JAX and Numba, or one line that names the environment variable that prevents it.
 
-Both read dozens of variables, and answer a value that they do not know with an exception from deep within, or end the process.
+Both read dozens of variables, and answer an unknown value with an exception from deep within, or end the process.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from console import UserError
 from console.streams import one_line
 
 XLA_FLAGS = "XLA_FLAGS"
-# What reads the flags as every program of JAX's does. JAX itself takes longer, and might take memory of a graphics card.
+# Reads the flags as JAX does, which takes longer and may take a GPU's memory.
 READS_FLAGS = "from jaxlib import xla_client; xla_client.make_cpu_client()"
 FATAL = re.compile(r"[EF]\d{4} .*?\] ")  # of XLA's log: an error, or the end
 PATIENCE_S = 60.0
@@ -30,7 +30,7 @@ LONGEST_REASON = 200  # characters
 
 
 def begin_libraries() -> None:
-    """Imports JAX and Numba and finds JAX's devices. Call before work begins. UserError where a variable keeps one from it."""
+    """Imports JAX and Numba and finds JAX's devices. Call before work begins. UserError where a variable prevents it."""
     import_libraries()
     find_devices()
 
@@ -73,7 +73,7 @@ def _check_flags() -> None:
 
 @contextmanager
 def _told_by_variable(library: str, prefixes: Sequence[str]) -> Iterator[None]:
-    """What a library raises as it begins is the fault of the variable that its words name, or of the only one that is set."""
+    """UserError for what a library raises as it starts: it names the variable that the exception names, or the only one set."""
     try:
         yield
     except ImportError:

@@ -1,4 +1,4 @@
-"""One training at a time in a run's folder: two would write every step twice."""
+"""Locks (flock) on files and folders. They count on all hosts that share these, and end with their process."""
 
 from __future__ import annotations
 
@@ -17,28 +17,19 @@ except ImportError:  # Windows
 
 @contextmanager
 def only_one_trains(run: Path, doing: str = "training into this run") -> Iterator[None]:
-    """Holds the folder `run`, which is made where it is not there, and taken away again where it is left empty.
+    """Holds the folder `run`, which is made where it is missing, and removed again where it is left empty.
 
-    UserError where another process holds it, in which it is `doing` the same. The lock (flock) is on the folder itself,
-    counts on all hosts that share it, and ends with its process, however that ends.
+    UserError where another process holds it; doing: what that process does.
     """
-    if fcntl is None or (run.exists() and not run.is_dir()):
-        yield
-        return
     missing = [folder for folder in (run, *run.absolute().parents) if not folder.exists()]
     handle = -1
     try:
-        with suppress(OSError):  # where nothing can be written, writing tells why
+        with suppress(OSError):  # whoever writes there will say why nothing can be written
             run.mkdir(parents=True, exist_ok=True)
             handle = os.open(run, os.O_RDONLY)
-        if handle >= 0:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                remedy = "wait for it, or choose another --out"
-                raise UserError(f"another process is {doing}", where=run, remedy=remedy) from error
-            except OSError:
-                pass  # some network file systems have no locks
+        if handle >= 0 and not _take(handle):
+            remedy = "wait for it, or choose another --out"
+            raise UserError(f"another process is {doing}", where=run, remedy=remedy)
         yield
     finally:
         if handle >= 0:
@@ -46,3 +37,23 @@ def only_one_trains(run: Path, doing: str = "training into this run") -> Iterato
         for folder in missing:
             with suppress(OSError):  # not empty: the run is in it
                 folder.rmdir()
+
+
+@contextmanager
+def one_at_a_time(file: Path) -> Iterator[None]:
+    """Waits until no other process is in such a block with the same file, which is made."""
+    with file.open("w") as opened:
+        _take(opened.fileno(), wait=True)
+        yield
+
+
+def _take(handle: int, *, wait: bool = False) -> bool:
+    """Takes the lock; False where another process has it. True as well where the file system has no locks."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True

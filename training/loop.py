@@ -1,7 +1,7 @@
-"""The training loop: one Method, step by step, with checkpoints, and what training.recorder leaves to look at.
+"""The training loop: a Method step by step, with checkpoints and what training.recorder writes.
 
-Randomness comes from (seed, step) alone, so a run that was stopped and resumed repeats the losses of an unbroken one. With many
-processes (training.devices) all run this loop alike, and process 0 writes.
+Randomness comes from (seed, step) alone, so a resumed run repeats the losses of an unbroken one. Of many processes
+(training.devices) all run this loop alike, and process 0 writes.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import shlex
 import signal
 import sys
 import threading
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -20,7 +19,7 @@ from typing import Protocol
 import jax
 import numpy as np
 
-from console import Notice, UserError, progress
+from console import UserError, progress
 from training.checkpoints import list_checkpoints, write_checkpoint
 from training.config import TrainConfig
 from training.devices import agree, anywhere, is_writer, together
@@ -29,6 +28,7 @@ from training.memory import keep_freed_memory
 from training.recorder import Recorder
 from training.run import Run, RunDescription, read_description, resume_run, start_run
 from training.scenes import SceneOptions
+from training.scenes.messages import notice
 from training.scenes.read import AS_IT_IS
 from training.scenes.scene import few_line, split_line
 from training.scenes.scene_options import box_line, box_text
@@ -37,14 +37,11 @@ AGREE_EVERY = 10  # steps between asking the other processes whether one was tol
 
 
 class Watcher(Protocol):
-    """Who looks at a run now and then while it trains. What it does does not count as training time."""
+    """Sees a run while it trains, and leaves it as it is. The time that this takes does not count as training."""
 
-    def due(self, run: Run) -> bool:
-        """Whether to look after the step that was just made; asked after each."""
-        ...
+    def due(self, run: Run) -> bool: ...  # asked after each step: whether to look
 
-    def look(self, run: Run) -> None:
-        """Looks; leaves the run as it is."""
+    def look(self, run: Run) -> None: ...
 
 
 def train(
@@ -58,10 +55,10 @@ def train(
 ) -> Run:
     """Trains into the folder `out` until config.steps, and returns the finished run.
 
-    options: how the photographs are read. resume: go on from the newest checkpoint in `out`, whose photographs are read as
-    they were then; its description, where that was read before. watcher: asked after each step, in
-    a single process. Ctrl-C saves a checkpoint and raises KeyboardInterrupt that says how to go on. UserError for bad scenes,
-    divergence, a full disk, and for an `out` that exists already or that another process trains into.
+    options: how the photographs are read. resume: goes on from the newest checkpoint in `out`, whose photographs are read as
+    before; its description, where that was read already. watcher: asked after each step, in a single process. Ctrl-C saves a
+    checkpoint and raises a KeyboardInterrupt that says how to go on. UserError for bad scenes, divergence, a full disk, and an
+    `out` that exists already or that another process trains into.
     """
     scene_path, out = Path(scene_path), Path(out)
     with ExitStack() as held:
@@ -81,13 +78,14 @@ def _train(run: Run, watcher: Watcher | None) -> Run:
         keep_freed_memory()
     if is_writer():
         if line := few_line(run.scene):
-            warnings.warn(Notice(f"{run.scene.path}: {line}"), stacklevel=2)
+            notice(run.scene.path, line)
         for line in (split_line(run.scene), box_line(run.scene, given=run.options.aabb is not None)):
             if line:
                 print(line, file=sys.stderr, flush=True)
     with together():
         recorder = Recorder(run)
-        if run.step and _is_pictured(run) and not recorder.has_validated():  # killed between checkpoint and validation
+        validated = any(r["step"] == run.step and "validation_psnr" in r for r in recorder.log.records)
+        if run.step and _is_pictured(run) and not validated:  # killed between checkpoint and validation
             recorder.validate()
 
     annealing = Annealing(config.steps, config.minutes)
@@ -117,7 +115,8 @@ def _train(run: Run, watcher: Watcher | None) -> Run:
                 with recorder.paused():
                     watcher.look(run)
             if stopping and run.step < config.steps:
-                raise KeyboardInterrupt(f"saved at step {run.step}; continue with: {how_to_resume(run)}")
+                command = shlex.join(["snerg-train", str(run.scene.path), "--out", str(run.path), "--resume"])
+                raise KeyboardInterrupt(f"saved at step {run.step}; continue with: {command}")
             if out_of_time:
                 break
     with together():
@@ -127,9 +126,9 @@ def _train(run: Run, watcher: Watcher | None) -> Run:
 
 @contextmanager
 def _stop_on_signal() -> Iterator[Callable[[], bool]]:
-    """Yields a function that tells whether Ctrl-C or SIGTERM asked for a stop. A second Ctrl-C stops at once, with nothing saved.
+    """Yields a function that says whether Ctrl-C or SIGTERM asked for a stop. A second Ctrl-C stops at once, with nothing saved.
 
-    An exception within a step could come between the old state's buffers being given away and the new state's arrival.
+    An exception within a step could come when the old state's buffers are given away and the new state is not there.
     """
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -155,11 +154,6 @@ def _is_pictured(run: Run) -> bool:
     return run.step == run.config.steps or bool(every and run.step % every == 0)
 
 
-def how_to_resume(run: Run) -> str:
-    """The command line that goes on with a run."""
-    return f"snerg-train {shlex.quote(str(run.scene.path))} --out {shlex.quote(str(run.path))} --resume"
-
-
 class Annealing:
     """How far down a run's learning rates are: by its steps, or by its time where that ends it sooner."""
 
@@ -169,18 +163,15 @@ class Annealing:
 
     def progress(self, step: int, seconds: float) -> float:
         """In [0, 1], before `step`, after so many seconds of the run; the same in every process."""
-        by_steps = step / max(self.steps, 1)
         if self.minutes > 0 and (jax.process_count() == 1 or self._by_time is None or step % AGREE_EVERY == 0):
             self._by_time = float(agree(np.array(seconds / (60.0 * self.minutes))))
-        return min(max(by_steps, self._by_time or 0.0), 1.0)
+        return min(max(step / max(self.steps, 1), self._by_time or 0.0), 1.0)
 
 
 def _told_to_stop(asked: bool, seconds: float, config: TrainConfig, step: int) -> tuple[bool, bool]:
     """(a signal came, the time is up), the same in every process; once a step, so that what is raised was saved before."""
     late = 0 < config.minutes * 60 <= seconds
-    if jax.process_count() == 1:
-        return asked, late
-    if step % AGREE_EVERY and step != config.steps:
+    if jax.process_count() > 1 and step % AGREE_EVERY and step != config.steps:
         return False, False
     return anywhere(asked), bool(agree(np.array(late)))
 

@@ -1,8 +1,7 @@
-"""The small interface that every trainable model stands behind: the paper's MLPs and the multi-resolution field alike.
+"""Interface of trainable models: the paper's MLPs and the multi-resolution field. The loop, the baker and `snerg-eval` use it
+alone.
 
-The loop (training.loop) knows only this; so do the baker and `snerg-eval`, through training.run.load_run.
-Shapes: N rays or points. Directions are unit length unless NDC; viewdirs are unit, in the training frame,
-before any NDC warp.
+Shapes: N rays or points. Directions are unit length unless NDC; viewdirs are unit, in the training frame, before any NDC warp.
 """
 
 from __future__ import annotations
@@ -50,10 +49,10 @@ class Method(Protocol):
         ...
 
     def step(self, state: Any, step: int, progress: float | None = None) -> tuple[Any, dict[str, jax.Array]]:
-        """One update; randomness comes from the seed and `step` alone, so that a resumed run repeats an unbroken one.
+        """The new state, and scalar metrics with at least "loss" and "psnr" of the batch. Randomness comes from seed and `step`
+        alone.
 
         progress in [0, 1]: how far down the learning rates are; None: the share of the config's steps that are done.
-        Returns the new state and scalar metrics, of which "loss" and "psnr" (of the batch) are always there.
         """
         ...
 
@@ -66,25 +65,20 @@ class Method(Protocol):
         ...
 
     def may_hold(self, state: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
-        """bool [N]: which boxes of the training frame, from low to high [N, 3], may hold density; None where only `query` can
-        tell, as of an MLP.
-        """
-        ...
+        """bool [N]: which boxes of the training frame, from low to high [N, 3], may hold density; None: ask `query`."""
+        return None
 
     def grain(self, state: Any) -> np.ndarray | None:
-        """float64 [3]: lengths along the training frame's axes within which the field is smooth, the sides of its voxels; None
-        where nothing limits its detail, as of an MLP.
-        """
-        ...
+        """float64 [3]: sides of the field's voxels, within which it is smooth, in the training frame; None where it has none."""
+        return None
 
     def view_mlp(self, state: Any) -> ViewMlpParams | None:
         """The deferred head; None for a diffuse model."""
         ...
 
     def gains(self, state: Any) -> np.ndarray | None:
-        """float32 [V, 3]: of each training photograph's colours over those of the field (training.exposure); None where
-        photographs are taken as they are."""
-        ...
+        """float32 [V, 3]: of each training photograph (training.exposure); None where photographs are taken as they are."""
+        return None
 
     def save(self, state: Any) -> dict[str, np.ndarray]:
         """Everything `restore` needs to go on, as named arrays."""

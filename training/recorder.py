@@ -1,13 +1,20 @@
-"""What a run leaves to look at while it trains: metrics.jsonl, validation/, curves.png; and at its end report/.
+"""What a run writes for people while it trains: metrics.jsonl, validation/, curves.png; and at its end report/.
 
-Only process 0 writes and renders; in the others these calls do next to nothing.
+metrics.jsonl has one JSON object a line, in the order of steps, each with "step" (steps done), "seconds" (wall time of the run)
+and "training_seconds" (the same without validation and reports). Only process 0 writes and renders.
+
+report.json: {"scene", "step", "steps", "seconds", "training_seconds", "psnr" and "loss" (of the last logged batch),
+"validation" [{"step", "seconds", "psnr"}], "best_validation_psnr", "rays_per_second" (median), "config", "provenance"}.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
+import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,23 +24,28 @@ import numpy as np
 from PIL import Image
 
 from console.atomic import replacing, write_file
+from console.json_text import parse_json
+from console.plots import Line, Plot, draw_plots
+from console.progress import duration
 from training.checkpoints import writing
 from training.dataset import RayDataset
 from training.devices import here, is_writer
 from training.method import Method, Rays
 from training.metrics import psnr
-from training.metrics_log import MetricsLog
-from training.report import draw_curves, write_report
 from training.run import Run
 from training.scenes import Photograph, Scene
 from training.scenes.pictures import over_background
 
+Records = Sequence[Mapping[str, Any]]
+POINTS = 400  # of a curve; more are averaged
+TEXTS = ("view",)  # the records' values that are no numbers
+LARGEST = 1e30  # of a record's numbers; far from where sums and axes end
 VALIDATION_PIXELS = 200 * 200  # a validation picture should cost seconds, not minutes
 DRAW_EVERY_SECONDS = 15.0  # curves are drawn anew at most so often, and at the end
 
 
 class Recorder:
-    """Records one run. `seconds` counts all times that the run was trained, `training_seconds` without what paused() spans."""
+    """Records one run. `seconds` counts all times that it was trained, `training_seconds` without those within paused()."""
 
     def __init__(self, run: Run) -> None:
         self.run = run
@@ -46,17 +58,15 @@ class Recorder:
 
     @property
     def seconds(self) -> float:
-        """Wall time of the run so far."""
         return time.monotonic() - self._start
 
     @property
     def training_seconds(self) -> float:
-        """The same without validation, reports and whoever watches."""
         return self.seconds - self._paused
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """What the block does is not training."""
+        """The time of the block does not count as training."""
         started = time.monotonic()
         try:
             yield
@@ -65,9 +75,10 @@ class Recorder:
 
     def record(self, metrics: dict[str, float]) -> dict[str, float]:
         """Writes a step's metrics to the log; returns the few that progress shows."""
-        steps = self._steps_per_second()
         record, shown = {**self._when(), **metrics}, {"psnr": metrics["psnr"]}
-        if steps is not None:
+        before, self._last_record = self._last_record, (self.run.step, self.training_seconds)
+        if before is not None and self.run.step > before[0]:  # the first stretch holds the compilation
+            steps = (self.run.step - before[0]) / max(self._last_record[1] - before[1], 1e-9)
             rays = metrics.get("rays", float(self.run.config.batch_size)) * steps
             record |= {"steps_per_second": round(steps, 3), "rays_per_second": round(rays, 1)}
             if "samples" in metrics:
@@ -77,8 +88,8 @@ class Recorder:
         return shown
 
     def validate(self) -> None:
-        """Renders held-out photographs: their mean PSNR to the log; of the first "photograph | rendering" as a PNG, and the
-        same as latest.png beside it, where a viewer of pictures can watch it change."""
+        """Renders held-out photographs: their mean PSNR goes to the log; of the first "photograph | rendering" as a PNG, and
+        again as latest.png."""
         if not is_writer():
             return
         run, when = self.run, self._when()
@@ -90,14 +101,12 @@ class Recorder:
                 scores.append(psnr(rendered, truth))
                 if len(scores) == 1:
                     picture.parent.mkdir(parents=True, exist_ok=True)
-                    _save_side_by_side([truth, rendered], picture)
+                    row = np.rint(np.clip(np.concatenate([truth, rendered], axis=1), 0, 1) * 255).astype(np.uint8)
+                    with replacing(picture) as new:
+                        Image.fromarray(row).save(new, format="PNG")
                     write_file(picture.with_name("latest.png"), picture.read_bytes())
         record = {**when, "validation_psnr": float(np.mean(scores)), "view": self._photographs[0].name}
         self._write(record | ({"views": len(scores)} if len(scores) > 1 else {}))
-
-    def has_validated(self) -> bool:
-        """Whether the log has a validation of the step that the run stands at."""
-        return any(r["step"] == self.run.step and "validation_psnr" in r for r in self.log.records)
 
     def report(self) -> None:
         """The final report, from everything in the log."""
@@ -109,13 +118,6 @@ class Recorder:
     def _when(self) -> dict[str, Any]:
         times = {"seconds": round(self.seconds, 3), "training_seconds": round(self.training_seconds, 3)}
         return {"step": self.run.step, **times}
-
-    def _steps_per_second(self) -> float | None:
-        """Since it was asked last; None the first time, since that stretch holds the compilation."""
-        before, self._last_record = self._last_record, (self.run.step, self.training_seconds)
-        if before is None or self.run.step <= before[0]:
-            return None
-        return (self.run.step - before[0]) / max(self._last_record[1] - before[1], 1e-9)
 
     def _write(self, record: dict[str, Any]) -> None:
         self.log.write(record)
@@ -131,10 +133,7 @@ class Recorder:
 
 
 def validation_photographs(scene: Scene, count: int) -> tuple[Photograph, ...]:
-    """`count` photographs (or all there are) spread evenly over val, else test, else (for want of better) train.
-
-    The middle one of the split comes first: it is the one that is pictured.
-    """
+    """`count` photographs (or all) spread evenly over val, else test, else train; the middle one, which is pictured, first."""
     photographs = next(scene.splits[split] for split in ("val", "test", "train") if scene.splits.get(split))
     middle = len(photographs) // 2
     spread = np.unique(np.linspace(0, len(photographs) - 1, max(count, 1)).round().astype(int))
@@ -149,8 +148,8 @@ def render_photograph(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(rendered, photographed), float32 [H, W, 3] in [0, 1] over the background.
 
-    max_pixels: where there are more, one in so many of each row and column is compared. Both are never shrunk: a ray through the
-    middle of a larger pixel does not see what a shrunk photograph shows (a lego at 800 × 800 then scored 29.5 dB, not 33.7).
+    max_pixels: where there are more, one in so many of each row and column is compared. Shrunk photographs would not show what
+    rays through the middles of larger pixels see.
     """
     camera = photograph.camera
     step = max(1, math.ceil(math.sqrt(camera.width * camera.height / (max_pixels or math.inf))))
@@ -162,8 +161,152 @@ def render_photograph(
     return np.clip(rgb.reshape(*pixels.shape, 3), 0.0, 1.0), truth.reshape(-1, 3)[pixels]
 
 
-def _save_side_by_side(pictures: Sequence[np.ndarray], path: Path) -> None:
-    """Writes pictures float [H, W, 3] of one height next to each other as a PNG."""
-    row = np.rint(np.clip(np.concatenate(pictures, axis=1), 0, 1) * 255).astype(np.uint8)
-    with replacing(path) as new:
-        Image.fromarray(row).save(new, format="PNG")
+# --- metrics.jsonl ----------------------------------------------------------------------------------------------------
+
+
+class MetricsLog:
+    """A run's metrics.jsonl, on disk and as `records`."""
+
+    def __init__(self, path: Path, step: int, *, writes: bool = True) -> None:
+        """Opens the log of a run that stands at `step`, without later records. writes: False only reads."""
+        self.path, self._writes = path, writes
+        self.records = [record for record in read_metrics(path) if record["step"] <= step]
+        last = self.records[-1] if self.records else {}
+        self.seconds = float(last.get("seconds", 0.0))
+        self.training_seconds = float(last.get("training_seconds", self.seconds))
+        if writes:
+            with writing(path):
+                write_file(path, "".join(json.dumps(record) + "\n" for record in self.records))
+
+    def write(self, record: dict[str, Any]) -> None:
+        """Appends one record. UserError where the disk is full."""
+        self.records.append(record)
+        if self._writes:
+            with writing(self.path), open(self.path, "a", encoding="utf-8") as file:
+                file.write(json.dumps(record) + "\n")
+
+
+def read_metrics(path: Path) -> list[dict[str, Any]]:
+    """The records of a metrics.jsonl, without values that cannot be drawn. Lines that are no record (a kill cuts one off) are
+    left out."""
+    records = []
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ():
+        try:
+            record = parse_json(line)
+        except ValueError:
+            continue
+        if not isinstance(record, dict) or type(record.get("step")) is not int:
+            continue
+        times = [record["step"], record.get("seconds"), record.get("training_seconds", 0.0)]
+        if all(_is_number(time) and time >= 0 for time in times):
+            records.append({n: v for n, v in record.items() if (isinstance(v, str) if n in TEXTS else _is_number(v))})
+    return records
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) < LARGEST
+
+
+# --- curves.png and report/ -------------------------------------------------------------------------------------------
+
+
+def draw_curves(records: Records, path: Path, title: str) -> None:
+    """PSNR, loss and rays per second over the steps as a PNG, without empty curves. OSError where it cannot be written."""
+    psnr = _curve("training rays", records, "psnr")
+    psnr += _curve("photographs held out", records, "validation_psnr", marked=True)
+    loss = _curve("loss", [r for r in records if r.get("loss", 0.0) > 0], "loss")
+    speed = _curve("rays per second", records, "rays_per_second")
+    plots = [
+        Plot(psnr, title, "steps", "PSNR (dB)", "data"),
+        Plot(loss, "loss", "steps", "loss", "log"),
+        Plot(speed, "rays per second", "steps", "rays per second", "zero"),
+    ]
+    if plots := [plot for plot in plots if plot.lines]:
+        draw_plots(path, plots, (720, 270))
+
+
+def _curve(label: str, records: Records, name: str, *, marked: bool = False) -> list[Line]:
+    """At most POINTS points, means of equal numbers of neighbours; nothing where no record has a value."""
+    xs, ys = (np.asarray(values) for values in _series(records, name))
+    parts = np.array_split(np.arange(len(xs)), min(len(xs), POINTS)) if len(xs) else []
+    return [Line(label, *([float(v[p].mean()) for p in parts] for v in (xs, ys)), marked=marked)] if parts else []
+
+
+def _series(records: Records, name: str, over: str = "step") -> tuple[list[float], list[float]]:
+    """x ("step" or "training_seconds") and y of the finite values under a name."""
+    pairs = [(float(r[over]), float(r[name])) for r in records if name in r and over in r and np.isfinite(r[name])]
+    return [x for x, _ in pairs], [y for _, y in pairs]
+
+
+def write_report(run: Run, records: Records) -> None:
+    """Writes the folder report/. UserError where the disk is full."""
+    folder = run.path / "report"
+    figures = _figures(run, records)
+    with writing(folder):
+        folder.mkdir(exist_ok=True)
+        write_file(folder / "report.json", json.dumps(figures, indent=2) + "\n")
+        if figures["validation"]:
+            seconds, values = _series(records, "validation_psnr", "training_seconds")
+            line = Line("held out", [s / 60 for s in seconds], values, marked=True)
+            title = f"{run.scene.path.name}: PSNR against minutes"
+            plot = Plot([line], title, "minutes of training", "PSNR (dB)", "data")
+            draw_plots(folder / "psnr-minutes.png", [plot])
+        for source in (run.path / "curves.png", run.path / "validation" / "latest.png"):
+            if source.is_file():
+                shutil.copyfile(source, folder / source.name)
+        write_file(folder / "report.md", _text(run, figures, folder))
+
+
+def _figures(run: Run, records: Records) -> dict[str, Any]:
+    """What report.json holds."""
+    validation = [
+        {"step": r["step"], "seconds": r.get("training_seconds", r["seconds"]), "psnr": r["validation_psnr"]}
+        for r in records
+        if "validation_psnr" in r
+    ]
+    speeds = _series(records, "rays_per_second")[1]
+    last: Mapping[str, Any] = next((r for r in reversed(records) if "loss" in r), {})
+    return {
+        "scene": str(run.scene.path),
+        "step": run.step,
+        "steps": run.config.steps,
+        "seconds": records[-1]["seconds"] if records else 0.0,
+        "training_seconds": records[-1].get("training_seconds") if records else 0.0,
+        "psnr": last.get("psnr"),
+        "loss": last.get("loss"),
+        "validation": validation,
+        "best_validation_psnr": max((v["psnr"] for v in validation), default=None),
+        "rays_per_second": float(np.median(speeds)) if speeds else None,
+        "config": dataclasses.asdict(run.config),
+        "provenance": run.description.provenance,
+    }
+
+
+def _text(run: Run, figures: Mapping[str, Any], folder: Path) -> str:
+    """What report.md says."""
+    provenance, config = figures["provenance"], run.config
+    photographs = ", ".join(f"{len(p)} {split}" for split, p in run.scene.splits.items())
+    camera = run.scene.splits["train"][0].camera
+    speed = figures["rays_per_second"]
+    rows = [
+        ("scene", f"{run.scene.path} ({run.scene.kind}; {photographs}; {camera.width} x {camera.height} pixels)"),
+        ("method", f"{config.method}, seed {config.seed}"),
+        ("steps", f"{figures['step']} of {figures['steps']}"),
+        ("time", f"{duration(figures['seconds'])}, of which training {duration(figures['training_seconds'] or 0)}"),
+        ("device", provenance.get("device", "unknown")),
+        ("speed", "unknown" if speed is None else f"{speed:,.0f} rays/s (median)"),
+        ("made by", f"snerg {provenance.get('snerg')}, JAX {provenance.get('jax')}, begun {provenance.get('started')}"),
+    ]
+    lines = [f"# {run.path.name}", "", "| | |", "| --- | --- |", *(f"| {name} | {value} |" for name, value in rows), ""]
+    if figures["validation"]:
+        lines += ["## Photographs held out", "", "| step | minutes of training | PSNR (dB) |", "| --- | --- | --- |"]
+        lines += [f"| {v['step']} | {v['seconds'] / 60:.2f} | {v['psnr']:.2f} |" for v in figures["validation"]]
+        lines += ["", "Minutes are of training alone, without the time that validation took.", ""]
+    for name, caption in (
+        ("latest.png", "Photograph and rendering, side by side."),
+        ("psnr-minutes.png", "PSNR of held-out photographs against minutes."),
+        ("curves.png", "Curves over the steps."),
+    ):
+        if (folder / name).is_file():
+            lines += [f"![{caption}]({name})", ""]
+    return "\n".join(lines)

@@ -1,8 +1,7 @@
-"""A run on disk, and how to get it back: config.json, checkpoints/, metrics.jsonl, validation/.
+"""A run on disk, config.json and checkpoints/, and in memory.
 
-config.json holds the TrainConfig, the scene's folder and how it is read (to read the same photographs again)
-and provenance. Photographs -> (load_scene) Scene -> (make_dataset) RayDataset -> (make_method) Method ->
-state, from the newest checkpoint.
+config.json holds the TrainConfig, the scene's folder, how that is read, and provenance. Photographs -> (load_scene) Scene ->
+(make_dataset) RayDataset -> (make_method) Method -> state, from the newest checkpoint.
 """
 
 from __future__ import annotations
@@ -23,8 +22,7 @@ from console import UserError, progress
 from console.atomic import is_leftover, write_file
 from console.json_text import read_json_file
 from training.checkpoints import list_checkpoints, read_newest_checkpoint, writing
-from training.config import TrainConfig
-from training.config_validation import from_json, require_valid
+from training.config import TrainConfig, from_json, require_valid
 from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
 from training.method import Method
@@ -47,14 +45,14 @@ class RunDescription:
 
 @dataclass
 class Run:
-    """A training run in memory. `state` is what `method` made of `step` steps; see training.method."""
+    """A training run in memory."""
 
     path: Path
     description: RunDescription
     scene: Scene
     dataset: RayDataset
     method: Method
-    state: Any
+    state: Any  # what `method` made of `step` steps
     step: int
 
     @property
@@ -89,10 +87,9 @@ def start_run(path: Path, scene_path: Path, config: TrainConfig, options: SceneO
 
 
 def load_run(path: str | Path, *, scene_path: str | Path | None = None) -> Run:
-    """The run as its newest readable checkpoint left it (a damaged one is passed over with a warning line).
+    """The run as its newest readable checkpoint left it. scene_path: where the photographs are now, if they moved.
 
-    scene_path: where the photographs are now, if they moved. UserError where the folder is no run, has no readable
-    checkpoint, or its scene is gone.
+    UserError where the folder is no run, has no readable checkpoint, or its scene is gone.
     """
     path = Path(path)
     description = read_description(path)
@@ -104,9 +101,9 @@ def load_run(path: str | Path, *, scene_path: str | Path | None = None) -> Run:
 
 
 def resume_run(path: Path, description: RunDescription, scene_path: Path, config: TrainConfig) -> Run:
-    """The run at `path`, so described, to go on with; one that was stopped before its first checkpoint starts over.
+    """The run at `path` to go on with; one that was stopped before its first checkpoint starts over.
 
-    config: its own, but for settings that may change (more steps, say); it is stored, as is where the photographs are now.
+    config: its own, but for settings that may change, such as more steps. Stores it, and where the photographs are now.
     """
     with together():
         _require_own_files(path)
@@ -119,8 +116,7 @@ def resume_run(path: Path, description: RunDescription, scene_path: Path, config
 
 
 def _require_own_files(path: Path) -> None:
-    """UserError where something else stands in the place of a file of the run: going on would write through a link into
-    another file of the user's, or wait for a pipe's reader."""
+    """UserError for a link or a pipe in the run: writing would change another file of the user's, or wait for a reader."""
     for folder in (path, path / "validation", path / "report", path / "checkpoints"):
         for file in folder.iterdir() if folder.is_dir() else ():
             if not file.is_dir() and (file.is_symlink() or not file.is_file()):
@@ -168,7 +164,7 @@ def _newest_checkpoint(path: Path) -> tuple[int, dict[str, np.ndarray]]:
 
 
 def require_bakeable(run: Run) -> None:
-    """UserError where the run's model is none that a pack can hold: colour decided at every sample, not once a pixel."""
+    """UserError where no pack can hold the run's model, whose colour depends on the view at every sample, not once a pixel."""
     view = run.config.nerf.view
     if run.config.method == "nerf" and view not in ("deferred", "none"):
         raise UserError(
@@ -219,7 +215,7 @@ def read_description(path: Path) -> RunDescription:
 
 
 def _scene_options(values: dict[str, Any], where: str) -> SceneOptions:
-    """Options from JSON, which knows no tuples; those that an older run lacks have their defaults."""
+    """Options from JSON, which knows no tuples."""
     box, up = values.get("aabb"), values.get("up")
     options = SceneOptions(**{**values, "aabb": None, "up": None})
     require_valid(options, where)

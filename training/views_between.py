@@ -1,8 +1,4 @@
-"""Views between photographs: where nobody photographed, and where people look from.
-
-What photographs do not tell apart looks the same in all of them, and may be a hole in the next view. So what no photograph
-shows is asked about from midway between neighbours, too, before baking drops what nobody sees (baker.tuning.pruning).
-"""
+"""Views midway between photographs: baking keeps what only they show (baker.tuning.pruning)."""
 
 from __future__ import annotations
 
@@ -18,8 +14,7 @@ from training.dataset import MOST_RAYS, RayDataset
 def with_views_between(dataset: RayDataset, neighbours: int = 1) -> RayDataset:
     """The geometry of the photographs, and after them of a view midway between each and its nearest `neighbours`; no pixels.
 
-    A view between has the lens and the size of one of its two photographs. Where there would be more rays than ids, it is
-    the photographs alone.
+    Such a view has the lens and size of one of its photographs. Where there would be more rays than ids, there are none.
     """
     photographs, poses = _midway(np.asarray(dataset.world_T_camera, np.float64), neighbours)
     first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
@@ -40,10 +35,9 @@ def with_views_between(dataset: RayDataset, neighbours: int = 1) -> RayDataset:
 
 
 def _midway(world_T_camera: np.ndarray, neighbours: int) -> tuple[np.ndarray, np.ndarray]:
-    """The views between: int [B] a photograph of each, and its pose [B, 3, 4]. Each pair of neighbours has one.
+    """One of the photographs int [B] and the pose [B, 3, 4] of a view between each pair of neighbours.
 
-    Near are photographs from about the same place in about the same direction: a turn by an angle counts as much as a
-    move by as many of the cameras' distances from their middle.
+    A turn by an angle counts as much as a move by that many of the cameras' median distance from their middle.
     """
     places, turns = world_T_camera[:, :, 3], world_T_camera[:, :, :3]
     spread = max(np.median(np.linalg.norm(places - places.mean(0), axis=-1)), 1e-12)

@@ -91,7 +91,7 @@ def snerg_bake(
     config = BakeConfig(
         SYNTHETIC_RESOLUTION if resolution is None else resolution, tau_alpha, tau_vis, tau_weight, fine_tune,
         fine_tune_epochs, fine_tune_pixels, supersampling, thin, seed, most_macroblocks,
-        None if aabb is None else parse_box(aabb),
+        parse_box(aabb),
     )  # fmt: skip
     config.check()
     if not 0 <= pictures <= LARGEST_SIDE:

@@ -89,14 +89,14 @@ def snerg_make(
     from baker.baking.to_pack import bake_to
     from scenepack import check_target
     from training.config import PRESETS as CONFIGS
-    from training.config_validation import require_valid
+    from training.config import require_valid
     from training.loop import train
     from training.run import is_run, read_description
     from training.scenes import SceneOptions, load_scene
     from training.scenes.read import suggested_downscale
     from training.scenes.scene_options import AABB, UP, parse_box, parse_up
 
-    box, upwards = None if aabb is None else parse_box(aabb), None if up is None else parse_up(up)
+    box, upwards = parse_box(aabb), parse_up(up)
     run_path, pack_path = out / "run", out / "pack"
     check_target(pack_path)
     config = dataclasses.replace(CONFIGS[preset], seed=seed, exposure=exposure)

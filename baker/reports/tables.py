@@ -24,7 +24,7 @@ from baker.reports.pack_compare import stored_bytes
 from baker.reports.study import Baked, Study
 from scenepack import Pack, open_pack
 from scenepack.report import pack_facts
-from training.metrics_log import read_metrics
+from training.recorder import read_metrics
 from training.run import Run, load_run
 
 Row = dict[str, Any]

@@ -12,8 +12,7 @@ import jax
 import numpy as np
 
 from training.commands.train import FREE, changed_settings
-from training.metrics_log import MetricsLog, read_metrics
-from training.report import draw_curves, write_report
+from training.recorder import MetricsLog, draw_curves, read_metrics, write_report
 from training.run import Run, read_description, resume_run
 
 OLDER = Path(__file__).parents[1] / "data" / "older"

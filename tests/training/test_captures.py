@@ -139,7 +139,7 @@ def test_masks_cut_the_object_out(tmp_path: Path):
         (lambda p: np.save(p / "poses_bounds.npy", np.zeros((10, 15))), "[N, 17]"),
         (lambda p: np.save(p / "poses_bounds.npy", np.full((10, 17), np.nan)), "not finite"),
         (lambda p: np.save(p / "poses_bounds.npy", np.zeros((10, 17))), "positive"),
-        (lambda p: np.save(p / "poses_bounds.npy", np.array([{}], object)), "found object [1]"),
+        (lambda p: np.save(p / "poses_bounds.npy", np.array([{}], object)), "Python objects"),
         (lambda p: (p / "images" / "img_03.png").unlink(), "expected 10 pictures, found 9"),
         (lambda p: Image.new("RGB", (32, 40)).save(p / "images" / "img_03.png"), "another size"),
     ],

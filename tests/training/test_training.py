@@ -25,14 +25,12 @@ from tests.compiling import as_users_have_it
 from tests.told import told
 from training.checkpoints import to_arrays
 from training.commands.train import main
-from training.config import PRESETS, TINY, TrainConfig
-from training.config_validation import from_json
+from training.config import PRESETS, TINY, TrainConfig, from_json
 from training.loop import train
-from training.metrics_log import MetricsLog, read_metrics
 from training.multires.config import MultiresConfig
 from training.multires.jax_engine import JaxEngine
 from training.nerf.method import NerfMethod
-from training.recorder import Recorder
+from training.recorder import MetricsLog, Recorder, read_metrics
 from training.run import load_run, start_run
 from training.scenes import SceneOptions
 

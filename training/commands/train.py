@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import dataclasses
 import sys
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -15,8 +15,7 @@ import tyro
 
 from console import UserError, run_command
 from console.arguments import join_negative_values
-from training.config import PRESETS, TrainConfig
-from training.config_validation import require_valid
+from training.config import PRESETS, TrainConfig, require_valid
 from training.libraries import find_devices, import_libraries
 from training.scenes import SceneOptions
 from training.scenes.presets import PresetName, names_with_about
@@ -41,7 +40,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def make_command(args: Sequence[str]) -> Callable[..., None]:
     """The command whose defaults are the preset's (with --resume: the run's own), so that options change single fields.
 
-    Bad values of --preset and --out are not complained of here: the parser and the command do that.
+    Bad values of --preset and --out are left to the parser and the command.
     """
     name, out, resuming = _look_ahead(args)
 
@@ -53,7 +52,7 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
 
     defaults = PRESETS.get(cast(PresetName, name), PRESETS[DEFAULT_PRESET])
     if resuming and out is not None:
-        with contextlib.suppress(UserError):  # the command meets it again, and tells
+        with contextlib.suppress(UserError):  # the command raises it again
             defaults = describe(out).config
 
     def snerg_train(
@@ -92,30 +91,29 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
             process_id: Number of this process, from 0.
         """
         import_libraries()  # JAX starts here, not for --help
-        from training.devices import join_processes
+        from training.devices import is_writer, join_processes
 
         require_valid(config)
         join_processes(coordinator, processes, process_id)
         find_devices()
-        from training.devices import is_writer
         from training.loop import train
 
-        box = None if aabb is None else parse_box(aabb)
-        upwards = None if up is None else parse_up(up)
+        box, upwards = parse_box(aabb), parse_up(up)
         if resume:
             stored = describe(out)
             if changed := changed_settings(stored.config, config, leave_out=FREE):
                 names = ", ".join("--" + name for name in changed)
                 remedy = "leave them out, or start another run"
                 raise UserError("a resumed run keeps its settings", where=names, remedy=remedy)
-            asked = {
-                "downscale": downscale,
-                "spherify": spherify or None,
-                "masks": masks or None,
-                "aabb": box,
-                "up": upwards,
-            }
-            _refuse_another_reading(stored.options, asked)
+            asked = dict(
+                downscale=downscale, spherify=spherify or None, masks=masks or None, aabb=box, up=upwards
+            ).items()
+            for name, value in asked:  # None: left out
+                before = getattr(stored.options, name)
+                if value is not None and value != before:
+                    raise UserError("a run cannot change how its scene is read", where=f"--{name}", found=value,
+                                    expected="none" if before is None else before,
+                                    remedy="leave it out with --resume")  # fmt: skip
             run = train(scene, out, config, resume=stored)
         else:
             options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks, box, upwards)
@@ -124,16 +122,6 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
             print(f"{out}: {run.step} of {config.steps} steps done; bake it with: snerg-bake {out} --out PACK")
 
     return snerg_train
-
-
-def _refuse_another_reading(stored: SceneOptions, asked: Mapping[str, object]) -> None:
-    """A resumed run reads the same pictures in the same way; options that say otherwise are refused. None says nothing."""
-    for name, value in asked.items():
-        before = getattr(stored, name)
-        if value is not None and value != before:
-            raise UserError("a run cannot change how its scene is read", where=f"--{name}", found=value,
-                            expected="none" if before is None else before,
-                            remedy="leave it out with --resume")  # fmt: skip
 
 
 def changed_settings(before: object, after: object, leave_out: Container[str] = (), prefix: str = "") -> list[str]:
@@ -150,7 +138,7 @@ def changed_settings(before: object, after: object, leave_out: Container[str] = 
 
 
 def _look_ahead(args: Sequence[str]) -> tuple[str, Path | None, bool]:
-    """(--preset, --out, --resume) as far as they can be told before parsing."""
+    """(--preset, --out, --resume), as far as the words make them clear before all options are parsed."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
     parser.add_argument("--preset", default=DEFAULT_PRESET)
     parser.add_argument("--out", type=Path)

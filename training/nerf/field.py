@@ -58,17 +58,12 @@ def init_field(key: jax.Array, config: NerfConfig) -> FieldParams:
 
 def init_nerf_head(key: jax.Array, width: int) -> NerfHead:
     """A head for a trunk of `width` channels."""
-    keys = jax.random.split(key, 3)
-    directions = encoded_width(3, VIEW_FREQUENCIES)
-    return NerfHead(
-        init_dense(keys[0], width, width),
-        init_dense(keys[1], width + directions, CONDITION_WIDTH),
-        init_dense(keys[2], CONDITION_WIDTH, 3),
-    )
+    inputs = (width, width + encoded_width(3, VIEW_FREQUENCIES), CONDITION_WIDTH)
+    sizes = zip(jax.random.split(key, 3), inputs, (width, CONDITION_WIDTH, 3), strict=True)
+    return NerfHead(*(init_dense(*size) for size in sizes))
 
 
 def init_dense(key: jax.Array, inputs: int, outputs: int) -> Dense:
-    """One layer."""
     return Dense(jax.nn.initializers.glorot_uniform()(key, (inputs, outputs)), jnp.zeros(outputs))
 
 
@@ -87,14 +82,12 @@ def apply_trunk(params: FieldParams, points: jax.Array, config: NerfConfig) -> j
 
 
 def apply_field(params: FieldParams, points: jax.Array, config: NerfConfig) -> FieldOutput:
-    """Asks the field at points [..., 3]."""
+    """The field at points [..., 3]."""
     return field_of(params, apply_trunk(params, points, config))
 
 
 def field_of(params: FieldParams, trunk: jax.Array, density_noise: jax.Array | float = 0.0) -> FieldOutput:
-    """The field's outputs from its last hidden layer; zero what the head does not have. density_noise [...] is added to the raw
-    density, before its ReLU.
-    """
+    """The field from its last hidden layer, 0 where the head lacks an output; density_noise [...] is added before the ReLU."""
     raw = trunk @ params.head.weight + params.head.bias
     outputs = raw.shape[-1]
     none = jnp.zeros((*raw.shape[:-1], FEATURES), raw.dtype)

@@ -1,4 +1,4 @@
-"""The paper's method behind the Method interface: the loss of section 4.3, the optimiser of section 6.
+"""The paper's method (training.method.Method): the loss of section 4.3, the optimiser of section 6.
 
     L = |C_coarse - C|^2 + |C_fine - C|^2 + lambda_s (S(sigma_coarse) + S(sigma_fine)),  S at the coarse samples
 
@@ -23,7 +23,7 @@ from training.config import NerfConfig, TrainConfig
 from training.dataset import RayDataset
 from training.devices import SPLIT, WHOLE, here, put_whole, split
 from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, squared_error
-from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
+from training.method import FieldOutput, Method, Rays, RenderOutput, ViewMlpParams
 from training.nerf.field import apply_field
 from training.nerf.render import NerfParams, Perturbation, draw_perturbation, init_nerf, render_rays
 
@@ -35,8 +35,8 @@ class NerfState(NamedTuple):
     optimizer: Any
 
 
-class NerfMethod:
-    """A Method (training.method) of the paper's deferred NeRF, or of its baselines, on the rays of a dataset."""
+class NerfMethod(Method):
+    """The paper's deferred NeRF, or one of its baselines, on the rays of a dataset."""
 
     def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
         if config.nerf.matmul == "auto":
@@ -46,15 +46,10 @@ class NerfMethod:
         self.config, self.dataset, self.mesh = config, dataset, mesh
         self._slices = batch_slices(config.batch_size, nerf.gradient_rays, mesh.size)
         self._optimizer: Any = make_optimizer(nerf, config.steps)
-        everywhere = NamedSharding(mesh, WHOLE)
-        inputs = jax.tree.map(lambda _: everywhere, dataset)
-        inputs = dataclasses.replace(inputs, pixels=NamedSharding(mesh, SPLIT))
-        self._update = jax.jit(
-            self._update_traced,
-            in_shardings=(inputs, everywhere, everywhere, everywhere),
-            out_shardings=everywhere,
-            donate_argnums=1,
-        )
+        whole = NamedSharding(mesh, WHOLE)
+        inputs = dataclasses.replace(jax.tree.map(lambda _: whole, dataset), pixels=NamedSharding(mesh, SPLIT))
+        shardings = {"in_shardings": (inputs, whole, whole, whole), "out_shardings": whole}
+        self._update = jax.jit(self._update_traced, **shardings, donate_argnums=1)
         self._render = jax.jit(lambda params, rays: render_rays(params, rays, nerf, dataset.facts).fine)
         self._query = jax.jit(lambda params, points: apply_field(params.fine.field, points, nerf))
 
@@ -79,20 +74,10 @@ class NerfMethod:
         params = here(state.params)
         return in_slices(lambda part: self._query(params, part), points, self.config.nerf.query_points)
 
-    def may_hold(self, state: NerfState, low: np.ndarray, high: np.ndarray) -> None:
-        return None
-
-    def grain(self, state: NerfState) -> None:
-        return None
-
     def view_mlp(self, state: NerfState) -> ViewMlpParams | None:
         """The fine model's deferred head; None for a diffuse model, and for the baselines, which have none a ray."""
         view = here(state.params.fine.view)
         return view if self.config.nerf.view == "deferred" and isinstance(view, ViewMlpParams) else None
-
-    def gains(self, state: NerfState) -> np.ndarray | None:
-        """Photographs are taken as they are, as in the paper."""
-        return None
 
     def save(self, state: NerfState) -> dict[str, np.ndarray]:
         return to_arrays(here(state))

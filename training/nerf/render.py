@@ -1,7 +1,8 @@
 """A batch of rays through the coarse and the fine model (SNeRG sections 4.1 and 4.2; NeRF section 5.2).
 
-Notation: N rays, K coarse and F fine samples. Each of the two models has a field and a view-dependent head of its own
-(as in the release), and the fine field is asked at all K + F positions.
+Notation: N rays, K coarse and F fine samples. Each of the two models has a field and a view-dependent head of its own (as in
+the release), and the fine field is asked at all K + F positions. Per ray: t [N, K] sorted positions in [near, far]; weight [N,
+K] of the coarse samples; u in [0, 1) quantiles; jitter in [0, 1). Without jitter, as rendering samples, nothing is random.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ from training.nerf.field import (
     init_field,
     init_nerf_head,
 )
-from training.nerf.sampling import coarse_samples, fine_samples, merge_samples
 from training.view_mlp import apply_view_mlp, init_view_mlp
 from training.volume import composite, intervals, over_background, shade, weights_of
+
+EMPTY_BIN = 1e-5  # least weight of a bin
 
 
 class ModelParams(NamedTuple):
@@ -43,28 +45,21 @@ class NerfParams(NamedTuple):
 
 
 class Rendered(NamedTuple):
-    """What the loss needs: both pictures [N], and the densities of both fields at the coarse samples.
-
-    coarse_sigma [N, K]. fine_sigma [N, K + F] is 0 at the fine samples: the sparsity loss must not see them.
-    """
+    """What the loss needs: both pictures, and the densities of both fields at the coarse samples."""
 
     coarse: RenderOutput
     fine: RenderOutput
-    coarse_sigma: jax.Array
-    fine_sigma: jax.Array
+    coarse_sigma: jax.Array  # [N, K]
+    fine_sigma: jax.Array  # [N, K + F], 0 at the fine samples, which the sparsity loss must not see
 
 
 class Perturbation(NamedTuple):
-    """How N rays are perturbed while training: jitter in [0, 1) of coarse [N, K] and fine [N, F] positions, and noise on raw
-    density at coarse [N, K] and at all [N, K + F] samples (None: no noise).
+    """How N rays are perturbed while training. Drawn for a whole batch, so that no result depends on how it is cut or spread."""
 
-    Drawn for a whole batch at once, so that no result depends on how the batch is cut or spread.
-    """
-
-    coarse: jax.Array
-    fine: jax.Array
-    coarse_noise: jax.Array | None
-    fine_noise: jax.Array | None
+    coarse: jax.Array  # [N, K] jitter of positions
+    fine: jax.Array  # [N, F]
+    coarse_noise: jax.Array | None  # [N, K] on raw density
+    fine_noise: jax.Array | None  # [N, K + F]
 
 
 def draw_perturbation(key: jax.Array, count: int, config: NerfConfig) -> Perturbation:
@@ -132,3 +127,55 @@ def _render_model(
         colours = diffuse + apply_view_mlp(model.view, diffuse, field.features, viewdirs)
     rgb, diffuse = (over_background(composite(weights, c), opacity, facts.background) for c in (colours, diffuse))
     return RenderOutput(rgb, diffuse, features, opacity, depth), field.density, weights
+
+
+# --- where along a ray a field is asked (NeRF 5.2) ---------------------------------------------------------------------
+
+
+def coarse_samples(
+    jitter: jax.Array | None, near: jax.Array, far: jax.Array, count: int, disparity: bool = False
+) -> jax.Array:
+    """t [N, count], evenly spread over [near, far] (in 1/t with disparity), moved within its interval by jitter [N, count]."""
+    share = jnp.linspace(0.0, 1.0, count)
+    near, far = near[:, None], far[:, None]
+    t = 1.0 / ((1.0 - share) / near + share / far) if disparity else near * (1.0 - share) + far * share
+    if jitter is None:
+        return t
+    middle = 0.5 * (t[:, 1:] + t[:, :-1])
+    low = jnp.concatenate([t[:, :1], middle], axis=-1)
+    high = jnp.concatenate([middle, t[:, -1:]], axis=-1)
+    return low + (high - low) * jitter
+
+
+def fine_samples(jitter: jax.Array | None, t: jax.Array, weights: jax.Array, count: int) -> jax.Array:
+    """t [N, count], sorted, drawn from the piecewise-constant density that the coarse weights [N, K] describe, without gradient.
+
+    The inner weights stand for the intervals between the middles of the coarse t [N, K].
+    """
+    edges = 0.5 * (t[:, 1:] + t[:, :-1])
+    return jax.lax.stop_gradient(inverse_cdf(jitter, edges, weights[:, 1:-1], count))
+
+
+def inverse_cdf(jitter: jax.Array | None, edges: jax.Array, weights: jax.Array, count: int) -> jax.Array:
+    """Samples [N, count] of the histogram with edges [N, B + 1] and weights [N, B] >= 0 (not normalised), one to each of `count`
+    equal intervals of quantiles."""
+    # An even trifle everywhere (NeRF's): empty rays sample evenly instead of dividing by 0, and a quantile crosses an empty
+    # bin over many floats, so that the last bit of a sum, which differs between devices, moves no sample far.
+    weights = weights + EMPTY_BIN
+    cdf = jnp.cumsum(weights / jnp.sum(weights, axis=-1, keepdims=True), axis=-1)
+    cdf = jnp.concatenate([jnp.zeros_like(cdf[:, :1]), jnp.minimum(cdf[:, :-1], 1.0), jnp.ones_like(cdf[:, :1])], -1)
+    within_interval = 0.5 if jitter is None else jitter
+    u = jnp.broadcast_to((jnp.arange(count) + within_interval) / count, (weights.shape[0], count))
+    bin_ = jax.vmap(lambda c, q: jnp.searchsorted(c, q, side="right"))(cdf, u)
+    bin_ = jnp.clip(bin_ - 1, 0, weights.shape[-1] - 1)
+    c0, c1 = jnp.take_along_axis(cdf, bin_, -1), jnp.take_along_axis(cdf, bin_ + 1, -1)
+    e0, e1 = jnp.take_along_axis(edges, bin_, -1), jnp.take_along_axis(edges, bin_ + 1, -1)
+    within = jnp.clip((u - c0) / jnp.maximum(c1 - c0, 1e-8), 0.0, 1.0)
+    return e0 + within * (e1 - e0)
+
+
+def merge_samples(coarse: jax.Array, fine: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Both sets sorted together, t [N, K + F], and which of them are coarse samples, bool [N, K + F]."""
+    both = jnp.concatenate([coarse, fine], axis=-1)
+    order = jnp.argsort(both, axis=-1)
+    return jnp.take_along_axis(both, order, axis=-1), order < coarse.shape[-1]

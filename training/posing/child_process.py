@@ -1,10 +1,10 @@
-"""Work in a child process: COLMAP's functions run for minutes and listen to no signal, and a decoder may crash.
+"""Work in a child process: COLMAP's functions run for minutes and react to no signal, and a decoder may crash.
 
-ask() starts the child, serve() runs in it. It reads one line of JSON, the request, from standard input, and writes lines of JSON
+ask() starts the child, serve() runs in it. It reads the request, one line of JSON, from standard input, and writes lines of JSON
 to standard output: {"title", "done", "total"} as it goes on, and at the end {"result"}, or {"error": the parts of a UserError}.
 
-The child takes no part in Ctrl-C: who waits for it is interrupted, ends it, and says how to go on. It also ends when this process
-ends, however that comes about, since it waits for the end of its standard input.
+Ctrl-C does not reach the child: its parent is interrupted, and ends it. The child also ends when its standard input does, so
+with its parent, however that ends.
 """
 
 from __future__ import annotations
@@ -15,18 +15,14 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from console import UserError, refusal
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
+from training.lock import one_at_a_time
 
 OnProgress = Callable[[str, float, float], None]  # what goes on, units done, units in all
 EXIT_S = 10.0  # for a child that has closed its output to end in
@@ -65,7 +61,7 @@ def ask(service: str, request: Mapping[str, Any], log: Path, on_progress: OnProg
                 return answer["result"]
         process.wait(EXIT_S)
     except (BrokenPipeError, subprocess.TimeoutExpired):
-        pass  # told below
+        pass  # reported below
     finally:
         process.kill()
         process.wait()
@@ -75,9 +71,7 @@ def ask(service: str, request: Mapping[str, Any], log: Path, on_progress: OnProg
     if process.returncode >= 0:
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
         raise RuntimeError(f"{service} failed: {lines[-1][:300] if lines else process.returncode}; see {log}")
-    names = {number.value: number.name for number in signal.Signals}
-    raise UserError("its process was ended from outside, or crashed", where=log,
-                    found=names.get(-process.returncode, -process.returncode),
+    raise UserError("its process was ended from outside, or crashed", where=log, found=signal.Signals(-process.returncode).name,
                     remedy="the system ends processes when memory runs out; the same line goes on")  # fmt: skip
 
 
@@ -86,12 +80,9 @@ def ask(service: str, request: Mapping[str, Any], log: Path, on_progress: OnProg
 
 def serve() -> None:
     """Answers one request."""
-    line = b""
-    while not line.endswith(b"\n"):  # byte by byte: a buffer would keep what json_answers waits for
-        byte = os.read(0, 1)
-        if not byte:
-            sys.exit(1)
-        line += byte
+    line = os.fdopen(0, "rb", buffering=0, closefd=False).readline()  # a buffer would keep what json_answers waits for
+    if not line.endswith(b"\n"):
+        sys.exit(1)
     request, answer = json.loads(line), json_answers()
 
     def on_progress(title: str, done: float, total: float) -> None:
@@ -112,8 +103,7 @@ def serve() -> None:
 def json_answers() -> Callable[..., None]:
     """A function that writes its keywords as a line of JSON to standard output. Call once, in a child process.
 
-    Standard error takes the place of standard output: libraries print what they like. The end of standard input ends the
-    process: whoever asked is gone, or wants nothing more.
+    From then on, whatever libraries print goes to standard error, and the end of standard input ends the process.
     """
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
@@ -135,12 +125,10 @@ def json_answers() -> Callable[..., None]:
 def _reconstruct(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
     from training.posing.mapping import Group, Task, reconstruct
 
-    groups = tuple(Group(tuple(group["names"]), group["focal"]) for group in request["groups"])
-    task = Task(
-        Path(request["images"]), Path(request["work"]), tuple(request["names"]), groups, request["seed"],
-        Path(request["masks"]), frozenset(request["masked"]),
-    )  # fmt: skip
-    with _alone(task.work / LOCK):
+    paths = {name: Path(request[name]) for name in ("images", "work", "masks")}
+    groups = [Group(**group) for group in request["groups"]]
+    task = Task(**paths, groups=groups, names=request["names"], masked=request["masked"], seed=request["seed"])
+    with one_at_a_time(task.work / LOCK):  # a child whose parent was killed may need a moment to notice
         return asdict(reconstruct(task, on_progress))
 
 
@@ -156,13 +144,3 @@ def _take_frames(request: Mapping[str, Any], on_progress: OnProgress) -> list[di
 
 
 SERVICES = {"reconstruct": _reconstruct, "take_frames": _take_frames}
-
-
-@contextmanager
-def _alone(lock: Path) -> Iterator[None]:
-    """Waits until no other child works there: one whose parent was killed may need a moment to notice."""
-    with lock.open("w") as file:
-        if fcntl is not None:
-            with suppress(OSError):  # some network file systems have no locks
-                fcntl.flock(file, fcntl.LOCK_EX)
-        yield

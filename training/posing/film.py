@@ -1,7 +1,7 @@
 """Frames of a film as photographs: the sharpest of each interval of time, upright. Runs in the child process.
 
-A film is read from its bytes by the one demuxer of its container (training.scenes.film_containers) and by one of CODECS. So
-FFmpeg neither guesses at formats that lead to other files or to the network, nor follows references out of the film.
+A film is read by the one demuxer of its container and by one of CODECS, so that FFmpeg neither guesses at formats that lead to
+other files or to the network, nor follows references out of the film.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from console import UserError
 from console.contents import HEAD_BYTES, told
 from training.posing.film_colour import srgb_of, with_matrix
 from training.posing.photograph import PREVIEW_SIDE, same_view, sharpness, thumbnail, write_picture
-from training.scenes.film_containers import DEMUXERS, FILM_NAMES, container_of
+from training.scenes.sources import DEMUXERS, FILM_NAMES, container_of
 
 CODECS = (
     "h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mjpeg", "prores", "dnxhd", "mpeg1video", "mpeg2video", "h263", "msmpeg4v2",
@@ -90,9 +90,9 @@ def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str,
 def glimpse(
     film: Path, most: int, some: int, count: Callable[[int], None], show: Callable[[int, float, Image.Image], None]
 ) -> tuple[int, float]:
-    """A look at a film without decoding all of it: how many frames take_frames would keep at most, and an estimate of its
-    seconds, from GLIMPSED frames. count: told the first, at once. show: gets `some` frames, evenly spaced: number, seconds
-    into the film, picture. UserError as take_frames.
+    """Previews a film without decoding all of it: how many frames take_frames would keep at most, and an estimate of its
+    seconds from GLIMPSED frames. count: called with that number at once. show: called with `some` evenly spaced frames: number,
+    seconds into the film, picture. UserError as take_frames.
     """
     with _readable_errors(film):
         times = _times(film)
@@ -150,30 +150,28 @@ def _sharpest(film: Path, times: Sequence[float], most: int, on_frame: Callable[
             # Frames come in their order, but AVI does not say when those that were reordered are shown.
             seconds = seconds if frame.pts is None else max(frame.pts * base, seconds)
             interval = intervals[min(bisect_left(times, seconds), len(times) - 1)]
-            if best is not None and interval != best.interval:
-                yield best
-                best = None
             on_frame(seconds)
             preview = _grey(frame)
-            value = sharpness(preview)
-            if best is None or value > best.sharpness:
-                best = _Best(interval, seconds, value, frame, aspect, preview)
+            found = _Best(interval, seconds, sharpness(preview), frame, aspect, preview)
+            if best is not None and best.interval != interval:
+                yield best
+                best = None
+            if best is None or found.sharpness > best.sharpness:
+                best = found
     if best is not None:
         yield best
 
 
 def _differing(frames: Iterator[_Best]) -> Iterator[_Best]:
     """Of frames in a row that show the same, since the camera rests, the sharpest; none of another size than the first."""
-    before: _Best | None = None
+    before = next(frames, None)
     for frame in frames:
-        if before is None:
-            before = frame
-        elif frame.shape != before.shape:
+        if before is None or frame.shape != before.shape:
             continue
-        elif not same_view(thumbnail(frame.preview), thumbnail(before.preview)):
+        differs = not same_view(thumbnail(frame.preview), thumbnail(before.preview))
+        if differs:
             yield before
-            before = frame
-        elif frame.sharpness > before.sharpness:
+        if differs or frame.sharpness > before.sharpness:
             before = frame
     if before is not None:
         yield before

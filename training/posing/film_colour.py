@@ -2,15 +2,13 @@
 
 Notation: a signal is R'G'B' as it is coded, in [0, 1]; light is linear R, G, B, and 1 is diffuse white.
 
-HLG: the inverse of its OETF gives light of the scene (ITU-R BT.2100, table 5), as photographs are made of it; diffuse white
-is at 75 % of the signal. PQ: its EOTF gives light of the display (table 4); diffuse white has 203 cd/m² (BT.2408, 2.2).
-Light up to KNEE stays as it is. Above, a curve that goes on with the same slope (Reinhard's, extended) brings the brightest
-light to 1: diffuse white becomes 244 of 255.
+HLG: the inverse OETF gives light of the scene (ITU-R BT.2100, table 5); diffuse white is at 75 % of the signal. PQ: the EOTF
+gives light of the display (table 4); diffuse white has 203 cd/m² (BT.2408, 2.2). Light up to KNEE stays as it is. Above,
+Reinhard's extended curve goes on with the same slope and brings the brightest light to 1: diffuse white becomes 244 of 255.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
+from training.scenes.deep_pictures import linear_to_srgb
 
 # Values of ITU-T H.273, which FFmpeg has as AVCOL_…: transfer characteristics, primaries, matrix coefficients.
 PQ, HLG = 16, 18
@@ -70,8 +69,7 @@ def _gamut(primaries: int, hdr: bool) -> np.ndarray | None:
 
 def _converted(signal: np.ndarray, hdr: int | None, matrix: np.ndarray | None) -> np.ndarray:
     """uint16 [H, W, 3] in the film's transfer function and primaries as uint8 sRGB."""
-    light_of, brightest = _light(hdr)
-    code_of = _codes(hdr)
+    light_of, brightest, code_of = _tables(hdr)
     out = np.empty(signal.shape, np.uint8)
     rows = max(BAND_PIXELS // signal.shape[1], 1)
     for first in range(0, len(signal), rows):
@@ -84,26 +82,19 @@ def _converted(signal: np.ndarray, hdr: int | None, matrix: np.ndarray | None) -
 
 
 @cache
-def _light(hdr: int | None) -> tuple[np.ndarray, float]:
-    """Light of each of LEVELS signals, float32, and the brightest that is kept."""
+def _tables(hdr: int | None) -> tuple[np.ndarray, float, np.ndarray]:
+    """Light float32 of each of LEVELS signals; the brightest that is kept; uint8 sRGB by LEVELS square roots of its shares."""
     signal = np.linspace(0, 1, LEVELS)
-    functions: dict[int | None, tuple[Callable[[np.ndarray], np.ndarray], float]] = {
-        HLG: (lambda x: hlg_to_scene(x) / float(hlg_to_scene(np.array(DIFFUSE_WHITE_HLG))), 1.0),
-        PQ: (lambda x: pq_to_nits(x) / DIFFUSE_WHITE_PQ, BRIGHTEST_PQ / DIFFUSE_WHITE_PQ),
-        None: (srgb_to_linear, 1.0),
-    }
-    function, brightest = functions[hdr]
-    light = function(signal)
-    return light.astype(np.float32), float(light[-1]) if hdr == HLG else brightest
-
-
-@cache
-def _codes(hdr: int | None) -> np.ndarray:
-    """uint8 sRGB of light, by LEVELS square roots of its share of the brightest."""
-    brightest = _light(hdr)[1]
-    light = np.linspace(0, 1, LEVELS) ** 2 * brightest
-    shown = light if hdr is None else tone_mapped(light, brightest)
-    return np.rint(linear_to_srgb(np.clip(shown, 0, 1)) * 255).astype(np.uint8)
+    if hdr == HLG:
+        light = hlg_to_scene(signal) / float(hlg_to_scene(np.array(DIFFUSE_WHITE_HLG)))
+        brightest = float(light[-1])
+    elif hdr == PQ:
+        light, brightest = pq_to_nits(signal) / DIFFUSE_WHITE_PQ, BRIGHTEST_PQ / DIFFUSE_WHITE_PQ
+    else:
+        light, brightest = srgb_to_linear(signal), 1.0
+    kept = np.linspace(0, 1, LEVELS) ** 2 * brightest
+    shown = kept if hdr is None else tone_mapped(kept, brightest)
+    return light.astype(np.float32), brightest, np.rint(linear_to_srgb(shown) * 255).astype(np.uint8)
 
 
 def tone_mapped(light: np.ndarray, brightest: float) -> np.ndarray:
@@ -127,7 +118,3 @@ def pq_to_nits(signal: np.ndarray) -> np.ndarray:
 
 def srgb_to_linear(signal: np.ndarray) -> np.ndarray:
     return np.where(signal <= 0.04045, signal / 12.92, ((signal + 0.055) / 1.055) ** 2.4)
-
-
-def linear_to_srgb(light: np.ndarray) -> np.ndarray:
-    return np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)

@@ -1,7 +1,7 @@
 """From bare photographs or a film to a COLMAP scene, stage by stage.
 
-OUT/posing holds the work while it goes on; whoever is stopped or killed goes on from there. OUT/scene appears whole: images,
-sparse/0, and poses.json, which says what it was made of and what was left out.
+OUT/posing holds unfinished work, from which a stopped process goes on. OUT/scene appears whole: images, sparse/0, and poses.json,
+which says what it was made of and what was left out.
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ import json
 import os
 import shutil
 import time
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from console import Notice, Progress, UserError, progress
+from console import Progress, UserError, progress
 from console.atomic import is_leftover, replacing, write_file
 from console.json_text import read_json_file
 from training.lock import only_one_trains
@@ -33,6 +32,7 @@ from training.posing.prepare import (
     stored,
 )
 from training.posing.rejection_report import report_rejections, require_enough, warn_left_out, warn_of_prepared
+from training.scenes.messages import notice
 from training.scenes.read import has_poses
 from training.scenes.sources import MASKS, Source, require_source
 
@@ -47,14 +47,13 @@ CONTINUE = "what is finished is kept; the same command line continues"
 
 
 def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = FRAMES) -> Path:
-    """The scene OUT/scene of the photographs or the film: made, gone on with, or there already.
+    """Makes the scene OUT/scene of the photographs or the film, unless it is there, and returns its path.
 
-    most_frames: of a film. Ctrl-C raises KeyboardInterrupt that says how to go on. UserError where too few photographs can be
-    used or overlap, and where OUT/scene is of other photographs and a run was trained on it. ModuleNotFoundError where
-    pycolmap, or for films PyAV, is not installed.
+    most_frames: of a film. Ctrl-C raises a KeyboardInterrupt that says how to go on. UserError where too few photographs can be
+    used or overlap, or a run was trained on an OUT/scene of other photographs. ModuleNotFoundError as `require`.
     """
     for note in source.notes:
-        warnings.warn(Notice(f"{source.path}: {note}"), stacklevel=2)
+        notice(source.path, note)
     key = {"files": fingerprint(source), "frames": most_frames if source.kind == "film" else 0}
     scene = out / SCENE
     if (scene / REPORT).is_file():
@@ -121,8 +120,7 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
     }  # fmt: skip
     _assemble(out / SCENE, work, found["registered"], report)
     shutil.rmtree(work, ignore_errors=True)
-    if unposed:
-        warn_left_out(source, unposed, "no pose was found")
+    warn_left_out(source, unposed, "no pose was found")
     return out / SCENE
 
 
@@ -160,10 +158,9 @@ def _timed(work: Path, stage: str) -> Iterator[None]:
 
 
 def _seconds(work: Path) -> dict[str, float]:
-    try:
+    with contextlib.suppress(OSError, ValueError, TypeError):
         return dict(read_json_file(work / "seconds.json"))
-    except (OSError, ValueError, TypeError):
-        return {}
+    return {}
 
 
 def _assemble(scene: Path, work: Path, names: Sequence[str], report: Mapping[str, Any]) -> None:
@@ -171,11 +168,7 @@ def _assemble(scene: Path, work: Path, names: Sequence[str], report: Mapping[str
     with replacing(scene, folder=True) as new:
         (new / "images").mkdir()
         for name in names:
-            picture = work / IMAGES / name
-            if picture.is_symlink():
-                os.symlink(os.readlink(picture), new / "images" / name)
-            else:
-                _link(picture, new / "images" / name)
+            _link(work / IMAGES / name, new / "images" / name)
         shutil.copytree(work / MODEL, new / "sparse" / "0")
         for name in set(names) & set(masked_names(work)):
             (new / MASKS).mkdir(exist_ok=True)
@@ -184,16 +177,15 @@ def _assemble(scene: Path, work: Path, names: Sequence[str], report: Mapping[str
 
 
 def _link(picture: Path, target: Path) -> None:
+    """Makes a hard link to a picture, or to the symbolic link that it is; `work` is deleted soon."""
     try:
-        os.link(picture, target)  # `work` goes away soon
-    except OSError:
-        shutil.copyfile(picture, target)
+        os.link(picture, target, follow_symlinks=False)
+    except (OSError, NotImplementedError):
+        shutil.copyfile(picture, target, follow_symlinks=False)
 
 
 def _key_of(scene: Path) -> Any:
-    """The key of a finished scene; None where it cannot be told."""
-    try:
+    """The key of a finished scene; None where it cannot be read."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         report = read_json_file(scene / REPORT)
         return report["key"] if report["format"] == FORMAT else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None

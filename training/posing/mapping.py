@@ -1,16 +1,22 @@
 """COLMAP's pipeline on prepared pictures: features (SIFT), matches, and an incremental reconstruction. Runs in the child process.
 
-All that is finished is in the database, so whoever is killed goes on from there; the reconstruction itself starts over. One
-seed, and one thread where the order of a sum would decide, make it the same each time; but pycolmap's matcher, on several
-threads, rarely loses matches (docs/results.md), and one thread would take as many times as long as there are cores.
+What is finished is in the database, from which a killed process goes on; the reconstruction itself starts over. One seed, and one
+thread where the order of a sum matters, give the same poses each time, but for pycolmap's matcher: on several threads it rarely
+loses matches (docs/results.md), and one thread would be as many times slower as there are cores.
+
+Of few pictures all pairs are matched; of many, neighbours in their order and pictures whose features of the largest scale match
+("preemptive matching", Wu, Towards Linear-time Incremental Structure from Motion, 3DV 2013). That also finds where a walk around
+something comes back to its beginning. Notation: N pictures, F features of each, descriptors uint8 [F, 128].
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,13 +25,18 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from training.posing.pairs import ALL_UP_TO, LARGEST, all_pairs, chosen_pairs
-
 DATABASE, PAIRS, MODELS, MODEL = "database.db", "pairs.txt", "models", "model"
 LENS = "SIMPLE_RADIAL"  # while pictures are being added; the parameters of richer ones need many pictures
 LONGEST_SIDE = 1600  # pixels in which features are looked for; places are those of the full picture
 UNKNOWN_FOCAL = 1.2  # of the longer side
 AT_ONCE = 60  # pairs between two reports
+ALL_UP_TO = 60  # pictures of which all pairs are matched
+OVERLAP = 8  # next pictures that each is matched with; and those 16, 32, … further on
+MOST_ALIKE = 12  # others
+LARGEST = 200  # features that are compared, of the largest scale
+RATIO = 0.85  # of the distances to the nearest and the second nearest feature, at most
+TOGETHER = 50  # pictures that one is compared with at once: 8 MB
+FEWEST_ALIKE = 4  # such matches; fewer are chance
 FEWEST_INLIERS = 15  # COLMAP's own for a pair that matches
 FEWEST_FOR_LENS = 10  # pictures of one camera whose second distortion coefficient and principal point are fitted
 FARTHEST_CENTRE = 0.08  # of the picture's side, from its middle
@@ -39,7 +50,7 @@ OnProgress = Callable[[str, float, float], None]  # what goes on, units done, un
 class Group:
     """Pictures of one camera."""
 
-    names: tuple[str, ...]
+    names: Sequence[str]
     focal: float | None  # in pixels, None where it is not known
 
 
@@ -47,11 +58,11 @@ class Group:
 class Task:
     images: Path  # the folder of prepared pictures
     work: Path  # what is found is kept there
-    names: tuple[str, ...]  # of all pictures, in order
-    groups: tuple[Group, ...]
+    names: Sequence[str]  # of all pictures, in order
+    groups: Sequence[Group]
     seed: int = 0
     masks: Path = Path()  # a folder of masks NAME.png
-    masked: frozenset[str] = frozenset()  # the pictures that have one: features are found where it is not black
+    masked: Sequence[str] = ()  # the pictures that have one: features are found where it is not black
 
     @property
     def database(self) -> Path:
@@ -94,7 +105,7 @@ def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
     """Seconds that the features and the matches of some pictures of one camera take. Nothing of them is kept."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     with tempfile.TemporaryDirectory(prefix="snerg-measured-") as folder:
-        task = Task(images, Path(folder), tuple(names), (Group(tuple(names), None),))
+        task = Task(images, Path(folder), names, [Group(names, None)])
         _begin_database(task)
         started = time.monotonic()
         _extract(task, lambda *_: None)
@@ -107,29 +118,32 @@ def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
 
 
 def _begin_database(task: Task) -> None:
-    """All cameras and pictures, numbered in their order, so that no thread's speed decides; begun anew where it is broken."""
-    whole = task.database.exists()
-    if whole:
-        database = pycolmap.Database.open(task.database)
-        whole = database.num_images() == len(task.names) and all(
-            database.exists_keypoints(image.image_id) == database.exists_descriptors(image.image_id)
-            for image in database.read_all_images()
-        )
-        database.close()
+    """All cameras and pictures, numbered in their order whatever the threads' speed; begun anew where it is broken."""
+    whole = False
+    if task.database.exists():
+        with _opened(task) as database:
+            numbers = [image.image_id for image in database.read_all_images()]
+            whole = len(numbers) == len(task.names) and all(
+                database.exists_keypoints(number) == database.exists_descriptors(number) for number in numbers
+            )
     if not whole:
         for leftover in task.work.glob(f"{DATABASE}*"):
             leftover.unlink()
         pycolmap.Database.open(task.database).close()
         for group in task.groups:
             pycolmap.import_images(task.database, task.images, pycolmap.CameraMode.SINGLE, group.names, _reading())
-    database = pycolmap.Database.open(task.database)
-    camera_of = {image.name: image.camera_id for image in database.read_all_images()}
-    for group in task.groups:
-        camera = database.read_camera(camera_of[group.names[0]])
-        camera.focal_length = group.focal or UNKNOWN_FOCAL * max(camera.width, camera.height)
-        camera.has_prior_focal_length = group.focal is not None
-        database.update_camera(camera)
-    database.close()
+    with _opened(task) as database:
+        camera_of = {image.name: image.camera_id for image in database.read_all_images()}
+        for group in task.groups:
+            camera = database.read_camera(camera_of[group.names[0]])
+            camera.focal_length = group.focal or UNKNOWN_FOCAL * max(camera.width, camera.height)
+            camera.has_prior_focal_length = group.focal is not None
+            database.update_camera(camera)
+
+
+def _opened(task: Task) -> Any:
+    """The database, closed at the end of a `with` block."""
+    return contextlib.closing(pycolmap.Database.open(task.database))
 
 
 def _reading(**more: Any) -> Any:
@@ -138,9 +152,8 @@ def _reading(**more: Any) -> Any:
 
 def _extract(task: Task, on_progress: OnProgress) -> None:
     options = pycolmap.FeatureExtractionOptions(use_gpu=False, max_image_size=LONGEST_SIDE, num_threads=_threads())
-    database = pycolmap.Database.open(task.database)
-    there = {image.name for image in database.read_all_images() if database.exists_keypoints(image.image_id)}
-    database.close()
+    with _opened(task) as database:
+        there = {image.name for image in database.read_all_images() if database.exists_keypoints(image.image_id)}
     for masked in (False, True):
         todo = [name for name in task.names if name not in there and (name in task.masked) == masked]
         reading = _reading(mask_path=task.masks) if masked else _reading()
@@ -158,12 +171,12 @@ def _extract(task: Task, on_progress: OnProgress) -> None:
 
 
 def _match(task: Task, on_progress: OnProgress) -> None:
-    database = pycolmap.Database.open(task.database)
-    number_of = {image.name: image.image_id for image in database.read_all_images()}
-    numbers = [number_of[name] for name in task.names]
-    pairs = all_pairs(len(numbers)) if len(numbers) <= ALL_UP_TO else chosen_pairs(_largest_features(database, numbers))
-    todo = [(i, j) for i, j in pairs if not database.exists_two_view_geometry(numbers[i], numbers[j])]
-    database.close()
+    with _opened(task) as database:
+        number_of = {image.name: image.image_id for image in database.read_all_images()}
+        numbers = [number_of[name] for name in task.names]
+        few = len(numbers) <= ALL_UP_TO
+        pairs = all_pairs(len(numbers)) if few else chosen_pairs(_largest_features(database, numbers))
+        todo = [(i, j) for i, j in pairs if not database.exists_two_view_geometry(numbers[i], numbers[j])]
     matching = pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=_threads())
     verifying = pycolmap.TwoViewGeometryOptions()
     verifying.ransac.random_seed = task.seed
@@ -190,33 +203,83 @@ def _largest_features(database: Any, numbers: Sequence[int]) -> list[np.ndarray]
     return found
 
 
+def all_pairs(count: int) -> list[tuple[int, int]]:
+    """Every two of `count` pictures."""
+    return [(i, j) for i in range(count) for j in range(i + 1, count)]
+
+
+def how_many_pairs(count: int) -> int:
+    """How many pairs of `count` pictures are matched, at most."""
+    return count * (count - 1) // 2 if count <= ALL_UP_TO else count * (len(_steps(count)) + MOST_ALIKE)
+
+
+def _steps(count: int) -> list[int]:
+    """How much further on in the order the pictures are that each is matched with."""
+    return [*range(1, OVERLAP + 1), *(1 << k for k in range(count.bit_length()) if 1 << k > OVERLAP)]
+
+
+def chosen_pairs(descriptors: Sequence[np.ndarray]) -> list[tuple[int, int]]:
+    """Sorted pairs (i, j), i < j, of pictures with these features of the largest scale: [F, 128] each."""
+    count = len(descriptors)
+    pairs = {(i, i + step) for i in range(count) for step in _steps(count) if i + step < count}
+    alike = likeness(descriptors)
+    for i in range(count):
+        best = np.argsort(-alike[i], kind="stable")[:MOST_ALIKE]
+        pairs |= {(min(i, j), max(i, j)) for j in map(int, best) if alike[i, j] >= FEWEST_ALIKE}
+    return sorted(pairs)
+
+
+def likeness(descriptors: Sequence[np.ndarray]) -> np.ndarray:
+    """How many features [N, N] of one picture have their match in another. Symmetric, 0 on the diagonal."""
+    count = len(descriptors)
+    unit = np.zeros((count, LARGEST, 128), np.float32)  # rows of zeros where a picture has fewer: they match nothing
+    for row, found in zip(unit, descriptors, strict=True):
+        row[: len(found[:LARGEST])] = found[:LARGEST]
+    unit /= np.maximum(np.linalg.norm(unit, axis=-1, keepdims=True), 1e-6)
+    alike = np.zeros((count, count), np.int64)
+    for i in range(count):
+        for first in range(i + 1, count, TOGETHER):
+            others = slice(first, min(first + TOGETHER, count))
+            alike[i, others] = alike[others, i] = _matches(unit[i], unit[others])
+    return alike
+
+
+def _matches(a: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """For each of some pictures [M, F, 128] the features that are its and `a`'s nearest, and much nearer than the second: [M]."""
+    cosine = np.einsum("fd,mgd->mfg", a, others, optimize=True)
+    nearest, back = cosine.argmax(axis=2), cosine.argmax(axis=1)
+    first = np.take_along_axis(cosine, nearest[..., None], axis=2)[..., 0]
+    np.put_along_axis(cosine, nearest[..., None], -1.0, axis=2)
+    clear = (2.0 - 2.0 * first) < RATIO**2 * (2.0 - 2.0 * cosine.max(axis=2))
+    return (clear & (np.take_along_axis(back, nearest, axis=1) == np.arange(len(a)))).sum(axis=1)
+
+
 def _matches_found(task: Task) -> Found:
     """What is known before poses are looked for.
 
-    Before a turntable the camera stands still, and so does the background: there, features match with features at the same place
-    of the picture, and what turns is outvoted.
+    Before a turntable, camera and background stand still: features of the background match at the same place of the picture, and
+    outvote what turns.
     """
-    database = pycolmap.Database.open(task.database)
-    images = {image.image_id: image for image in database.read_all_images()}
-    features = {image.name: database.num_keypoints_for_image(number) for number, image in images.items()}
-    sides = {camera.camera_id: max(camera.width, camera.height) for camera in database.read_all_cameras()}
-    places: dict[int, np.ndarray] = {}
-    matched = dict.fromkeys(features, 0)
-    still = pairs = 0
-    for pair, inliers in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
-        if inliers < FEWEST_INLIERS:
-            continue
-        both = pycolmap.pair_id_to_image_pair(pair)
-        for number in both:
-            matched[images[number].name] += 1
-            if number not in places:
-                places[number] = np.asarray(database.read_keypoints(number))[:, :2]
-        found = database.read_two_view_geometry(*both).inlier_matches
-        first, second = places[both[0]][found[:, 0]], places[both[1]][found[:, 1]]
-        longest = max(sides[images[number].camera_id] for number in both)
-        still += bool(np.median(np.linalg.norm(first - second, axis=-1)) < STILL * longest)
-        pairs += 1
-    database.close()
+    with _opened(task) as database:
+        images = {image.image_id: image for image in database.read_all_images()}
+        features = {image.name: database.num_keypoints_for_image(number) for number, image in images.items()}
+        sides = {camera.camera_id: max(camera.width, camera.height) for camera in database.read_all_cameras()}
+        places: dict[int, np.ndarray] = {}
+        matched = dict.fromkeys(features, 0)
+        still = pairs = 0
+        for pair, inliers in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
+            if inliers < FEWEST_INLIERS:
+                continue
+            both = pycolmap.pair_id_to_image_pair(pair)
+            for number in both:
+                matched[images[number].name] += 1
+                if number not in places:
+                    places[number] = np.asarray(database.read_keypoints(number))[:, :2]
+            found = database.read_two_view_geometry(*both).inlier_matches
+            first, second = places[both[0]][found[:, 0]], places[both[1]][found[:, 1]]
+            longest = max(sides[images[number].camera_id] for number in both)
+            still += bool(np.median(np.linalg.norm(first - second, axis=-1)) < STILL * longest)
+            pairs += 1
     return Found(features, matched, (still, pairs), is_static_camera(still, pairs))
 
 
@@ -256,10 +319,7 @@ def _with_fitted_lens(model: Any) -> Any:
 
     Phones crop for stabilisation, which moves the principal point. Where the fit runs away, the model stays as it is.
     """
-    pictures: dict[int, int] = {}
-    for number in model.reg_image_ids():
-        camera = model.image(number).camera_id
-        pictures[camera] = pictures.get(camera, 0) + 1
+    pictures = Counter(model.image(number).camera_id for number in model.reg_image_ids())
     if min(pictures.values()) < FEWEST_FOR_LENS:
         return model
     fitted = pycolmap.Reconstruction(model)

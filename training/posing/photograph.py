@@ -20,7 +20,7 @@ from training.scenes.pictures import LOSSY, area_average, as_bytes, decoded, rea
 
 PREVIEW_SIDE = 1000
 QUALITY = 95
-# Formats that are used as they are, under these suffixes.
+# Suffixes of the formats that are used as they are.
 LINKED = {"JPEG": (".jpg", ".jpeg"), "MPO": (".jpg", ".jpeg"), "PNG": (".png",)}
 MAKE, MODEL, EXIF_IFD, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
 DIAGONAL_35MM = 43.266615  # of 36 × 24 mm; what "35 mm equivalent" refers to
@@ -74,15 +74,12 @@ def link_or_convert(photograph: PhotographFile, folder: Path, stem: str) -> str:
 def write_picture(picture: Image.Image, folder: Path, stem: str, *, lossy: bool) -> str:
     """Writes a picture as JPEG or PNG without its EXIF; returns its name."""
     name = f"{stem}.jpg" if lossy else f"{stem}.png"
-    if lossy:
-        picture.save(folder / name, format="JPEG", quality=QUALITY, subsampling=0)
-    else:
-        picture.save(folder / name, format="PNG", compress_level=3)
+    picture.save(folder / name, quality=QUALITY, subsampling=0, compress_level=3)  # each format takes what it knows
     return name
 
 
 def _lens(exif: Any, size: tuple[int, int]) -> tuple[str, float | None]:
-    """What tells cameras apart, and the focal length in pixels, from EXIF."""
+    """A text that is the same for one camera at one focal length, and the focal length in pixels, from EXIF."""
     inner = exif.get_ifd(EXIF_IFD)
     equivalent, millimetres = (_positive(inner.get(key)) for key in (FOCAL_35MM, FOCAL_MM))
     words = [str(exif.get(key, "")).strip("\0 ") for key in (MAKE, MODEL)]
@@ -91,21 +88,19 @@ def _lens(exif: Any, size: tuple[int, int]) -> tuple[str, float | None]:
     return camera, focal if focal is None or 0.2 < focal / max(size) < 20 else None
 
 
-def _positive(value: object) -> float | None:
+def _positive(value: Any) -> float | None:
     with contextlib.suppress(TypeError, ValueError, ArithmeticError):
-        number = float(value)  # type: ignore[arg-type]
-        return number if np.isfinite(number) and number > 0 else None
+        return float(value) if 0 < float(value) < np.inf else None
     return None
 
 
-# --- what a preview tells ---------------------------------------------------------------------------------------------
+# --- previews ---------------------------------------------------------------------------------------------------------
 
 
 def sharpness(preview: np.ndarray) -> float:
-    """Variance of second differences at half the preview's scale, by that at a quarter: detail that a blur takes away, by detail
-    that it leaves. Light, contrast and what is shown count little. The lesser of both directions, for a camera that moved.
-
-    It has no unit and says something only beside that of pictures of the same things.
+    """Variance of second differences at half the preview's scale over that at a quarter: detail that a blur removes over detail
+    that it leaves. The lesser of both directions, since a camera may have moved. Comparable only between pictures of the same
+    things.
     """
     half = _halved(preview)
     fine, coarse = _curvature(half), _curvature(_halved(half))

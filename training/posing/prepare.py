@@ -1,11 +1,11 @@
 """The first stage: photographs, or the frames of a film, as pictures that every reader understands, in a folder of ours.
 
-Not used are pictures that show the same as another and those that are blurred. What was prepared is kept in `pictures.json`
-beside that folder, so that a killed process need not do it again.
+Pictures that are blurred or show the same as another are not used. `pictures.json` beside the folder keeps what was prepared.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import shutil
@@ -21,7 +21,7 @@ from console import Progress, UserError
 from console.atomic import write_file
 from console.json_text import read_json_file
 from training.posing.child_process import ask
-from training.posing.photograph import PhotographFile, link_or_convert, read_photograph, same_view
+from training.posing.photograph import PhotographFile, link_or_convert, read_photograph, same_view, write_picture
 from training.scenes.files import is_hidden
 from training.scenes.pictures import as_bytes, read_mask
 from training.scenes.pixels import notice_masks
@@ -65,13 +65,11 @@ def prepare(source: Source, work: Path, most_frames: int, bar: Progress) -> Prep
 
 def stored(work: Path, key: object) -> Prepared | None:
     """What was prepared before of the same files; None where it was not finished, or of others."""
-    try:
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         values = read_json_file(work / RECORD)
-        if values["key"] != key:
-            return None
-        return Prepared(tuple(Picture(**picture) for picture in values["pictures"]), values["aside"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+        if values["key"] == key:
+            return Prepared(tuple(Picture(**picture) for picture in values["pictures"]), values["aside"])
+    return None
 
 
 def store(work: Path, key: object, prepared: Prepared) -> None:
@@ -86,9 +84,9 @@ def camera_groups(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
         groups.setdefault(picture.camera, []).append(picture)
     found = []
     for group in groups.values():
-        known = [picture.focal for picture in group if picture.focal is not None]
+        focals = [picture.focal for picture in group if picture.focal is not None]
         names = [picture.name for picture in group]
-        found.append({"names": names, "focal": float(np.median(known)) if known else None})
+        found.append({"names": names, "focal": float(np.median(focals)) if focals else None})
     return found
 
 
@@ -152,26 +150,16 @@ def repeated(digests: Sequence[str], thumbnails: Sequence[np.ndarray]) -> list[i
 def file_stems(names: Sequence[str]) -> list[str]:
     """A name without suffix for each picture, no two alike, which COLMAP's lists of names can hold: no blanks, no leading #,
     no backslashes."""
-    stems: list[str] = []
-    taken: set[str] = set()
+    stems: dict[str, str] = {}  # by their lower case
     for name in names:
         plain = re.sub(r"[\s#\\]+", "_", name.replace("/", "-"))
         stem = base = plain.rpartition(".")[0] or plain
         number = 1
-        while stem.lower() in taken:
+        while stem.lower() in stems:
             number += 1
             stem = f"{base}-{number}"
-        taken.add(stem.lower())
-        stems.append(stem)
-    return stems
-
-
-def write_mask(mask: Path, photograph: Path, folder: Path, name: str) -> np.ndarray:
-    """Writes a mask as `folder` / `name`.png and returns its values uint8 [H, W]. UserError where it does not fit."""
-    values = as_bytes(read_mask(mask, photograph))
-    folder.mkdir(exist_ok=True)
-    Image.fromarray(values).save(folder / f"{name}.png", format="PNG", compress_level=3)
-    return values
+        stems[stem.lower()] = stem
+    return list(stems.values())
 
 
 def masked_names(work: Path) -> list[str]:
@@ -195,7 +183,9 @@ def _photographs(source: Source, work: Path, bar: Progress) -> Prepared:
             continue
         pictures.append(Picture(name, source.name_of(file), photograph.camera, photograph.focal))
         if (mask := source.mask_of(file)) is not None:
-            values = write_mask(mask, file, work / MASKS, name)
+            values = as_bytes(read_mask(mask, file))
+            (work / MASKS).mkdir(exist_ok=True)
+            write_picture(Image.fromarray(values), work / MASKS, name, lossy=False)
             extremes[source.name_of(mask)] = (values.min(), values.max())
     if extremes and not any(high for _, high in extremes.values()):
         raise UserError("all masks hide everything", where=source.masks, expected="white where the object is",

@@ -1,10 +1,9 @@
 """Preview of bare photographs before their poses are found: `python -m training.posing.preview SOURCE FOLDER`, for the viewer.
 
-It tells which there are, which would be set aside and why, and how long finding their poses takes on this computer.
-Small pictures go into FOLDER. Lines of JSON go to standard output as they are known:
+Small pictures go into FOLDER, lines of JSON to standard output as soon as they are known:
   {"count": pictures in all}
   {"name": as the user knows it, "file": of the small picture in FOLDER}      for each picture; of a film, for some frames
-  {"aside": {name: why}}                                                      once all were looked at
+  {"aside": {name: why it would not be used}}                                 after the last picture
   {"seconds": {"pictures", "features", "matches", "poses"}}                   an estimate, from a few pictures that were timed
   {"error": one line}                                                         where it goes no further
 It ends with its standard input.
@@ -22,7 +21,6 @@ from PIL import Image
 
 from console import UserError, refusal
 from training.posing.child_process import json_answers
-from training.posing.pairs import how_many_pairs
 from training.posing.photograph import link_or_convert
 from training.posing.prepare import choose, read_photographs
 from training.scenes.pictures import small_picture
@@ -34,14 +32,6 @@ GLIMPSES = 24  # of a film
 FRAMES = 120  # of a film, at most: as of snerg-make
 # Time for adding a picture to the model, over that for its features: 0.2 to 1.3 in docs/results.md ("Poses of bare photographs").
 POSES_BY_FEATURES = 0.5
-
-
-def preview(source: Source, folder: Path, answer: Callable[..., None]) -> None:
-    """Answers all of the above. UserError where nothing can be read."""
-    with tempfile.TemporaryDirectory(prefix="snerg-preview-") as probes:
-        show = _film if source.kind == "film" else _photographs
-        names, count, seconds = show(source, folder, Path(probes), answer)
-        _estimate(Path(probes), names, count, seconds, answer)
 
 
 def _photographs(
@@ -92,9 +82,9 @@ def _film(source: Source, folder: Path, probes: Path, answer: Callable[..., None
 
 
 def _estimate(images: Path, names: Sequence[str], count: int, preparing: float, answer: Callable[..., None]) -> None:
-    """Times features and matches of some pictures, and estimates those of all; says nothing where COLMAP is not installed."""
+    """Estimates the seconds of all pictures from a few that are timed; nothing where pycolmap is not installed."""
     try:
-        from training.posing.mapping import measured
+        from training.posing.mapping import how_many_pairs, measured
     except ModuleNotFoundError:
         return
     if len(names) < 2:
@@ -113,7 +103,10 @@ def main() -> int:
     try:
         source = find_source(Path(sys.argv[1]))
         if source is not None:
-            preview(source, Path(sys.argv[2]), answer)
+            show = _film if source.kind == "film" else _photographs
+            with tempfile.TemporaryDirectory(prefix="snerg-preview-") as probes:
+                names, count, seconds = show(source, Path(sys.argv[2]), Path(probes), answer)
+                _estimate(Path(probes), names, count, seconds, answer)
         return 0
     except Exception as error:
         line = str(error) if isinstance(error, UserError) else refusal(error)

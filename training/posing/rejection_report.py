@@ -1,28 +1,27 @@
-"""Messages and table of photographs rejected during pose estimation: by name, in one line, and all of them as a table."""
+"""Messages and table of photographs rejected during pose estimation."""
 
 from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from console import Notice, UserError
+from console import UserError
 from console.atomic import write_file
 from training.posing.prepare import IMAGES, Prepared
+from training.scenes.messages import few, notice
 from training.scenes.sources import FEWEST, MASKS, Source
 
 TABLE, LEFT_OUT = "photographs.txt", "left_out.json"
 FEWEST_SHARE = 0.6  # of the pictures that must have a pose
-NAMED = 8  # pictures that a message names
 MOST_ROWS = 60  # of a table that is printed
 OVERLAP = "take more photographs, each showing at least two thirds of what the one before shows"
 
 
 def warn_of_prepared(source: Source, prepared: Prepared, masked: Sequence[str]) -> None:
-    """Notices of which pictures are not used, and why; and which have no mask, where others have one."""
+    """Notices of pictures that are not used, and why, and of those without a mask where others have one."""
     by_reason: dict[str, list[str]] = {}
     for name, reason in prepared.aside.items():
         if reason.startswith("the same as "):
@@ -30,16 +29,15 @@ def warn_of_prepared(source: Source, prepared: Prepared, masked: Sequence[str]) 
         by_reason.setdefault(reason, []).append(name)
     for reason, names in by_reason.items():
         warn_left_out(source, names, reason)
-    without = [picture.told_as for picture in prepared.pictures if picture.name not in set(masked)]
-    if masked and without:
-        count = f"{len(without)} photographs have no mask" if len(without) > 1 else "1 photograph has no mask"
-        warnings.warn(Notice(f"{source.path}: {count}, all of it is used ({few(without)})"), stacklevel=2)
+    without = [picture.told_as for picture in prepared.pictures if masked and picture.name not in set(masked)]
+    count = f"{len(without)} photographs have no mask" if len(without) > 1 else "1 photograph has no mask"
+    notice(source.path, f"{count}, all of it is used", without)
 
 
 def warn_left_out(source: Source, names: Sequence[str], reason: str) -> None:
     """A notice of pictures that are left out."""
-    count = f"{len(names)} pictures are left out" if len(names) > 1 else "1 picture is left out"
-    warnings.warn(Notice(f"{source.path}: {count}: {reason} ({few(names)})"), stacklevel=3)
+    are = "pictures are" if len(names) > 1 else "picture is"
+    notice(source.path, f"{len(names)} {are} left out: {reason}", names)
 
 
 def require_enough(source: Source, count: int) -> None:
@@ -54,8 +52,8 @@ def require_enough(source: Source, count: int) -> None:
 def report_rejections(source: Source, work: Path, prepared: Prepared, found: Mapping[str, Any]) -> dict[str, str]:
     """Why pictures have no pose or were set aside, by the names that the user knows. found: see mapping.Found.
 
-    Writes the table of all for people, and LEFT_OUT for programs. UserError, with names, where too few pictures have a pose; the
-    table is printed before.
+    Writes the table of all pictures for people, and LEFT_OUT for programs. UserError where too few pictures have a pose; prints
+    the table before.
     """
     registered, others = set(found["registered"]), {name for part in found["models"][1:] for name in part}
     why = {}
@@ -84,11 +82,17 @@ def _too_few_poses(
     table = f"table of all: {work / TABLE}"
     if found["is_static"]:
         still, matched = found["still"]
+        mask = source.files[0].with_suffix(".png").name
+        remedy = f"put a folder {MASKS} with {mask} and so on beside the photographs, white where the object is"
+        if source.kind == "film":
+            remedy = "take photographs instead, with masks beside them, or walk around it"
+        elif source.masks is not None:
+            remedy = f"the masks in {source.masks} must be black where nothing turns"
         return UserError(
             "the camera stands still and the background hides what turns before it", where=source.path,
             expected="photographs from all around, or a turntable before an empty background",
             found=f"{still} of {matched} pairs match at the same place of the picture",
-            remedy=_mask_remedy(source),
+            remedy=remedy,
         )  # fmt: skip
     if not registered:
         alone = [picture.told_as for picture in prepared.pictures if found["matched"].get(picture.name) == 0]
@@ -104,27 +108,13 @@ def _too_few_poses(
                      expected=f"at least {enough}", found=text, remedy=f"{OVERLAP}, or remove these; {table}")  # fmt: skip
 
 
-def _mask_remedy(source: Source) -> str:
-    if source.kind == "film":
-        return "take photographs instead, with masks beside them, or walk around it"
-    name = source.files[0].with_suffix(".png").name
-    if source.masks is None:
-        return f"put a folder {MASKS} with {name} and so on beside the photographs, white where the object is"
-    return f"the masks in {source.masks} must be black where nothing turns"
-
-
 def _table(prepared: Prepared, found: Mapping[str, Any]) -> str:
     """What was found of each picture, for people."""
-    part_of = {name: f"part {i}" for i, part in reversed(list(enumerate(found["models"], 1))) for name in part}
-    part_of |= dict.fromkeys(found["registered"], "yes")
+    pose_of = {name: f"part {i}" for i, part in reversed(list(enumerate(found["models"], 1))) for name in part}
+    pose_of |= dict.fromkeys(found["registered"], "yes")
     rows = [("features", "matches", "pose", "photograph")]
     rows += [(str(found["features"].get(p.name, 0)), str(found["matched"].get(p.name, 0)),
-              part_of.get(p.name, "no"), p.told_as) for p in prepared.pictures]  # fmt: skip
+              pose_of.get(p.name, "no"), p.told_as) for p in prepared.pictures]  # fmt: skip
     rows += [("", "", reason, name) for name, reason in prepared.aside.items()]
     wide = max(len(pose) for _, _, pose, _ in rows)
     return "".join(f"{features:>8}  {matches:>7}  {pose:<{wide}}  {name}\n" for features, matches, pose, name in rows)
-
-
-def few(names: Sequence[str]) -> str:
-    """The first of some names, and how many there are."""
-    return ", ".join(names[:NAMED]) + (f", … ({len(names)} in all)" if len(names) > NAMED else "")

@@ -1,7 +1,4 @@
-"""Cameras from the keys of transforms.json: focal lengths, principal point, size, distortion and lens model.
-
-docs/scenes.md has the table of keys. What is understood is read; any other lens is refused by name.
-"""
+"""Cameras from the keys of transforms.json: focal lengths, principal point, size, distortion and lens model (docs/scenes.md)."""
 
 from __future__ import annotations
 
@@ -54,7 +51,7 @@ def _focal_lengths(values: dict[str, Any], width: float, height: float, where: s
 
 
 def _focal(values: dict[str, Any], axis: str, side: float, where: str) -> list[float]:
-    """The focal length in pixels of the first angle of view across `side` pixels that is named, if any."""
+    """The focal length in pixels by the first angle of view across `side` pixels that is named, if any."""
     for key, unit, most in ((f"{axis}_fov", np.pi / 180, 180.0), (f"camera_angle_{axis}", 1.0, np.pi)):
         if key in values:
             angle = number(values, key, where)

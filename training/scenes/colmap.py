@@ -87,34 +87,22 @@ def _model_folders(path: Path) -> list[Path]:
 
 
 def _choose_folder(path: Path, names: tuple[str, ...], options: SceneOptions) -> tuple[Path, int]:
-    """The folder of pictures images_K with the largest K up to the downscale, and K (1 for images). One that lacks most pictures,
-    is of another size than it says, or (where wanted) has no masks, is passed over."""
+    """The folder of pictures images_K with the largest K up to the downscale, and K (1 for images). Passes over folders that lack
+    most pictures or (where wanted) masks, or whose pictures are not K times smaller than those in images."""
     folders = picture_folders(path)
-    masked = [factor for factor in folders if not options.masks or masks_folder(path, factor).is_dir()]
-    if not masked:
-        raise UserError("no masks", where=masks_folder(path, min(folders)), expected="a folder of masks",
-                        remedy="leave out --masks")  # fmt: skip
     if list(folders) == [1]:
         return folders[1], 1
-    found, sizes = {}, {}
-    for factor, folder in folders.items():
-        found[factor] = [picture for picture in FileFinder(folder).find_all(names) if picture is not None]
-        sizes[factor] = picture_size(found[factor][0]) if found[factor] else None
-    usable = [
-        factor
-        for factor in sorted(folders)
-        if factor == 1 or (_fits(sizes[factor], sizes.get(1), factor) and len(found[factor]) > len(names) / 2)
-    ]
-    usable = [factor for factor in usable if factor in masked] or usable or [min(folders)]
-    factor = choose_factor(path, usable, options.downscale)
+    found = {k: [file for file in FileFinder(folder).find_all(names) if file] for k, folder in folders.items()}
+    sizes = {k: picture_size(pictures[0]) for k, pictures in found.items() if pictures}
+
+    def is_usable(k: int) -> bool:
+        full = zip(sizes[k], sizes[1], strict=True) if k in sizes and 1 in sizes else ()
+        return len(found[k]) > len(names) / 2 and all(abs(small - large / k) <= 1.0 for small, large in full)
+
+    usable = [k for k in sorted(folders) if k == 1 or is_usable(k)] or [min(folders)]
+    masked = [k for k in usable if options.masks and masks_folder(path, k).is_dir()]
+    factor = choose_factor(path, masked or usable, options.downscale)
     return folders[factor], factor
-
-
-def _fits(size: tuple[int, int] | None, full: tuple[int, int] | None, factor: int) -> bool:
-    """Whether pictures are `factor` times smaller than full ones, to a pixel of theirs."""
-    if size is None or full is None:
-        return size is not None
-    return all(abs(small - large / factor) <= 1.0 for small, large in zip(size, full, strict=True))
 
 
 def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list[Path | None]) -> None:
@@ -123,15 +111,13 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
     if len(gone) == len(listed):
         remedy = "no image of the reconstruction has its picture"
         raise UserError("picture not found", where=folder / gone[0], remedy=remedy)
-    if gone:
-        text = f"{len(gone)} of {len(listed)} images of the reconstruction have no picture"
-        notice(folder, f"{text} and are left out", gone)
+    of = f"{len(gone)} of {len(listed)} images of the reconstruction"
+    notice(folder, f"{of} have no picture and are left out", gone)
     known = {picture for picture in listed if picture is not None}
     stored = (p for p in folder.rglob("*") if p.suffix.lower() in PICTURE_SUFFIXES and p not in known)
     unposed = sorted(p.relative_to(folder).as_posix() for p in stored if not is_hidden(p))
-    if unposed:
-        text = f"{len(unposed)} of {len(known) + len(unposed)} pictures have no pose in the reconstruction"
-        notice(folder, f"{text} and are left out", unposed)
+    of = f"{len(unposed)} of {len(known) + len(unposed)} pictures"
+    notice(folder, f"{of} have no pose in the reconstruction and are left out", unposed)
 
 
 def _placed(
@@ -149,27 +135,24 @@ def _placed(
             notice(path, "the cameras look forward; --spherify reads it as seen from all around")
             return placed, space
         except UserError as error:  # wide lenses, cameras that walk ahead
-            text = f"the cameras look forward, but {error.found} sees too far aside for NDC"
-            notice(path, f"{text}; reading it as seen from all around")
+            wide = f"the cameras look forward, but {error.found} sees too far aside for NDC"
+            notice(path, f"{wide}; reading it as seen from all around")
     frame = frame_about_focus(P)
     if options.up is not None:
         frame = frame._replace(axes=frame.axes @ axes_of(options.up))
     placed = moved(photographs, frame)
     in_frame = replace(points, places=frame.points(points.places)) if points.suffices else None
     if in_frame is None:
-        told = f"{len(found.points)} points say too little of where things are"
-        notice(path, f"{told}; the box is a guess: set --aabb")
+        notice(path, f"{len(found.points)} points are too few for a box; it is a guess: set --aabb")
     opaque = not options.masks and not may_be_transparent(placed)
     return placed, space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
 
 
 @dataclass(frozen=True)
 class SparsePoints:
-    """places: float64 [M, 3] in the training frame. colours: uint8 [M, 3]. tracks [M]: how many photographs show each."""
-
-    places: np.ndarray
-    colours: np.ndarray
-    tracks: np.ndarray
+    places: np.ndarray  # float64 [M, 3] in the training frame
+    colours: np.ndarray  # uint8 [M, 3]
+    tracks: np.ndarray  # [M]: how many photographs show each
 
 
 def sparse_points(scene: Scene) -> SparsePoints | None:

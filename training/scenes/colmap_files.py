@@ -1,8 +1,8 @@
 """COLMAP's reconstruction on disk, binary or text, as plain arrays.
 
-Notation: N posed images, M points. COLMAP's cameras look along +z with y down; their pixel centres lie at +0.5, as ours do; its
-poses are camera_T_world. The file formats: COLMAP's documentation, "Output Format"; newer versions' rigs and frames say no more
-than images. No count or length in a file is believed: what is read is what its bytes hold.
+Notation: N posed images, M points. COLMAP's cameras look along +z with y down; its pixel centres lie at +0.5, its poses are
+camera_T_world. The formats: COLMAP's documentation, "Output Format"; newer versions' rigs and frames add nothing to images.
+Counts and lengths in a file are checked against its size.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def model_suffix(folder: Path) -> str | None:
 
 
 def read_reconstruction(folder: Path) -> Reconstruction:
-    """What cameras, images and points3D (which may be missing) say. UserError where a file is missing or damaged, a lens model is
-    none that we can undistort, or nothing has a pose."""
+    """Reads cameras, images and points3D (which may be missing). UserError where a file is missing or damaged, a lens model is
+    not supported, or nothing has a pose."""
     suffix = model_suffix(folder) or SUFFIXES[0]
     files = [folder / f"{part}{suffix}" for part in PARTS]
     for file in files[:2]:
@@ -160,23 +160,18 @@ class _Bytes:
     def __init__(self, file: Path) -> None:
         self.file, self.data, self.at = file, file.read_bytes(), 0
 
-    def take(self, form: str) -> tuple:
-        try:
-            values = struct.unpack_from(form, self.data, self.at)
-        except struct.error:
-            raise _damaged(self.file, "it ends too early") from None
-        self.at += struct.calcsize(form)
-        return values
-
-    def array(self, dtype: np.dtype, count: int) -> np.ndarray:
-        at = self.at
-        self.skip(count * dtype.itemsize)
-        return np.frombuffer(self.data, dtype, count, at)
-
-    def skip(self, size: int) -> None:
-        if size > len(self.data) - self.at:
+    def bytes(self, size: int) -> bytes:
+        data = self.data[self.at : self.at + size]
+        if len(data) < size:
             raise _damaged(self.file, "it ends too early")
         self.at += size
+        return data
+
+    def take(self, form: str) -> tuple:
+        return struct.unpack(form, self.bytes(struct.calcsize(form)))
+
+    def array(self, dtype: np.dtype, count: int) -> np.ndarray:
+        return np.frombuffer(self.bytes(count * dtype.itemsize), dtype)
 
     def name(self) -> str:
         end = self.data.find(b"\0", self.at, self.at + LONGEST_NAME)
@@ -218,7 +213,7 @@ def _points(file: Path) -> Iterator[tuple[float, ...]]:
     data = _Bytes(file)
     for _ in data.each():
         *point, _, count = data.take("<q3d3BdQ")
-        data.skip(8 * count)
+        data.bytes(8 * count)
         yield (*point, count)
 
 

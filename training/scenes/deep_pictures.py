@@ -1,7 +1,7 @@
 """Decoding of what Pillow cuts down to 8 bits or does not know: TIFF and PNG of more bits or floats, and OpenEXR.
 
-Notation: results are float32 [H, W, 3 or 4] in [0, 1], display-referred sRGB, RGB not premultiplied. Integers are divided by the
-largest of their type. A TIFF of floats is display-referred, as far as it keeps within [0, 1]. OpenEXR is linear light.
+Results are float32 [H, W, 3 or 4] in [0, 1], display-referred sRGB, RGB not premultiplied. Integers are divided by the largest of
+their type. A TIFF of floats must be display-referred; OpenEXR is linear light.
 """
 
 from __future__ import annotations
@@ -44,13 +44,11 @@ class TiffTags:
     orientation: int
 
     @property
-    def deep(self) -> bool:
-        """Whether Pillow would cut it down, or not read it."""
+    def deep(self) -> bool:  # Pillow would cut it down, or not read it
         return self.bits > 8 or self.sample_format != UNSIGNED
 
     @property
     def has_alpha(self) -> bool:
-        """Whether its last sample is alpha."""
         return self.extra in (PREMULTIPLIED, STRAIGHT)
 
 
@@ -144,13 +142,11 @@ class ExrHeader:
     channels: int  # how many all parts have
 
     @property
-    def is_whole(self) -> bool:
-        """Whether the data window is the display window."""
+    def is_whole(self) -> bool:  # the data window is the display window
         return self.data_size == self.size and self.corner == (0, 0)
 
     @property
-    def has_alpha(self) -> bool:
-        """Whether anything may be transparent: also what lies outside of the data window."""
+    def has_alpha(self) -> bool:  # of its own, or outside of the data window
         return len(self.names) > 3 or not self.is_whole
 
 

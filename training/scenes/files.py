@@ -17,39 +17,17 @@ import unicodedata
 from collections import Counter
 from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple
 
 READ_PICTURES = "PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC or OpenEXR"
-
-
-class UnreadFormat(NamedTuple):
-    """A format of photographs that is not read."""
-
-    name: str
-    remedy: str  # what to do with them
-
-
 PICTURE_SUFFIXES = (
     ".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif", ".hif", ".exr",
 )  # fmt: skip
-RAW = {
-    "dng": "DNG", "cr2": "Canon CR2", "cr3": "Canon CR3", "crw": "Canon CRW", "nef": "Nikon NEF", "nrw": "Nikon NRW",
-    "arw": "Sony ARW", "sr2": "Sony SR2", "srf": "Sony SRF", "raf": "Fujifilm RAF", "orf": "Olympus ORF",
-    "rw2": "Panasonic RW2", "pef": "Pentax PEF", "srw": "Samsung SRW", "x3f": "Sigma X3F", "3fr": "Hasselblad 3FR",
-    "iiq": "Phase One IIQ", "rwl": "Leica RWL", "gpr": "GoPro GPR", "fff": "Hasselblad FFF", "erf": "Epson ERF",
-    "kdc": "Kodak KDC", "dcr": "Kodak DCR", "mos": "Leaf MOS", "mrw": "Minolta MRW", "raw": "camera raw",
-}  # fmt: skip
-UNREAD = {  # names by suffix, by what to do with them
-    "export them as JPEG, PNG or 16 bit TIFF": {suffix: f"{name} (raw)" for suffix, name in RAW.items()},
-    "convert them to OpenEXR": {"hdr": "Radiance HDR"},
-    "convert them to JPEG or PNG": {
-        "gif": "GIF", "jxl": "JPEG XL", "jp2": "JPEG 2000", "j2k": "JPEG 2000", "jpx": "JPEG 2000", "jpf": "JPEG 2000",
-        "jxr": "JPEG XR", "psd": "Photoshop", "psb": "Photoshop", "xcf": "GIMP", "svg": "SVG", "ico": "ICO", "tga": "Targa",
-        "dds": "DDS", "ppm": "Netpbm", "pgm": "Netpbm", "pnm": "Netpbm", "pbm": "Netpbm", "pfm": "PFM", "qoi": "QOI",
-        "ktx2": "KTX", "insp": "Insta360 panorama",
-    },
-}  # fmt: skip
-UNREAD_FORMATS = {f".{s}": UnreadFormat(name, remedy) for remedy, names in UNREAD.items() for s, name in names.items()}
+RAW = "dng cr2 cr3 crw nef nrw arw sr2 srf raf orf rw2 pef srw x3f 3fr iiq rwl gpr fff erf kdc dcr mos mrw raw"
+OTHERS = "gif jxl jp2 j2k jpx jpf jxr psd psb xcf svg ico tga dds ppm pgm pnm pbm pfm qoi ktx2 insp"
+# What to do with photographs of formats that are not read, by suffix.
+UNREAD_FORMATS = {f".{suffix}": "export them as JPEG, PNG or 16 bit TIFF" for suffix in RAW.split()}
+UNREAD_FORMATS |= {f".{suffix}": "convert them to JPEG or PNG" for suffix in OTHERS.split()}
+UNREAD_FORMATS |= {".hdr": "convert them to OpenEXR"}
 MASK_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 # What systems leave beside files, but for names that begin with a dot: Windows, macOS, network disks.
 SYSTEM_FILES = ("thumbs.db", "ehthumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "__macosx", "icon\r",

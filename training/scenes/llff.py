@@ -82,27 +82,16 @@ def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, n
 
 
 def _rows(path: Path) -> np.ndarray:
-    """float64 [N, 17]. NumPy's own reader opens archives, too, believes a header's size, and ends in any exception."""
+    """float64 [N, 17]. Mapped, not read: a header may claim any size, and an archive is no file of numbers."""
     try:
-        size = path.stat().st_size
-        with path.open("rb") as file:
-            if size > MOST_BYTES or file.read(1) == b"":
-                raise ValueError(f"{size} bytes")
-            file.seek(0)
-            version = np.lib.format.read_magic(file)
-            if version[0] > 2:
-                raise ValueError(f"version {version[0]} of its format")
-            read = np.lib.format.read_array_header_1_0 if version[0] == 1 else np.lib.format.read_array_header_2_0
-            shape, by_columns, dtype = read(file)
-            data = file.read()
-    except Exception as error:  # whatever NumPy's reading of a header comes to
+        rows = np.lib.format.open_memmap(path, mode="r")
+    except Exception as error:  # NumPy does not say which its reader raises
         raise UserError("not a NumPy file of numbers", where=path, found=str(error).split("\n")[0][:80]) from error
-    if len(shape) != 2 or shape[1] != 17 or shape[0] < 1 or dtype.kind not in "fiu":
-        raise UserError("not an LLFF pose file", where=path, expected="[N, 17]", found=f"{dtype} {list(shape)}"[:80])
-    if len(data) != shape[0] * shape[1] * dtype.itemsize:
-        needed = shape[0] * shape[1] * dtype.itemsize
-        raise UserError("is damaged", where=path, expected=f"{needed} bytes of numbers", found=len(data))
-    return np.frombuffer(data, dtype).reshape(shape, order="F" if by_columns else "C").astype(np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 17 or not 0 < rows.nbytes <= MOST_BYTES or rows.dtype.kind not in "fiu":
+        raise UserError(
+            "not an LLFF pose file", where=path, expected="[N, 17]", found=f"{rows.dtype} {list(rows.shape)}"[:80]
+        )
+    return np.array(rows, np.float64)
 
 
 def picture_folders(path: Path) -> dict[int, Path]:

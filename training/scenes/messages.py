@@ -8,15 +8,20 @@ from pathlib import Path
 
 from console import Notice
 
-
-def notice(where: Path | str, text: str, names: Sequence[str] = ()) -> None:
-    """Tells the user what was left out or mended, and the first of the `names` that it concerns."""
-    warnings.warn(Notice(f"{where}: {text} ({few(names)})" if names else f"{where}: {text}"), stacklevel=3)
+NAMED = 8  # names in a message
 
 
-def few(names: Sequence[str], most: int = 3) -> str:
-    """The first of some names."""
-    return ", ".join(names[:most]) + (", …" if len(names) > most else "")
+def notice(where: Path | str | None, text: str, names: Sequence[str] | None = None) -> None:
+    """Tells the user what was left out or mended, and the first of the `names` that it concerns; nothing where there are none."""
+    if names is not None and not names:
+        return
+    words = text if where is None else f"{where}: {text}"
+    warnings.warn(Notice(f"{words} ({few(names)})" if names else words), stacklevel=3)
+
+
+def few(names: Sequence[str]) -> str:
+    """The first NAMED of some names; where there are more, how many."""
+    return ", ".join(names[:NAMED]) + (f", … ({len(names)} in all)" if len(names) > NAMED else "")
 
 
 def times(size: Sequence[int]) -> str:

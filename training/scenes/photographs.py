@@ -20,9 +20,10 @@ def photograph_of(
     name: str, picture: Path, described: Camera | Callable[[Size], Camera], shrink: Callable[[Size], Size],
     mask: Path | None, shape: Size | None = None,
 ) -> Photograph:  # fmt: skip
-    """described: the camera, or what it is for a picture of a size. shrink: the size to train on, for the stored one. shape: a
-    size whose shape the picture must have, too. Pictures are turned as EXIF says, unless the camera fits them only as they are
-    stored. UserError where it fits neither."""
+    """A picture turned as EXIF says, or as it is stored where the camera fits only that. UserError where it fits neither.
+
+    described: the camera, or the camera for a size of picture. shrink: the size to train on, for the stored one. shape: a size
+    whose shape the picture must have, too."""
     upright = picture_size(picture)
     for as_stored in [False, True] if is_turned(picture) else [False]:
         stored = picture_size(picture, as_stored)
@@ -51,12 +52,11 @@ def target_size(stored: Size, factor: int, downscale: int) -> Size:
 def tell_turned(where: Path, photographs: Sequence[Photograph]) -> None:
     """A notice of pictures that EXIF turns: which are turned, and which are taken as they are stored."""
     loaders = [(one.name, one.load) for one in photographs if isinstance(one.load, PictureLoader)]
-    for what, names in {
-        "are turned as EXIF says": [name for name, load in loaders if not load.as_stored and is_turned(load.path)],
-        "are not turned as EXIF says: their cameras fit otherwise": [name for name, load in loaders if load.as_stored],
-    }.items():
-        if names:
-            notice(where, f"{len(names)} of {len(photographs)} pictures {what}", names)
+    turned = [name for name, load in loaders if not load.as_stored and is_turned(load.path)]
+    stored = [name for name, load in loaders if load.as_stored]
+    because = "are not turned as EXIF says: their cameras fit otherwise"
+    for what, names in (("are turned as EXIF says", turned), (because, stored)):
+        notice(where, f"{len(names)} of {len(photographs)} pictures {what}", names)
 
 
 def moved(photographs: Sequence[Photograph], frame: Frame) -> tuple[Photograph, ...]:

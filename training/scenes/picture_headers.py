@@ -1,4 +1,4 @@
-"""What the files of photographs say before their pixels are decoded, and whether these may be decoded at all.
+"""Headers of pictures, and whether their pixels may be decoded.
 
 A picture is *stored* as its bytes have it, and *upright* after it was turned as its EXIF says. Sizes are (width, height).
 """
@@ -29,7 +29,7 @@ Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
 # Pillow goes by a file's content, and knows formats that start other programs (Ghostscript for PostScript).
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 LOSSY = ("JPEG", "MPO", "WEBP", "HEIF", "AVIF")
-# Of a mask that is all white, as DEFLATE stores it; photographs have a few. Pictures up to the latter size need not tell.
+# Pixels for each byte of a file: DEFLATE stores so many of a white mask, photographs have a few. Small pictures are not weighed.
 MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 # A JPEG goes over all its pixels once for each scan, which may have 30 bytes: cameras write 1, other programs 10 to 64.
 MOST_SCANS, SCAN = 100, b"\xff\xda"
@@ -64,9 +64,9 @@ def read_header(path: Path) -> Header:
     """UserError where it is missing, or no picture that is read."""
     if not os.path.isfile(path):  # also where the system would not even look for such a name
         raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
-    if (unread := UNREAD_FORMATS.get(path.suffix.lower())) is not None:
+    if (remedy := UNREAD_FORMATS.get(path.suffix.lower())) is not None:
         raise UserError(
-            f"{unread.name} pictures are not read", where=path, expected=READ_PICTURES, remedy=unread.remedy
+            f"{path.suffix[1:].upper()} pictures are not read", where=path, expected=READ_PICTURES, remedy=remedy
         )
     try:
         with _Bounded(io.FileIO(path)) as file:
@@ -143,7 +143,7 @@ def formats_of(path: Path) -> tuple[str, ...]:
 
 @contextmanager
 def decodable(path: Path) -> Iterator[Image.Image]:
-    """The same, whose pixels take no longer than its size explains: so it may be decoded here, without a process and a clock."""
+    """`opened`, for decoding its pixels. OSError for a JPEG of so many scans that decoding would not end."""
     with opened(path) as image:
         if isinstance(image, JpegImageFile) and (scans := _scans(path)) > MOST_SCANS:
             raise OSError(f"it has {scans} scans; at most {MOST_SCANS} are read")
@@ -151,17 +151,12 @@ def decodable(path: Path) -> Iterator[Image.Image]:
 
 
 def _scans(path: Path) -> int:
-    """How many scans a JPEG has. Its marker stands nowhere else in compressed data; a copy for the camera's screen has some."""
-    count, last = 0, b""
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            count += (last + block).count(SCAN)
-            last = block[-1:]
-    return count
+    """How many scans a JPEG has. The marker stands nowhere else in compressed data; a thumbnail within has some more."""
+    return path.read_bytes().count(SCAN)
 
 
 class _Bounded(io.BufferedReader):
-    """A file that is never asked for more than it has: room for all that is asked for would be made at once."""
+    """A file that is never asked for more bytes than it has left, since memory for all of them would be taken at once."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         left = max(os.fstat(self.fileno()).st_size - self.tell(), 0)

@@ -1,7 +1,7 @@
-"""Decoding and shrinking of photographs.
+"""Decoding and shrinking of photographs, and the values of masks.
 
 Notation: a picture is float32 [H, W, 4] in [0, 1], RGB not premultiplied, alpha 1 where opaque. It is *stored* as its bytes have
-it, and *upright* after it was turned as its EXIF says; it is upright unless `as_stored` is asked for. Sizes are (width, height).
+it, and *upright* after it was turned as its EXIF says, which it is unless `as_stored`. Sizes are (width, height).
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from PIL import Image
 
 from console import UserError
 from training.scenes.deep_pictures import ExrHeader, decoded_exr, decoded_png, decoded_tiff
-from training.scenes.mask_values import mask_values
 from training.scenes.messages import times
 from training.scenes.picture_headers import LOSSY, SIDEWAYS, UNREADABLE, Header, decodable, read_header, short_reason
 
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats
 MASK_SHAPE = 0.02  # how much a mask's width over its height may differ from its photograph's
+NEARLY = np.uint8(8)  # of black and white in a mask: JPEG leaves neither as it was
+LABELS = 1 / 8  # masks that stay below are 0 and 1, or numbers of objects
+GREY = 16 / 255  # channels of a mask that differ by no more are grey
 
 
 def picture_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
@@ -36,13 +38,8 @@ def is_turned(path: Path) -> bool:
     return read_header(path).orientation != 1
 
 
-def may_be_transparent(path: Path) -> bool:
-    """Whether a picture has alpha at all, from its header. UserError where it is missing or no picture."""
-    return read_header(path).transparent
-
-
 def read_picture(path: Path) -> np.ndarray:
-    """Decodes a picture to float32 [H, W, 4]. UserError where that fails."""
+    """A picture as float32 [H, W, 4]. UserError where it cannot be decoded."""
     return with_alpha(as_floats(decoded(path)))
 
 
@@ -109,8 +106,7 @@ def as_bytes(picture: np.ndarray) -> np.ndarray:
 
 
 def shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Area average of a picture [H, W, 3 or 4] to [height, width, ...], premultiplied by alpha while averaging: the RGB of
-    transparent pixels does not bleed into edges."""
+    """Area average of a picture [H, W, 3 or 4], premultiplied by alpha so that transparent pixels do not bleed into edges."""
     if picture.shape[:2] == (height, width):
         return picture
     if picture.shape[-1] == 3 or np.all(picture[..., 3] == 1.0):
@@ -118,8 +114,8 @@ def shrink(picture: np.ndarray, width: int, height: int) -> np.ndarray:
     weighted = np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], axis=-1)
     mean = area_average(area_average(weighted, height, 0), width, 1)
     alpha = mean[..., 3:]
-    straight = np.where(alpha > 0, mean[..., :3] / np.maximum(alpha, 1e-8), 0.0)
-    return np.concatenate([np.clip(straight, 0, 1), alpha], axis=-1).astype(np.float32)
+    rgb = np.where(alpha > 0, mean[..., :3] / np.maximum(alpha, 1e-8), 0.0)
+    return np.concatenate([np.clip(rgb, 0, 1), alpha], axis=-1).astype(np.float32)
 
 
 def shrunk_bytes(picture: np.ndarray, width: int, height: int) -> np.ndarray:
@@ -141,19 +137,17 @@ def area_average(values: np.ndarray, size: int, axis: int) -> np.ndarray:
     if cells % size == 0:
         mean = values.reshape(size, cells // size, *values.shape[1:]).mean(axis=1)
     else:
-        # row i of `share`: how much of each cell lies in interval i
-        edges = np.arange(size + 1) * (cells / size)
-        low, high = edges[:-1, None], edges[1:, None]
-        cell = np.arange(cells)[None]
-        share = np.clip(np.minimum(high, cell + 1) - np.maximum(low, cell), 0, 1) * (size / cells)
+        edges, cell = np.arange(size + 1)[:, None] * (cells / size), np.arange(cells)
+        share = np.clip(np.minimum(edges[1:], cell + 1) - np.maximum(edges[:-1], cell), 0, 1) * (
+            size / cells
+        )  # row by interval
         mean = np.tensordot(share.astype(np.float32), values, axes=1)
     return np.moveaxis(mean, 0, axis)
 
 
 @dataclass(frozen=True)
 class PictureLoader:
-    """A Photograph.load of a file: decodes `path`, which must still have source_size, applies a mask (read_mask), shrinks to
-    `size`. as_stored: the picture is not turned as its EXIF says, and the sizes are such, too."""
+    """A Photograph.load of a file: decodes `path`, which must still have source_size, applies a mask, shrinks to `size`."""
 
     path: Path
     source_size: tuple[int, int]
@@ -185,7 +179,7 @@ class PictureLoader:
 
     def may_be_transparent(self) -> bool:
         """Whether there may be alpha below 1, from the picture's header."""
-        return self.mask is not None or may_be_transparent(self.path)
+        return self.mask is not None or read_header(self.path).transparent
 
     def thumbnail(self, side: int) -> Image.Image:
         """The picture in RGBA, at most `side` pixels a side; a JPEG is decoded at no more than it takes. Errors as above."""
@@ -197,9 +191,9 @@ class PictureLoader:
 
 
 def read_mask(path: Path, photograph: Path, as_stored: bool = False) -> np.ndarray:
-    """The values of a mask (training.scenes.mask_values), float32 [H, W] of its photograph's size. A mask of another size is
-    resampled, if it has the same shape. One without an EXIF orientation of its own, whose shape is that of the photograph as
-    stored, is turned along with it. UserError where it has another shape."""
+    """The values of a mask, float32 [H, W] of its photograph's size, to which it is resampled. A mask without an EXIF
+    orientation whose shape is that of the photograph as stored is turned along with it. UserError where its shape is
+    another."""
     header, own = read_header(photograph), read_header(path)
     width, height = header.stored if as_stored else header.size
     values = mask_values(decoded(path, as_stored), lossy=own.format in LOSSY)
@@ -215,6 +209,54 @@ def read_mask(path: Path, photograph: Path, as_stored: bool = False) -> np.ndarr
     if values.shape != (height, width):
         values = np.asarray(Image.fromarray(values).resize((width, height), Image.Resampling.BOX))
     return values
+
+
+def mask_values(picture: np.ndarray, *, lossy: bool = False) -> np.ndarray:
+    """The values float32 [H, W], 0 where it hides and 1 where it shows, of a mask decoded to uint8 or float32 [H, W, 3 or 4].
+
+    lossy: it was a JPEG, for instance. Nothing is inverted or guessed:
+
+    1. Alpha that is somewhere transparent is the mask; black hides as well if all else that is visible is white. Alpha that is
+       transparent everywhere tells nothing of a mask that has colours.
+    2. Of two colours, the darker one hides; of one, black does.
+    3. Black hides and any other value shows, in masks of colours and in those that are nearly black everywhere (0 and 1).
+    4. Any other mask is a soft one: its values count as they are.
+    """
+    colour = picture[..., :3]
+    full = 255 if picture.dtype == np.uint8 else 1.0
+    if picture.shape[-1] == 4 and 2 * float(picture[..., 3].min()) < float(picture[..., 3].max()):
+        alpha = picture[..., 3]
+        black, white = (colour == 0).all(axis=-1), (colour == full).all(axis=-1)
+        shown = _mask_levels(alpha[..., None], full)
+        is_drawn = (black | white | (alpha == 0)).all() and (white & (alpha > 0)).any()
+        return np.where(black, np.float32(0), shown) if is_drawn else shown
+    if picture.shape[-1] == 4 and not picture[..., 3].any() and (colour == colour[:1, :1]).all():
+        return np.zeros(colour.shape[:2], np.float32)
+    if lossy and picture.dtype == np.uint8:
+        colour = np.where(colour < NEARLY, 0, np.where(colour > 255 - NEARLY, 255, colour))
+    return _mask_levels(colour, full)
+
+
+def _mask_levels(colour: np.ndarray, full: float) -> np.ndarray:
+    """Rules 2 to 4, of [H, W, 1 or 3]."""
+    level = colour.max(axis=-1)
+    if not colour.size:
+        return level.astype(np.float32)
+    first = colour[0, 0]
+    other = (colour != first).any(axis=-1)
+    if not other.any():
+        return np.full(level.shape, float(first.max() > 0), np.float32)
+    second = colour[np.unravel_index(other.argmax(), other.shape)]
+    if ((colour == second).all(axis=-1) | ~other).all():
+        return (other if _luma(second) > _luma(first) else ~other).astype(np.float32)
+    spread = level - colour.min(axis=-1)
+    if level.max() < LABELS * full or spread.max() > GREY * full:
+        return (level > 0).astype(np.float32)
+    return level.astype(np.float32) / np.float32(full)
+
+
+def _luma(colour: np.ndarray) -> float:
+    return float(colour @ np.array([0.299, 0.587, 0.114])) if len(colour) == 3 else float(colour[0])
 
 
 def small_picture(path: Path, side: int, mode: str, *, as_stored: bool = False, at_least: int = 2) -> Image.Image:

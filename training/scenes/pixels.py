@@ -1,4 +1,4 @@
-"""The pixels of many photographs as one array of bytes: in memory, or in a file where they would take too much of it.
+"""The pixels of many photographs as one array of bytes, in memory or, where they are too many, in a file.
 
 Notation: photographs lie end to end, row by row; of each, one row in `row_step` is taken. C channels: 3, or 4 with alpha.
 """
@@ -7,22 +7,21 @@ from __future__ import annotations
 
 import os
 import tempfile
-import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
-from console import Notice, UserError
+from console import UserError
 from training.memory import aligned, free_memory
-from training.scenes.messages import few, times
+from training.scenes.messages import notice, times
 from training.scenes.pictures import PictureLoader, as_bytes
 from training.scenes.scene import Camera, Photograph
 
 FILE_SHARE = 3  # pixels that take more than this part of the free memory, a third, go to a file
 DECODING = 24  # bytes for each pixel of a photograph while it is decoded
-TOGETHER = 1 << 24  # pixels that are looked at together
+TOGETHER = 1 << 24  # pixels that are tested at once
 
 
 def pixel_counts(cameras: Sequence[Camera], row_step: int = 1) -> np.ndarray:
@@ -42,8 +41,8 @@ def load_pixels(
 ) -> np.ndarray:  # fmt: skip
     """Pixels uint8 [last - first, C] of photographs of any sizes.
 
-    Only photographs with a pixel in [first, last) are decoded, in threads; beyond the last pixel all is 0. With 3 channels, alpha
-    is left out. folder: where a file without a name is made, if one is needed. A notice names masks that hide or show everything.
+    Decodes only photographs with a pixel in [first, last), in threads; beyond the last pixel all is 0. With 3 channels, alpha
+    is left out. folder: where a file without a name is made, if needed. A notice names masks that hide or show everything.
     UserError where a picture fails to decode or is not of its camera's size, or the disk is full.
     """
     if not photographs:
@@ -83,10 +82,7 @@ def notice_masks(where: Path | None, extremes: Mapping[str, tuple[int, int]]) ->
     hiding = sorted(name for name, (_, high) in extremes.items() if high == 0)
     showing = sorted(name for name, (low, _) in extremes.items() if low == 255)
     for does, names in (("hide", hiding), ("show", showing)):
-        if names:
-            does = does if len(names) > 1 else f"{does}s"
-            told = f"{len(names)} of {len(extremes)} masks {does} everything ({few(names)})"
-            warnings.warn(Notice(told if where is None else f"{where}: {told}"), stacklevel=3)
+        notice(where, f"{len(names)} of {len(extremes)} masks {does}{'s' * (len(names) == 1)} everything", names)
 
 
 def any_transparent(pixels: np.ndarray) -> bool:
@@ -109,7 +105,7 @@ def without_alpha(pixels: np.ndarray) -> np.ndarray:
 
 
 def _at_once(photographs: Sequence[Photograph]) -> int:
-    """How many photographs are decoded at once: as many as processors can, and a quarter of the free memory holds."""
+    """How many photographs are decoded at once: as many as there are processors for, and a quarter of the free memory holds."""
     sizes = [(p.camera.width, p.camera.height) for p in photographs]
     sizes += [p.load.source_size for p in photographs if isinstance(p.load, PictureLoader)]
     largest = max(width * height for width, height in sizes)
@@ -125,7 +121,10 @@ def _zeros(size: int, folder: Path | None) -> np.ndarray:
         try:
             place.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=place) as file:
-                _reserve(file.fileno(), size)
+                if hasattr(
+                    os, "posix_fallocate"
+                ):  # a disk that is full later kills the process that writes to mapped memory
+                    os.posix_fallocate(file.fileno(), 0, size)
                 return np.asarray(np.memmap(file, np.uint8, "r+", shape=(size,)))
         except OSError as error:
             failure = error
@@ -133,13 +132,3 @@ def _zeros(size: int, folder: Path | None) -> np.ndarray:
     raise UserError("the photographs fit neither in memory nor on this disk", where=" and ".join(map(str, places)),
                     expected=f"{size / 1e9:.1f} GB of free space", found=failure.strerror or str(failure),
                     remedy=remedy) from failure  # fmt: skip
-
-
-def _reserve(descriptor: int, size: int) -> None:
-    """Takes the space for a file now: a full disk would kill the process where it writes to mapped memory later."""
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(descriptor, 0, size)
-        return
-    zeros = bytes(1 << 24)
-    for start in range(0, size, len(zeros)):
-        os.write(descriptor, zeros[: size - start])

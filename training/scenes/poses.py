@@ -29,8 +29,7 @@ def pose(matrix: Any, where: str) -> np.ndarray:
     if world_T_camera.shape == (3, 4):
         world_T_camera = np.vstack([world_T_camera, [0, 0, 0, 1]])
     if world_T_camera.shape != (4, 4):
-        shape = "x".join(map(str, world_T_camera.shape)) or "nothing"
-        raise wrong("has another shape", expected="4x4", found=shape)
+        raise wrong("has another shape", expected="4x4", found="x".join(map(str, world_T_camera.shape)) or "nothing")
     if not np.all(np.isfinite(world_T_camera)):
         raise wrong("has values that are not finite")
     if np.abs(world_T_camera).max() > FARTHEST:
@@ -40,9 +39,8 @@ def pose(matrix: Any, where: str) -> np.ndarray:
     if lengths.min() < 1e-9 or abs(determinant) < 0.5:
         raise wrong("is not a rotation and a position", found="dependent axes")
     if np.abs(world_T_camera[3] - (0, 0, 0, 1)).max() > LAST_ROW:
-        found = ", ".join(f"{value:g}" for value in world_T_camera[3])
-        remedy = "write camera-to-world matrices row by row"
-        raise wrong("has another last row", expected="0, 0, 0, 1", found=found, remedy=remedy)
+        raise wrong("has another last row", expected="0, 0, 0, 1", found=", ".join(f"{value:g}" for value in world_T_camera[3]),
+                    remedy="write camera-to-world matrices row by row")  # fmt: skip
     if determinant < 0:
         raise wrong("mirrors the world", expected="a rotation, determinant 1", found=f"determinant {determinant:.3g}",
                     remedy="export with right-handed axes: x right, y up, z back")  # fmt: skip

@@ -1,6 +1,6 @@
-"""The presets by name: what each is for, and what it does to photographs before training and to the grid after it.
+"""The presets by name: what each is for, the size of its photographs and the resolution of its bake.
 
-Their training settings are training.config.PRESETS. No JAX is here, so that the viewer can offer them.
+Their training settings are training.config.PRESETS. There is no JAX here, so that the viewer can offer them.
 """
 
 from __future__ import annotations

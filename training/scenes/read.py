@@ -81,26 +81,24 @@ def _checked(options: SceneOptions) -> SceneOptions:
 
 
 def _require_sound(scene: Scene) -> None:
-    """UserError where no cameras, box or rays come of what was read: numbers that make sense one by one may not together."""
-    photographs = [photograph for split in scene.splits.values() for photograph in split]
-    for photograph in photographs:
-        if not np.isfinite(photograph.camera.world_T_camera).all():
-            raise UserError("the camera cannot be placed", where=f"{scene.path}: {photograph.name}",
-                            expected="cameras at some distance from one another", remedy="check the poses")  # fmt: skip
-    numbers = np.array([scene.near, scene.far, *scene.aabb.ravel()])
-    if not np.isfinite(numbers).all() or (scene.aabb[0] >= scene.aabb[1]).any() or not 0 <= scene.near < scene.far:
-        raise UserError("the poses say nothing of where things are", where=scene.path, expected="a box and a range of depths",
-                        found=f"{scene.near:.3g} to {scene.far:.3g}", remedy="check the poses")  # fmt: skip
-    for photograph in photographs:
-        camera = photograph.camera
+    """UserError where cameras, rays or the box are not finite: numbers that make sense one by one may not together."""
+    for photograph in [photograph for split in scene.splits.values() for photograph in split]:
+        camera, where = photograph.camera, f"{scene.path}: {photograph.name}"
+        if not np.isfinite(camera.world_T_camera).all():
+            raise UserError("the camera cannot be placed", where=where, expected="cameras at some distance from one another",
+                            remedy="check the poses")  # fmt: skip
         with np.errstate(all="ignore"):
             directions = camera_rays(camera, *pixel_grid(camera, PROBES))[1]
         numbers = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
         sound = (np.abs(numbers) < MOST_OF_A_LENS).all() and min(camera.fx, camera.fy) >= LEAST_FOCAL
         if not sound or not np.isfinite(directions).all():
-            raise UserError("the camera's lens leads to no rays", where=f"{scene.path}: {photograph.name}",
-                            expected=f"fx, fy, cx, cy, k1, k2, p1, p2 below {MOST_OF_A_LENS:g}, fx and fy from {LEAST_FOCAL:g}",
-                            found=", ".join(f"{number:g}" for number in numbers))  # fmt: skip
+            raise UserError("the camera's lens leads to no rays", where=where, found=", ".join(f"{n:g}" for n in numbers),
+                            expected=f"fx, fy, cx, cy, k1, k2, p1, p2 below {MOST_OF_A_LENS:g}, fx and fy from {LEAST_FOCAL:g}"
+                            )  # fmt: skip
+    numbers = np.array([scene.near, scene.far, *scene.aabb.ravel()])
+    if not np.isfinite(numbers).all() or (scene.aabb[0] >= scene.aabb[1]).any() or not 0 <= scene.near < scene.far:
+        raise UserError("the poses say nothing of where things are", where=scene.path, expected="a box and a range of depths",
+                        found=f"{scene.near:.3g} to {scene.far:.3g}", remedy="check the poses")  # fmt: skip
 
 
 def _looked_for() -> str:

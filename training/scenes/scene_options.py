@@ -1,6 +1,6 @@
-"""What the user says of a scene in place of its files: the box that holds the content (--aabb), and what is up (--up).
+"""Options of a scene: the box that holds the content (--aabb), and what is up (--up).
 
-Both are told in the training frame as it is without --up (docs/scenes.md): the frame that the window shows.
+Both are in the training frame without --up (docs/scenes.md), which the window shows.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ FEWEST_MEETING = 0.5  # share of the photographs that see the box, else a user i
 SHORTEST = 1e-6  # of a direction
 
 
-def parse_box(text: str) -> Box:
-    """ "x0,y0,z0,x1,y1,z1" as six numbers. UserError for anything else."""
-    return checked_box(parse_numbers(text, 6, AABB))
+def parse_box(text: str | None) -> Box | None:
+    """ "x0,y0,z0,x1,y1,z1" as six numbers; None where the option is left out. UserError for anything else."""
+    return None if text is None else checked_box(parse_numbers(text, 6, AABB))
 
 
 def checked_box(values: Sequence[float]) -> Box:
@@ -42,8 +42,8 @@ def checked_box(values: Sequence[float]) -> Box:
 
 
 def with_box(scene: Scene, box: Box) -> Scene:
-    """The scene within that box, its far end moved out to reach all of it. UserError for NDC scenes, whose box is all that the
-    cameras see, and where no training photograph sees the box."""
+    """The scene within that box, its far end moved out to reach all of it. UserError for NDC scenes, and where no training
+    photograph sees the box."""
     if scene.ndc:
         what = "a forward-facing scene has no box: in NDC, the box is everything that the cameras see"
         raise UserError(what, where=AABB, remedy="leave it out, or use --spherify")
@@ -58,8 +58,7 @@ def with_box(scene: Scene, box: Box) -> Scene:
 
 
 def require_rays(scene: Scene) -> None:
-    """UserError where no ray of the training photographs meets the box between near and far: there would be nothing to train.
-    A Notice where that holds for most of the photographs."""
+    """UserError where no ray of the training photographs meets the box between near and far; a Notice where few do."""
     if scene.ndc:
         return
     cameras = [photograph.camera for photograph in scene.splits["train"]]
@@ -98,9 +97,9 @@ def _meets(camera: Camera, scene: Scene) -> bool:
     return bool((enter < leave).any())
 
 
-def parse_up(text: str) -> Direction:
-    """ "x,y,z" as a direction. UserError for anything else."""
-    return checked_up(parse_numbers(text, 3, UP))
+def parse_up(text: str | None) -> Direction | None:
+    """ "x,y,z" as a direction; None where the option is left out. UserError for anything else."""
+    return None if text is None else checked_up(parse_numbers(text, 3, UP))
 
 
 def checked_up(values: Sequence[float]) -> Direction:

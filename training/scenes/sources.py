@@ -1,11 +1,15 @@
-"""What lies in a folder without poses: photographs, or a film. Told by names and a film's first bytes; nothing is decoded."""
+"""What lies in a folder without poses, by names and a film's first bytes: photographs, or a film. Nothing is decoded.
+
+A film is opened with the one FFmpeg demuxer that its first bytes name. FFmpeg's own guess knows playlists and lists of files,
+which lead to other files and to the network; none of the demuxers here does.
+"""
 
 from __future__ import annotations
 
 import os
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -13,8 +17,51 @@ from typing import Literal
 from console import UserError
 from console.contents import HEAD_BYTES, told
 from training.scenes.files import PICTURE_SUFFIXES, READ_PICTURES, UNREAD_FORMATS, find_masks, is_hidden, visible_files
-from training.scenes.film_containers import FILM_NAMES, FILMS, container_of
 from training.scenes.messages import few
+
+FILM_HEAD_BYTES = 1024  # of a film that tell its container
+STILLS = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1", b"jxl ", b"crx ")
+
+
+@dataclass(frozen=True)
+class Container:
+    name: str  # for messages
+    demuxer: str  # FFmpeg's
+    suffixes: tuple[str, ...]
+    mime_types: tuple[str, ...]
+    recognises: Callable[[bytes], bool]  # a file's first FILM_HEAD_BYTES
+
+
+def _is_mp4(head: bytes) -> bool:
+    """QuickTime may begin with any of these boxes. Brands of stills (HEIC, AVIF, CR3) are none of films."""
+    kind = head[4:8]
+    return kind in (b"moov", b"mdat", b"wide", b"free", b"skip") or (kind == b"ftyp" and head[8:12] not in STILLS)
+
+
+def _is_transport_stream(head: bytes) -> bool:
+    """Packets of 188 bytes begin with 0x47; cameras (M2TS, MTS) put a time of 4 bytes before each."""
+    return any(len(head) > first + 3 * size and all(head[first + i * size] == 0x47 for i in range(4))
+               for first, size in ((0, 188), (4, 192), (0, 204)))  # fmt: skip
+
+
+CONTAINERS = (
+    Container("MP4, MOV, 3GP", "mp4", (".mp4", ".m4v", ".mov", ".qt", ".3gp", ".3g2"),
+              ("video/mp4", "video/quicktime", "video/3gpp", "video/3gpp2"), _is_mp4),
+    Container("WebM, Matroska", "matroska", (".webm", ".mkv"), ("video/webm", "video/x-matroska"),
+              lambda head: head.startswith(b"\x1a\x45\xdf\xa3")),
+    Container("AVI", "avi", (".avi", ".divx"), ("video/x-msvideo",),
+              lambda head: head.startswith(b"RIFF") and head[8:12] in (b"AVI ", b"AVIX")),
+    Container("MTS", "mpegts", (".ts", ".mts", ".m2ts", ".m2t"), ("video/mp2t",), _is_transport_stream),
+    Container("MPEG", "mpeg", (".mpg", ".mpeg", ".vob"), ("video/mpeg",),
+              lambda head: head.startswith(b"\0\0\1\xba")),
+    Container("WMV", "asf", (".wmv", ".asf"), ("video/x-ms-wmv", "video/x-ms-asf"),
+              lambda head: head.startswith(b"\x30\x26\xb2\x75\x8e\x66\xcf\x11")),
+    Container("FLV", "flv", (".flv", ".f4v"), ("video/x-flv",), lambda head: head.startswith(b"FLV\1")),
+    Container("Ogg", "ogg", (".ogv", ".ogm"), ("video/ogg",), lambda head: head.startswith(b"OggS")),
+)  # fmt: skip
+FILMS = tuple(suffix for container in CONTAINERS for suffix in container.suffixes)
+FILM_NAMES = ", ".join(container.name for container in CONTAINERS)  # for messages
+DEMUXERS = ",".join(["mov", "webm", *(container.demuxer for container in CONTAINERS)])  # as FFmpeg's format_whitelist
 
 FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can come
 READ = f"a folder of photographs ({READ_PICTURES}), at least {FEWEST} or with camera poses, or a film ({FILM_NAMES})"
@@ -55,11 +102,11 @@ class Source:
 
 
 def find_source(path: Path) -> Source | None:
-    """The photographs or the film at `path`; None where there are none. A scene with poses is not looked for.
+    """The photographs or the film at `path`, whether or not there are poses; None where there are none.
 
-    Photographs lie in the folder itself, or else in its `images`, or else in folders just below, but those of masks. A folder may
-    hold one film instead, also beside fewer than FEWEST pictures, such as its cover. UserError where it holds several films, or
-    only pictures of formats that are not read, unless these lie further below: then it may be any folder.
+    Photographs lie in the folder itself, or else in its `images`, or else in folders just below, but those of masks. A folder
+    may hold one film instead, also beside fewer than FEWEST pictures, such as its cover. UserError for several films, and for a
+    folder or its `images` with pictures of formats that are not read alone.
     """
     if os.path.isfile(path):
         return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
@@ -129,6 +176,13 @@ def _none_is_read(path: Path, unread: Sequence[Path]) -> UserError:
                      remedy=_remedies(unread))  # fmt: skip
 
 
+def container_of(film: Path) -> Container | None:
+    """A film's container by its first bytes; None for any other file."""
+    with film.open("rb") as file:
+        head = file.read(FILM_HEAD_BYTES)
+    return next((container for container in CONTAINERS if container.recognises(head)), None)
+
+
 def is_film(path: Path) -> bool:
     """Whether a file is named as a film that can be read."""
     return path.suffix.lower() in FILMS and not is_hidden(path) and os.path.isfile(path)
@@ -145,15 +199,14 @@ def _readable(name: str) -> str:
 
 
 def _named(files: Sequence[Path]) -> str:
-    return few([_readable(file.name) for file in files], most=4)
+    return few([_readable(file.name) for file in files])
 
 
 def _formats(files: Sequence[Path]) -> str:
     """How many there are of each format: "12 AVIF, 1 GIF pictures"."""
-    counts = Counter(sorted(UNREAD_FORMATS[file.suffix.lower()].name for file in files))
+    counts = Counter(sorted(file.suffix[1:].upper() for file in files))
     return ", ".join(f"{count} {name}" for name, count in counts.items()) + f" picture{'s' * (len(files) > 1)}"
 
 
 def _remedies(files: Sequence[Path]) -> str:
-    formats = sorted(UNREAD_FORMATS[file.suffix.lower()] for file in files)
-    return "; ".join(dict.fromkeys(remedy for _, remedy in formats))
+    return "; ".join(sorted({UNREAD_FORMATS[file.suffix.lower()] for file in files}))

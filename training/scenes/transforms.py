@@ -1,13 +1,11 @@
 """Scenes in transforms.json (nerfstudio, instant-ngp) and transforms_{train,val,test}.json (NeRF-synthetic, Blender).
 
-Both are one format. A description has frames: picture, pose (OpenGL camera-to-world) and camera. What a frame says of its
-camera wins over what stands at the top (camera_keys). We undistort rays, not pictures. Lenses and options that we do not
-understand are refused by name. docs/scenes.md has the table of keys.
+A description lists frames: picture, pose (OpenGL camera-to-world) and camera. A frame's own keys win over those at the top.
+Lenses and options that are not understood are refused by name. docs/scenes.md has the table of keys.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -16,14 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from console import Notice, UserError
+from console import UserError
 from console.json_text import read_json_file
 from training.scenes.camera_keys import FOCAL_KEYS, number, read_camera
 from training.scenes.files import FileFinder, clean_name, find_masks, without_suffix
 from training.scenes.messages import few, notice
 from training.scenes.photographs import moved, photograph_of, target_size, tell_turned
 from training.scenes.pixels import may_be_transparent
-from training.scenes.ply import read_ply
 from training.scenes.poses import pose
 from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, SceneOptions, hold_out
 from training.scenes.space import (
@@ -40,6 +37,13 @@ from training.scenes.space import (
 LOOKED_FOR = "transforms_train.json (Blender), transforms.json (nerfstudio, instant-ngp)"
 SPLITS = ("train", "val", "test")
 MOST_POINTS = 50_000  # that near, far and box are derived from
+MOST_PLY_BYTES, MOST_PLY_HEADER = 1 << 30, 1 << 16
+PLY_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
+PLY_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
+    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
+    "float64": "f8",
+}  # fmt: skip
 NGP_SCALE, NGP_OFFSET = 0.33, 0.5  # instant-ngp's box has the side aabb_scale about 0.5, in units of p · scale + offset
 
 OTHER_POSES = ("from_mitsuba", "from_na")  # instant-ngp: matrices of another convention
@@ -87,11 +91,10 @@ def _read_synthetic(path: Path, options: SceneOptions) -> Scene:
         except _NothingThere as nothing:
             if split == "train":
                 raise
-            warnings.warn(Notice(f"{nothing}; there is no split {split}"), stacklevel=2)
+            notice(None, f"{nothing}; there is no split {split}")
             continue
         repeated = [frame.name for frame in frames if frame.picture in trained_on]
-        if repeated:
-            notice(description, f"{len(repeated)} of {len(frames)} frames are trained on and not held out", repeated)
+        notice(description, f"{len(repeated)} of {len(frames)} frames are trained on and not held out", repeated)
         frames = [frame for frame in frames if frame.picture not in trained_on]
         if split == "train":
             trained_on = {frame.picture for frame in frames}
@@ -143,25 +146,23 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 
 def _read_frames(description: Path, document: dict[str, Any], finder: FileFinder) -> list[_Frame]:
-    """The frames whose picture is there, each picture once; a Notice of the others, and of what is not read."""
+    """The frames whose picture exists, each picture once; a Notice of the others, and of what is not read."""
     listed = document.get("frames")
     if not isinstance(listed, list) or not listed:
         found = "none" if not listed else type(listed).__name__
         raise _NothingThere("no frames", where=description, expected='a list under "frames"', found=found)
+    names = []
     for index, frame in enumerate(listed):
-        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
-            raise UserError("a frame without file_path", where=f"{description} frame {index}")
-        if not clean_name(frame["file_path"]):
-            raise UserError("a frame without a picture", where=f"{description} frame {index}", expected="a file_path",
-                            found=repr(frame["file_path"]))  # fmt: skip
-    names = [clean_name(frame["file_path"]) for frame in listed]
+        name = frame.get("file_path") if isinstance(frame, dict) else None
+        if not isinstance(name, str) or not clean_name(name):
+            raise UserError("a frame without file_path", where=f"{description} frame {index}", found=repr(name)[:60])
+        names.append(clean_name(name))
     pictures = finder.find_all([frame["file_path"] for frame in listed])
     _tell_unread(description, document, listed, pictures)
     gone = [name for name, picture in zip(names, pictures, strict=True) if picture is None]
     if len(gone) == len(listed):
         raise _NothingThere("picture not found", where=description.parent / gone[0], remedy="no frame has its picture")
-    if gone:
-        notice(description, f"{len(gone)} of {len(listed)} frames have no picture and are left out", gone)
+    notice(description, f"{len(gone)} of {len(listed)} frames have no picture and are left out", gone)
     frames: dict[Path, _Frame] = {}
     repeated = []
     for index, (name, picture, listed_frame) in enumerate(zip(names, pictures, listed, strict=True)):
@@ -177,22 +178,19 @@ def _read_frames(description: Path, document: dict[str, Any], finder: FileFinder
             raise UserError("two frames have one picture and different poses", where=where, found=str(picture))
         if known is not frame:
             repeated.append(name)
-    if repeated:
-        notice(description, f"{len(repeated)} frames repeat another and are left out", repeated)
+    notice(description, f"{len(repeated)} frames repeat another and are left out", repeated)
     return list(frames.values())
 
 
 def _tell_unread(description: Path, document: dict, frames: Sequence[dict], pictures: Sequence[Path | None]) -> None:
     """UserError where poses are of another convention; a Notice of what is known and not read."""
-    for key in OTHER_POSES:
-        if document.get(key):
-            raise UserError(f'"{key}" is not read', where=description, expected="OpenGL camera-to-world matrices",
-                            remedy="convert the matrices and remove the key")  # fmt: skip
-    unread = [
-        f'"{key}" ({meaning})'
-        for key, meaning in UNREAD.items()
-        if any(np.any(values[key]) for values in (document, *frames) if values.get(key) is not None)
-    ]
+    for key in filter(document.get, OTHER_POSES):
+        raise UserError(f'"{key}" is not read', where=description, expected="OpenGL camera-to-world matrices",
+                        remedy="convert the matrices and remove the key")  # fmt: skip
+    used = {
+        key for values in (document, *frames) for key in UNREAD if values.get(key) is not None and np.any(values[key])
+    }
+    unread = [f'"{key}" ({meaning})' for key, meaning in UNREAD.items() if key in used]
     folders = {picture.parent for picture in pictures if picture is not None}
     if any(next(folder.glob("dynamic_mask_*"), None) is not None for folder in folders):
         unread.append("dynamic_mask_* (masks of what moves)")
@@ -266,11 +264,53 @@ def _points(path: Path, document: dict[str, Any], cameras: Sequence[Camera], fra
     try:
         places = read_ply(path / named)
     except UserError as error:
-        warnings.warn(Notice(f"{error}; its points are not used"), stacklevel=2)
+        notice(None, f"{error}; its points are not used")
         return None
     places = frame.points(places[:: -(-len(places) // MOST_POINTS) or 1])
     points = PointCloud(places, np.ones(len(places)), [np.flatnonzero(in_picture(c, places)) for c in cameras])
     return points if points.suffices else None
+
+
+def read_ply(path: Path) -> np.ndarray:
+    """The finite places float64 [M, 3] of the vertices of a PLY file, its first element. UserError for anything else."""
+
+    def damaged(found: str) -> UserError:
+        return UserError("not a PLY file of points, or a damaged one", where=path, found=found)
+
+    try:
+        if path.stat().st_size > MOST_PLY_BYTES:
+            raise damaged(f"more than {MOST_PLY_BYTES >> 20} MiB")
+        data = path.read_bytes()
+    except OSError as error:
+        raise UserError("cannot be read", where=path, found=str(error)) from error
+    end = data.find(b"end_header", 0, MOST_PLY_HEADER)
+    body = data.find(b"\n", end) + 1
+    if not data.startswith(b"ply") or end < 0 or not body:
+        raise damaged("no header")
+    lines = [line.split() for line in data[:end].decode("ascii", errors="replace").splitlines()]
+    form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
+    elements = [index for index, line in enumerate(lines) if line[:1] == ["element"]]
+    begin, end = [*elements, len(lines), len(lines)][:2]
+    first = lines[begin] if elements else []
+    properties = [line for line in lines[begin:end] if line[:1] == ["property"]]
+    names = [line[-1] for line in properties]
+    sound = len(first) == 3 and first[1] == "vertex" and first[2].isdigit() and form in PLY_ORDERS
+    if not sound or any(len(line) != 3 or line[1] not in PLY_TYPES for line in properties) or not {*"xyz"} <= {*names}:
+        raise damaged("no vertices with x, y and z")
+    count, columns = int(first[2]), [names.index(axis) for axis in "xyz"]
+    if form == "ascii":
+        try:
+            words = [line.split() for line in data[body:].splitlines()[:count]]
+            places = np.array(words, np.float64).reshape(-1, len(names))[:, columns]
+        except ValueError:
+            raise damaged("a line that is no list of numbers") from None
+    else:
+        dtype = np.dtype([(f"{i}", PLY_ORDERS[form] + PLY_TYPES[line[1]]) for i, line in enumerate(properties)])
+        if count * dtype.itemsize > len(data) - body:
+            raise damaged("it ends too early")
+        rows = np.frombuffer(data, dtype, count, body)
+        places = np.stack([rows[f"{i}"].astype(np.float64) for i in columns], axis=-1)
+    return places[np.isfinite(places).all(-1)]
 
 
 def _split(
@@ -290,13 +330,12 @@ def _split(
         if len(unknown) == len(names) and split == "train":
             raise UserError('"train_filenames" names no frame', where=description, found=few(unknown),
                             expected=f"names such as {photographs[0].name}")  # fmt: skip
-        if unknown:
-            notice(description, f"{len(unknown)} of {len(names)} {split}_filenames name no frame", unknown)
+        notice(description, f"{len(unknown)} of {len(names)} {split}_filenames name no frame", unknown)
         listed[split] = known.intersection(cleaned)
     held_out = {name for split, names in listed.items() if split != "train" for name in names}
     train = listed.get("train", known - held_out)
-    if both := sorted(held_out & train):
-        notice(description, f"{len(both)} frames are listed for training and for testing, and are trained on", both)
+    both = sorted(held_out & train)
+    notice(description, f"{len(both)} frames are listed for training and for testing, and are trained on", both)
     if left_out := len(known - train - held_out):
         notice(description, f"{left_out} frames are in no split and are left out")
     if not train:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from training.scenes.film_containers import FILMS
+from training.scenes.sources import FILMS
 from viewer.app.files import SESSION_SUFFIX, Kind, kind_of
 
 SHOWN = 8

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from scenepack.files import PARAMS_NAME
-from training.scenes.film_containers import FILMS
+from training.scenes.sources import FILMS
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import SESSION_SUFFIX

@@ -15,8 +15,8 @@ from console import UserError
 from scenepack import load_pack
 from training.config import QUICK
 from training.loop import train
-from training.metrics_log import read_metrics
 from training.multires.config import MultiresConfig
+from training.recorder import read_metrics
 from training.run import Run
 
 SMALL = MultiresConfig(resolutions=(8, 16, 32), occupancy=32, samples_per_step=8192, steps_across=(48, 64, 64))

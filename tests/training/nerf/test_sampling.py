@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from training.nerf.sampling import coarse_samples, fine_samples, inverse_cdf, merge_samples
+from training.nerf.render import coarse_samples, fine_samples, inverse_cdf, merge_samples
 
 NEAR, FAR = jnp.full(5, 2.0), jnp.full(5, 6.0)
 

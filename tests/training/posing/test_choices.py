@@ -11,10 +11,8 @@ from PIL import Image, ImageFilter
 
 from console import UserError
 from tests.training.posing.rooms import texture
-from training.posing import pairs as pairs_module
-from training.posing.pairs import OVERLAP, all_pairs, chosen_pairs, how_many_pairs
+from tools.pose_error import similarity
 from training.posing.photograph import read_photograph, sharpness, thumbnail
-from training.posing.pose_error import similarity
 from training.posing.prepare import blurred, file_stems, repeated
 
 
@@ -74,15 +72,19 @@ def test_heic_says_what_to_install_or_is_read(tmp_path: Path, monkeypatch: pytes
 
 def test_few_pictures_are_all_matched_and_of_many_those_that_look_alike(monkeypatch: pytest.MonkeyPatch):
     """A walk once around something: its end looks like its beginning."""
-    monkeypatch.setattr(pairs_module, "LARGEST", 50)
+    pytest.importorskip("pycolmap", reason="matching needs pycolmap (the extra poses)")
+    from training.posing import mapping
+
+    monkeypatch.setattr(mapping, "LARGEST", 50)
+    overlap, all_pairs, chosen_pairs = mapping.OVERLAP, mapping.all_pairs, mapping.chosen_pairs
     count, rng = 60, np.random.default_rng(0)
     world = rng.integers(0, 256, (count * 10, 128), np.uint8)
     around = np.concatenate([world, world])
     descriptors = [around[10 * i : 10 * i + 50] for i in range(count)]
     pairs = set(chosen_pairs(descriptors))
-    assert {(i, i + step) for i in range(count - OVERLAP) for step in range(1, OVERLAP + 1)} <= pairs
+    assert {(i, i + step) for i in range(count - overlap) for step in range(1, overlap + 1)} <= pairs
     assert {(0, count - 1), (1, count - 2)} <= pairs  # which are far from one another in their order
-    assert len(pairs) <= how_many_pairs(count) and how_many_pairs(50) == len(all_pairs(50))
+    assert len(pairs) <= mapping.how_many_pairs(count) and mapping.how_many_pairs(50) == len(all_pairs(50))
     assert len(pairs) < 0.6 * len(all_pairs(count)) and all(i < j for i, j in pairs)
     assert chosen_pairs([np.zeros((0, 128), np.uint8)] * 3)  # nothing to see, but neighbours
 

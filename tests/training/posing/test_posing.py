@@ -20,9 +20,9 @@ from baker.commands.make import main as snerg_make
 from console import UserError
 from tests.training.posing.conftest import COUNT, SIDEWAYS, STRANGER, Found, write_photographs, write_stranger
 from tests.training.posing.rooms import SIZE, photograph
+from tools.pose_error import pose_error
 from training.posing import child_process, find, rejection_report
 from training.posing.find import find_poses, posed_scene
-from training.posing.pose_error import pose_error
 from training.scenes import Photograph, Scene, load_scene
 from training.scenes.colmap import sparse_points
 from training.scenes.sources import find_source

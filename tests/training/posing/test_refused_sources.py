@@ -38,7 +38,7 @@ def write_pictures(folder: Path, prefix: str = "p", count: int = COUNT) -> Path:
         ("none", None, "no such file or folder"),
         ("empty", {}, "the folder is empty"),
         ("folder", {"notes.txt": b"hello"}, "no photographs and no film in this folder"),
-        ("jxl", {"a.jxl": b"", "b.jxl": b""}, "2 JPEG XL pictures"),
+        ("jxl", {"a.jxl": b"", "b.jxl": b""}, "2 JXL pictures"),
         ("walk.mp4", b"hello", "not a film that can be read"),
         ("notes.txt", b"hello", "not a film that can be read"),
         ("transforms.json", b'{"frames": []}', "name the folder that it is in"),
@@ -105,7 +105,7 @@ def test_what_lies_beside_the_photographs_is_said_once(tmp_path: Path, monkeypat
         warnings.simplefilter("always")
         scene = posed_scene(folder, tmp_path / "out")
     notices = [str(warning.message) for warning in caught if warning.category is Notice]
-    assert len(notices) == 1 and f"{folder}: 1 GIF, 1 JPEG XL pictures, a format that is not read" in notices[0]
+    assert len(notices) == 1 and f"{folder}: 1 GIF, 1 JXL pictures, a format that is not read" in notices[0]
     assert len(list((scene / "images").iterdir())) == COUNT and not (tmp_path / "out" / find.WORK).exists()
     before = find.fingerprint(require_source(folder))
     (folder / "masks" / ".DS_Store").write_bytes(b"new")  # as soon as somebody looks at them

@@ -13,9 +13,9 @@ from PIL import Image, ImageOps, features
 
 from console import UserError
 from training.posing.photograph import link_or_convert, read_photograph
-from training.scenes import pictures
 from training.scenes.deep_pictures import linear_to_srgb
 from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS
+from training.scenes.picture_headers import read_header
 from training.scenes.pictures import (
     PictureLoader,
     decoded,
@@ -91,7 +91,7 @@ DEEP = {
 def test_pictures_of_more_than_8_bits_keep_their_values_posed_and_bare(tmp_path: Path, kind: str) -> None:
     path = DEEP[kind](tmp_path)
     tolerance = 2e-3 if "half" in kind else 2e-5
-    assert picture_size(path) == (30, 20) and pictures.may_be_transparent(path)
+    assert picture_size(path) == (30, 20) and read_header(path).transparent
     found = read_picture(path)
     np.testing.assert_allclose(straight(found), straight(COLOURS), atol=tolerance)
     loaded = PictureLoader(path, (30, 20), (30, 20)).pixels()
@@ -114,7 +114,7 @@ def test_grey_tiffs_are_read_whichever_end_is_white(tmp_path: Path, kind: type, 
         tmp_path / "a.tif", ((grey if photometric else 1 - grey) * most).astype(kind), photometric=photometric
     )
     np.testing.assert_allclose(read_picture(path)[..., :3], np.repeat(grey, 3, axis=-1), atol=1 / 200)
-    assert not pictures.may_be_transparent(path)
+    assert not read_header(path).transparent
 
 
 def test_floats_are_display_referred_or_refused(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_a_cropped_openexr_is_as_large_as_its_display_window(tmp_path: Path) -> 
         name: tuple(np.array(corner, np.int32) for corner in window) for name, window in windows.items()
     })  # fmt: skip
     picture = read_picture(path)
-    assert picture.shape == (30, 32, 4) and pictures.may_be_transparent(path)
+    assert picture.shape == (30, 32, 4) and read_header(path).transparent
     shown = np.zeros((30, 32))
     shown[3:23, 5:] = 1
     np.testing.assert_allclose(picture, np.dstack([shown] * 4), atol=1e-6)
@@ -209,11 +209,11 @@ def test_floats_are_turned_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("a.dng", r"DNG \(raw\) pictures are not read .*export them as JPEG"),
-        ("a.NEF", r"Nikon NEF \(raw\) pictures are not read"),
+        ("a.dng", "DNG pictures are not read .*export them as JPEG"),
+        ("a.NEF", "NEF pictures are not read"),
         ("a.gif", "GIF pictures are not read .*convert them to JPEG or PNG"),
-        ("a.jxl", "JPEG XL pictures are not read"),
-        ("a.hdr", "Radiance HDR pictures are not read .*convert them to OpenEXR"),
+        ("a.jxl", "JXL pictures are not read"),
+        ("a.hdr", "HDR pictures are not read .*convert them to OpenEXR"),
     ],
 )
 def test_formats_that_are_not_read_are_refused_by_name(tmp_path: Path, name: str, said: str) -> None:
@@ -224,7 +224,6 @@ def test_formats_that_are_not_read_are_refused_by_name(tmp_path: Path, name: str
         picture_size(tmp_path / name)
     assert not UNREAD_FORMATS.keys() & set(PICTURE_SUFFIXES)
     assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in (*UNREAD_FORMATS, *PICTURE_SUFFIXES))
-    assert UNREAD_FORMATS[Path(name).suffix.lower()].name in said.replace("\\", "")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from PIL import Image
 
 from console import Notice, UserError
 from training.dataset import make_dataset
-from training.posing.prepare import prepare, write_mask
+from training.posing.prepare import prepare
 from training.scenes import Photograph, Scene, load_pixels
 from training.scenes.pictures import PictureLoader, read_mask
 from training.scenes.sources import find_source
@@ -79,9 +79,6 @@ def test_masks_of_any_kind_show_the_same_posed_and_bare(tmp_path: Path, kind: st
     np.testing.assert_array_equal(load()[..., 3], SHOWN)
     np.testing.assert_array_equal(load.pixels()[..., 3], WHITE)
     np.testing.assert_array_equal(np.asarray(load.thumbnail(WIDTH))[..., 3], WHITE)
-    write_mask(mask, path, tmp_path / "masks", "a.jpg")
-    with Image.open(tmp_path / "masks" / "a.jpg.png") as written:
-        np.testing.assert_array_equal(np.asarray(written), WHITE)
 
 
 def test_a_soft_mask_keeps_its_values_and_jpeg_its_ends(tmp_path: Path) -> None:

@@ -9,8 +9,7 @@ import pytest
 
 from console import UserError
 from training.scenes.files import UNREAD_FORMATS
-from training.scenes.film_containers import CONTAINERS, FILMS, container_of
-from training.scenes.sources import FEWEST, Source, find_source, require_source
+from training.scenes.sources import CONTAINERS, FEWEST, FILMS, Source, container_of, find_source, require_source
 
 MANY = [f"p{i}.jpg" for i in range(FEWEST)]
 
@@ -74,10 +73,10 @@ def test_a_film_with_its_cover_is_a_film_and_a_film_beside_enough_photographs_is
 def test_pictures_of_formats_that_are_not_read_are_said_by_name_with_what_to_do(tmp_path: Path):
     source = found(tmp_path / "beside", *MANY, "q1.jxl", "q2.JXL", "q3.gif", "q4.dng", "p0.dng")
     assert names_of(source) == MANY and len(source.notes) == 1  # p0 is there as a JPEG, too
-    assert "1 DNG (raw), 1 GIF, 2 JPEG XL pictures, a format that is not read" in source.notes[0]
-    assert "export them as JPEG, PNG or 16 bit TIFF; convert them to JPEG or PNG" in source.notes[0]
+    assert "1 DNG, 1 GIF, 2 JXL pictures, a format that is not read" in source.notes[0]
+    assert "convert them to JPEG or PNG; export them as JPEG, PNG or 16 bit TIFF" in source.notes[0]
     with pytest.raises(
-        UserError, match=r"expected a folder of photographs \(PNG, .*found 9 JPEG XL pictures\); convert them"
+        UserError, match=r"expected a folder of photographs \(PNG, .*found 9 JXL pictures\); convert them"
     ):
         find_source(files(tmp_path / "alone", *(f"{i}.jxl" for i in range(9))))
     with pytest.raises(UserError, match=r"found 1 GIF picture\)"):
@@ -85,10 +84,10 @@ def test_pictures_of_formats_that_are_not_read_are_said_by_name_with_what_to_do(
     assert find_source(files(tmp_path / "any", "below/a.gif", "notes.txt")) is None  # a folder to be looked into
     with pytest.raises(UserError, match=r"found 1 GIF picture\)"):
         require_source(tmp_path / "any")
-    for suffix, (name, remedy) in UNREAD_FORMATS.items():
+    for suffix, remedy in UNREAD_FORMATS.items():
         with pytest.raises(UserError) as error:
             find_source(files(tmp_path / suffix[1:], f"a{suffix}"))
-        assert f"found 1 {name} picture); {remedy}" in str(error.value)
+        assert f"found 1 {suffix[1:].upper()} picture); {remedy}" in str(error.value)
 
 
 @pytest.mark.parametrize(

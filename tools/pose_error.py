@@ -1,4 +1,4 @@
-"""Pose errors of one scene, given another of the same photographs: `python -m training.posing.pose_error FOUND GIVEN`.
+"""Pose errors of one scene, given another of the same photographs: `python -m tools.pose_error FOUND GIVEN`.
 
 The two frames are aligned by the similarity (scale, rotation, translation) that brings the positions closest together
 (Umeyama, Least-squares estimation of transformation parameters between two point patterns, PAMI 1991).
@@ -75,7 +75,7 @@ def compare(found: Path, given: Path, /) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(compare, prog="python -m training.posing.pose_error", args=args)
+    return run_command(compare, prog="python -m tools.pose_error", args=args)
 
 
 if __name__ == "__main__":
