@@ -12,8 +12,9 @@ import dataclasses
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -138,6 +139,36 @@ class Profile:
         return "\n".join([about, "", speed, "", *head, *rows]) + "\n"
 
 
+def steps_in_parts(engine: Any, state: State, step: int, progress: float) -> Iterator[tuple[str, Any]]:
+    """One step of an engine part by part: after each, its name and what it leaves. The last is ("adam", metrics)."""
+    import jax
+
+    from training.multires import jax_engine
+
+    if not isinstance(engine, jax_engine.JaxEngine):
+        batch = engine.draw(state, step)
+        yield "draw", batch
+        output = engine.differentiate(state, batch)
+        yield "render", output
+        gradient, marks = engine.scatter(state, output)
+        yield "scatter", gradient
+        yield "adam", engine.move(state, output, gradient, marks, len(batch.start), progress)
+        return
+    (cells, maps, absent, _), constants = engine._derived(state), engine._constants(state)
+    dataset, compiled = engine.dataset.in_average_look(state.gains), partial(jax.jit, static_argnames="constants")
+    samples, target = compiled(jax_engine.draw)(cells, dataset, engine.key, np.int32(step), constants=constants)
+    yield "draw", samples
+    gradient, metrics = compiled(jax_engine.loss_and_gradient)(state.values, maps, samples, target, constants=constants)
+    yield "gradient", gradient
+    rates = np.array(engine.settings.rates_at(state.updates, progress), np.float32)
+    state.values, state.first, state.second = compiled(jax_engine.adam)(
+        (state.values, state.first, state.second), gradient, absent, rates, constants=constants
+    )
+    state.updates += 1
+    jax.block_until_ready(state.values)
+    yield "adam", metrics
+
+
 def profile(
     method: MultiresMethod, state: State, step: int, rounds: int, on_share: Callable[[float], None] = lambda _: None
 ) -> Profile:
@@ -150,7 +181,7 @@ def profile(
         at = step + turn
         left: Any = None
         watch.start()
-        for name, left in method.engine.parts(state, at, min(at / max(method.config.steps, 1), 1.0)):
+        for name, left in steps_in_parts(method.engine, state, at, min(at / max(method.config.steps, 1), 1.0)):
             jax.block_until_ready(left)
             watch.lap(name)
         if not turn:  # the first compiles

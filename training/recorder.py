@@ -30,8 +30,8 @@ from console.progress import duration
 from training.checkpoints import writing
 from training.dataset import RayDataset
 from training.devices import here, is_writer
+from training.losses import psnr_of
 from training.method import Method, Rays
-from training.metrics import psnr
 from training.run import Run
 from training.scenes import Photograph, Scene
 from training.scenes.pictures import over_background
@@ -98,7 +98,7 @@ class Recorder:
             state, scores = here(run.state), []
             for photograph in self._photographs:
                 rendered, truth = render_photograph(run.method, state, run.dataset, photograph, VALIDATION_PIXELS)
-                scores.append(psnr(rendered, truth))
+                scores.append(float(psnr_of(np.square(rendered - truth).mean())))
                 if len(scores) == 1:
                     picture.parent.mkdir(parents=True, exist_ok=True)
                     row = np.rint(np.clip(np.concatenate([truth, rendered], axis=1), 0, 1) * 255).astype(np.uint8)

@@ -21,8 +21,8 @@ MAX_CELLS = 512  # of culling, along an axis
 class BakeGrid:
     """min_xyz float64 [3], voxel_size: grid frame. blocks (x, y, z). worldspace_T_opengl [4, 4]: grid to training frame.
 
-    resolution: voxels along the longest side of the box that the blocks cover. contraction: half the side of the inner cube, where
-    space is contracted (scenepack.contraction); None where it is not.
+    resolution: voxels along the longest side of the box that the blocks cover. contraction: half the side of the inner cube,
+    where space is contracted (scenepack.contraction); None where it is not.
     """
 
     min_xyz: np.ndarray

@@ -8,6 +8,7 @@ from typing import Any
 
 from baker.baking.config import BakeConfig
 from baker.baking.stages import STAGE, Stages
+from baker.baking.views_between import with_views_between
 from baker.tuning.hidden import smooth_hidden
 from baker.tuning.joint_loop import JointConfig, joint_tune, lost_to_steps, shown_psnr
 from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Pruned, light_of, prune, thin
@@ -16,7 +17,6 @@ from console.progress import Progress
 from scenepack.codecs.steps import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.views_between import with_views_between
 
 TUNED_TAU = 4.0  # times tau_weight: what tuned voxels are pruned by, where tuning goes on and makes up for it
 MOST_LOST = 0.05  # dB of training rays that pruning may cost: scenes that tuning does not help never regain it

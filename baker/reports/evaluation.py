@@ -5,7 +5,7 @@ pictures (section 6, real 360° scenes), since otherwise what lies outside of th
 methods are compared on the same pixels where all take the mask of one of them: `mask_of`.
 
 A photograph that is held out has an exposure of its own, which nothing that was trained can know. So there is a second figure,
-psnr_matched, of pictures whose colours were matched to the photograph first (training.metrics.colours_matched). All others
+psnr_matched, of pictures whose colours were matched to the photograph first (baker.metrics.colours_matched). All others
 compare what is shown as it is.
 """
 
@@ -20,11 +20,11 @@ from typing import Any, Literal
 import numpy as np
 from PIL import Image
 
+from baker import metrics
 from console import UserError, progress
 from console.atomic import replacing
 from scenepack import load_pack
 from scenepack.pack import Pack
-from training import metrics
 from training.run import Run, is_run, load_run, read_description
 from training.scenes import Camera, Photograph, Scene, picture_stems
 from training.scenes.scene_options import checked_up

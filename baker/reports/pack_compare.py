@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from baker import metrics
 from console import UserError, progress
 from scenepack import Pack, load_pack
-from training import metrics
 from viewer.rendering.camera import ViewCamera, orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from baker.metrics import colours_matched, psnr
 from training.exposure import FEWEST, GAINS, MOST, drawn, fitted
-from training.metrics import colours_matched, psnr
 
 VIEWS, RAYS = 12, 400
 

@@ -1,19 +1,42 @@
-"""Which engine a run has: training.multires.engine.Engine by name, and the choice where a run begins."""
+"""Training engines: what computes the steps of the field and evaluates it; their interface, and which one a run has."""
 
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import Any, Protocol
 
 import jax
+import numpy as np
 
 from console import UserError
 from training.config import EngineName
 from training.dataset import RayDataset
-from training.multires.engine import Engine
+from training.method import Rays, RenderOutput
 from training.multires.jax_engine import JaxEngine
 from training.multires.settings import Plan, Settings
 from training.multires.state import State
+
+
+class Engine(Protocol):
+    """Agrees with training.multires.field to rounding. What is random about a step comes from the seed and the step alone; two
+    engines may draw differently. An engine may keep what it derives from a state in state.kept.
+    """
+
+    def adopt(self, state: State) -> State:
+        """The state with arrays as the engine needs them."""
+        ...
+
+    def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
+        """One update of the state, in place, and its metrics (see training.method.Method.step)."""
+        ...
+
+    def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
+        """float32 [N, 8] at points float32 [N, 3] of the unit cube: density per side of the cube, colours, features."""
+        ...
+
+    def render(self, state: State, rays: Rays) -> RenderOutput:
+        """See training.method.Method.render."""
+        ...
 
 
 def make_engine(name: EngineName, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> Engine:

@@ -1,4 +1,4 @@
-"""training.multires.engine.Engine in JAX: the definition of training.multires.field as a program for any devices.
+"""training.multires.engines.Engine in JAX: the definition of training.multires.field as a program for any devices.
 
 Samples are spread over the devices of the dataset's mesh. Lists have a fixed length, so that a program is compiled once for each
 size: sizes are rounded up, and looked at again where the occupancy grid changes.
@@ -6,7 +6,7 @@ size: sizes are rounded up, and looked at again where the occupancy grid changes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -185,7 +185,7 @@ def compiled_update(mesh: Mesh) -> Callable[..., Any]:
 
 
 class JaxEngine:
-    """See training.multires.engine.Engine."""
+    """See training.multires.engines.Engine."""
 
     def __init__(self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> None:
         self.dataset, self.plan, self.settings, self.key = dataset, plan, settings, jax.random.key(seed)
@@ -210,21 +210,6 @@ class JaxEngine:
         state.values, state.first, state.second = optimised
         state.updates += 1
         return metrics
-
-    def parts(self, state: State, step: int, progress: float) -> Iterator[tuple[str, Any]]:
-        (cells, maps, absent, _), constants = self._derived(state), self._constants(state)
-        dataset, compiled = self.dataset.in_average_look(state.gains), partial(jax.jit, static_argnames="constants")
-        samples, target = compiled(draw)(cells, dataset, self.key, np.int32(step), constants=constants)
-        yield "draw", samples
-        gradient, metrics = compiled(loss_and_gradient)(state.values, maps, samples, target, constants=constants)
-        yield "gradient", gradient
-        rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
-        state.values, state.first, state.second = compiled(adam)(
-            (state.values, state.first, state.second), gradient, absent, rates, constants=constants
-        )
-        state.updates += 1
-        jax.block_until_ready(state.values)
-        yield "adam", metrics
 
     def _constants(self, state: State) -> Constants:
         return Constants(self._derived(state)[-1], self._lists(state), state.step_cells, self.settings)

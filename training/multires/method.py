@@ -3,7 +3,7 @@
 field      the definition, in JAX              levels     rows of the feature table
 state      what is trained, in plain arrays    occupancy  where samples are taken
 settings   what a config means for a dataset   hull       where anything can be, by the photographs
-engine     the interface of an engine; jax_engine, fused: the two that there are
+engines    the interface of an engine, and the choice; jax_engine, fused: the two that there are
 saving     checkpoints
 """
 

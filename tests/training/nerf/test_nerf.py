@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from baker.metrics import psnr
 from console import UserError
 from training.checkpoints import named_leaves
 from training.config import PAPER, PRESETS, SMALL, TINY, NerfConfig
 from training.dataset import make_dataset
 from training.encoding import encode_points
-from training.metrics import psnr
 from training.nerf.field import apply_field, init_field
 from training.nerf.method import NerfMethod, batch_slices, in_slices
 from training.nerf.render import NerfParams, draw_perturbation, init_nerf

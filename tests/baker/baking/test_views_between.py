@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from training import views_between
+from baker.baking import views_between
+from baker.baking.views_between import with_views_between
 from training.dataset import RayDataset, make_dataset
 from training.scenes import Scene
-from training.views_between import with_views_between
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from training.metrics import psnr, ssim
+from baker.metrics import psnr, ssim
 
 rng = np.random.default_rng(0)
 A, B = rng.random((40, 33, 3)), rng.random((40, 33, 3))
