@@ -17,7 +17,7 @@ ROOMS = SHIPPED | {"tools"}
 MAY_IMPORT = {
     "console": set(),
     "scenepack": {"console"},
-    "training": {"console", "scenepack.constants"},
+    "training": {"console", "scenepack.constants", "scenepack.contraction"},
     "baker": {"console", "scenepack", "training", "viewer.rendering", "viewer.benchmark"},
     "viewer": {"console", "scenepack", "training.scenes"},
     "tools": SHIPPED | {"tests"},

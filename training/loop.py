@@ -79,7 +79,8 @@ def _train(run: Run, watcher: Watcher | None) -> Run:
     if is_writer():
         if line := few_line(run.scene):
             notice(run.scene.path, line)
-        for line in (split_line(run.scene), box_line(run.scene, given=run.options.aabb is not None)):
+        contracted = run.dataset.facts.contraction is not None
+        for line in (split_line(run.scene), box_line(run.scene, run.options.aabb is not None, contracted)):
             if line:
                 print(line, file=sys.stderr, flush=True)
     with together():

@@ -77,10 +77,15 @@ def box_text(aabb: np.ndarray) -> str:
     return ",".join(f"{value:.4g}" for value in np.asarray(aabb).ravel())
 
 
-def box_line(scene: Scene, given: bool) -> str | None:
-    """What a user must know to choose another box; None where there is nothing to choose."""
+def box_line(scene: Scene, given: bool, contracted: bool = False) -> str | None:
+    """What a user must know to choose another box; None where there is nothing to choose. contracted: all of space is trained."""
     if scene.ndc:
         return None
+    if contracted:
+        return (
+            f"unbounded: what lies within {scene.contraction:.4g} of the origin on every axis is trained finely, all else more "
+            f"coarsely the farther it is; for a box alone: {AABB} x0,y0,z0,x1,y1,z1"
+        )
     eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
     distance = np.linalg.norm(eyes, axis=-1).mean()
     whose = "as told by --aabb" if given else "another one: --aabb x0,y0,z0,x1,y1,z1"

@@ -12,6 +12,7 @@ from baker.tuning.marcher import PackMarcher
 from scenepack import Pack
 from tests.baker.tuning.reference import VoxelRays, accumulated, sampled, voxel_rays
 from tests.scenepack.random_packs import random_pack
+from tests.viewer.rendering.shapes import surroundings_pack
 from training.dataset import RayDataset, make_dataset
 from training.multires.fused.workers import Workers
 from training.scenes import Scene
@@ -77,10 +78,11 @@ def test_what_a_ray_accumulates_is_what_the_reference_accumulates(
         assert off.mean() < 5e-3, "but for a sample at a threshold, or rays that begin a step apart by rounding"
 
 
-@pytest.mark.parametrize("near", [0.0, 3.9])
-def test_a_photograph_is_seen_as_the_reference_draws_the_pack(scene: Scene, near: float) -> None:
+@pytest.mark.parametrize(("near", "contracted"), [(0.0, False), (3.9, False), (0.5, True)])
+def test_a_photograph_is_seen_as_the_reference_draws_the_pack(scene: Scene, near: float, contracted: bool) -> None:
     alone = replace(scene, near=near, splits={"train": scene.splits["train"][:1]})
-    pack, camera = pack_in_view("blob").with_metadata(near=near), scene.splits["train"][0].camera
+    pack = surroundings_pack(64, radius=1.1) if contracted else pack_in_view("blob")
+    pack, camera = pack.with_metadata(near=near), scene.splits["train"][0].camera
     seen = make_dataset(alone)
     sums = PackMarcher(pack, seen).accumulate(np.arange(seen.count, dtype=np.int32))
     truth = render_reference(pack, ViewCamera.from_scene_camera(pack, camera), background=(0.0, 0.0, 0.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 
 from console import UserError
+from scenepack.contraction import uncontract
+from tests.training.test_captures import circle, write_transforms
 from training.config import PRESETS, QUICK
 from training.dataset import RayDataset, make_dataset
 from training.exposure import FITTED_FROM
@@ -23,7 +26,7 @@ from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
 from training.multires.occupancy import NEVER, code_of, is_on, visited
 from training.multires.settings import plan_of
-from training.scenes import Scene
+from training.scenes import Scene, load_scene
 
 SMALL = MultiresConfig(
     resolutions=(8, 16, 128, 256), occupancy=32, samples_per_step=4096, steps_across=(16, 48, 64), finest_from=0.2
@@ -210,3 +213,22 @@ def test_settings_that_do_not_fit_together_are_refused_by_name(dataset: RayDatas
     config = dataclasses.replace(CONFIG, multires=dataclasses.replace(SMALL, **settings))
     with pytest.raises(UserError, match=f"--multires.{option}"):
         plan_of(config, dataset)
+
+
+def test_contracted_space_is_empty_before_cameras_and_between_the_sides_of_the_inner_cube(tmp_path: Path) -> None:
+    scene = load_scene(write_transforms(tmp_path / "scene", circle()))
+    dataset = make_dataset(scene, contracted=True)
+    inner = dataset.facts.contraction
+    assert dataset.kind == "unbounded" and inner is not None
+    method = MultiresMethod(dataclasses.replace(CONFIG, multires=dataclasses.replace(SMALL, least_views=1)), dataset)
+    state = method.start(jax.random.key(0))
+    z, y, x = np.nonzero(is_on(state.codes))
+    places = (state.box.origin + (np.stack([x, y, z], -1) + 0.5) * state.box.cell) / inner
+    assert (np.abs(places) > 1).any() and (np.abs(places) > 1).sum(1).max() == 1
+    eyes = np.asarray(dataset.world_T_camera)[:, :, 3]
+    distances = np.linalg.norm(inner * uncontract(places)[:, None] - eyes, axis=-1)
+    assert dataset.near <= distances.min() < 2 * dataset.near
+    state.codes[:] = INITIAL_CODE
+    within, beyond = inner * np.array([[1.5, 1 - 1e-6, 0.2]]), inner * np.array([[1.5, 1.02, 0.2]])
+    for found, expected in zip(*(method.query(state, jnp.asarray(p)) for p in (beyond, within)), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-3)
