@@ -1,4 +1,4 @@
-"""Which macroblocks are worth storing (SNeRG section 5.4): those with opacity, and seen by some training camera.
+"""Which macroblocks are worth storing (SNeRG section 5.3): those with opacity, and seen by some training camera.
 
 Notation: tau_alpha, tau_vis the thresholds; v the voxel size in the field's frame; a cell is grid.cell³ voxels, the unit
 of the visibility test (2, as in the release, which tests on a grid of half the resolution; more in very fine grids).
@@ -11,18 +11,14 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from baker.baking.field_query import FieldQuery, Occupied
 from baker.baking.grid import BakeGrid, to_training
+from baker.baking.visibility import best_transmittance
 from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
 from training.dataset import RayDataset
-from training.marching.layout import COARSE, depth_where, segments_across
-from training.marching.march import MarchSizes, march, transmittance, until_complete
-from training.marching.rays import in_grid_frame, to_grid
-from training.marching.sparse_grid import GridLayout, build_layout, cell_means, dilate, with_depths
+from training.marching.layout import dilate
 
 TAU_ALPHA = 0.005
 TAU_VIS = 0.01
@@ -30,9 +26,6 @@ FAINTEST = 0.5 / 255  # opacity of a voxel that 8 bits do not round to nothing
 BOX_PROBE = 256  # most cells a side when looking for the box around the content
 BOX_MARGIN = 1.0  # probe cells added on every side of it
 BOX_TAIL, BOX_GROWTH = 0.0005, 1.1  # share of the opacity cut off at either end of an axis; what the rest is grown by
-VISIBILITY_RAYS = 1_000_000  # training rays marched; with 100 views of 200 × 200 every fourth
-CHUNK_RAYS, CHUNK_SAMPLES = 4096, 131_072
-EARLY_TERMINATION = 1e-3  # transmittance at which rays end, well below any tau_vis: dense scenes stay cheap
 DILATION = 2  # cells: what lies this near to a visible cell counts as visible
 
 Tick = Callable[[float], None]
@@ -115,7 +108,7 @@ def cull(
     work: WorkFolder | None = None,
     stages: Callable[[str], AbstractContextManager] = nullcontext,
 ) -> Culling:
-    """Both tests of section 5.4. occupied: spares asking the field where it is surely empty (baker.baking.field_query).
+    """Both tests of section 5.3. occupied: spares asking the field where it is surely empty (baker.baking.field_query).
 
     on_blocks, on_rays are told the share done of either. work: where a broken-off bake goes on. stages: times the two.
     """
@@ -213,46 +206,4 @@ def _opacity_of_layer(
 
 def _seen(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tau_vis: float, tick: Tick | None) -> Arrays:
     """Which cells a training ray reaches with transmittance tau_vis, as packed bits."""
-    return {"bits": np.packbits(_visibility(density, grid, dataset, tick) >= tau_vis)}
-
-
-def _visibility(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick | None) -> np.ndarray:
-    """float32 [cells]: the largest transmittance with which any of many training rays reaches the cell; 0 in empty cells."""
-    present = density > 0
-    if not present.any():
-        return np.zeros(density.shape, np.float32)
-    layout = build_layout(present, grid.min_xyz, grid.voxel_size * grid.cell, grid.contraction)
-    rows = jnp.asarray(np.concatenate([[0.0], density[present]]).astype(np.float32))
-    layout = with_depths(layout, cell_means(layout, rows) * (grid.voxel_size * grid.cell))
-    segments = segments_across(density.shape)
-    sizes = MarchSizes(segments, CHUNK_SAMPLES // COARSE * 2, CHUNK_SAMPLES, segments * COARSE)
-    ids = np.random.default_rng(0).permutation(dataset.count)[:VISIBILITY_RAYS].astype(np.int32)
-    best = jnp.zeros(len(rows))
-    grid_T_training = jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32)
-
-    def march_some(places: np.ndarray) -> tuple[None, jax.Array]:
-        nonlocal best
-        part = jnp.asarray(ids[places])
-        best, complete = _raise_transmittance(best, rows, layout, dataset, part, grid_T_training, sizes)
-        return None, complete
-
-    for _, done, _ in until_complete(len(ids), CHUNK_RAYS, march_some):
-        if tick:
-            tick(done / len(ids))
-    visible = np.zeros(density.shape, np.float32)
-    visible[present] = np.asarray(best)[1:]
-    return visible
-
-
-@partial(jax.jit, static_argnames="sizes")
-def _raise_transmittance(
-    best: jax.Array, rows: jax.Array, layout: GridLayout, dataset: RayDataset, ids: jax.Array,
-    grid_T_training: jax.Array, sizes: MarchSizes,
-) -> tuple[jax.Array, jax.Array]:  # fmt: skip
-    """Raises best [V + 1] to the transmittance of rays `ids` at the voxels they meet; also which rays were marched whole."""
-    rays = in_grid_frame(dataset.geometry_at(ids), grid_T_training)
-    grid_rays = to_grid(layout, rays)
-    samples = march(layout, grid_rays, jnp.full(ids.shape[0], 0.5), sizes, 1.0, depth_where(EARLY_TERMINATION))
-    row = layout.nearest(samples.g)
-    before, _ = transmittance(samples, rows[row] * grid_rays.length[samples.ray], ids.shape[0], sizes.per_ray)
-    return best.at[row].max(jnp.where(samples.valid, before, 0.0)), samples.complete
+    return {"bits": np.packbits(best_transmittance(density, grid, dataset, tick) >= tau_vis)}

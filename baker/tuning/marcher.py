@@ -372,8 +372,13 @@ class PackMarcher:
         for first in range(0, len(ids), TOGETHER):
             some = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)
             moved = None if away is None else jnp.asarray(away[some])
-            rays = _in_grid(self.box, self.rays, jnp.asarray(ids[some]), moved)
-            yield first, lines_of(rays)
+            yield first, lines_of(_in_grid(self.box, self.rays, jnp.asarray(ids[some]), moved))
+
+
+def lines_in_grid(box: GridBox, source: GridFrameRays, ids: np.ndarray) -> tuple[Lines, np.ndarray]:
+    """Rays `ids` int32 [R] in voxels, and the world units per voxel along each [R]."""
+    rays = _in_grid(box, source, jnp.asarray(ids), None)
+    return lines_of(rays), np.asarray(rays.length)
 
 
 @jax.jit

@@ -9,6 +9,7 @@ import os
 import tracemalloc
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from PIL import Image
@@ -16,8 +17,8 @@ from PIL import Image
 from console import Notice, UserError
 from training import dataset as datasets
 from training.dataset import MOST_RAYS, make_dataset, row_step_for
+from training.marching.layout import GridBox
 from training.marching.rays import to_grid
-from training.marching.sparse_grid import build_layout
 from training.scenes import Photograph, Scene, load_pixels, pixels
 from training.scenes.pictures import PictureLoader, read_picture, shrink
 
@@ -138,7 +139,9 @@ def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_ha
 
     fused = pytest.importorskip("training.multires.fused.rays", reason="pip install 'snerg[train]'")
     low, high = procedural_scene.aabb
-    layout = build_layout(np.ones((8, 8, 8), bool), low, (high - low) / 8)
+    layout = GridBox(
+        jax.numpy.asarray(low, np.float32), jax.numpy.asarray((high - low) / 8, np.float32), jax.numpy.full(3, 8)
+    )
     batch = fused.empty_batch(len(ids), 0.0)
     batch.background[:] = thin.background
     fused.fill_batch(fused.photographs_of(thin), ids.astype(np.int64), np.float64(low), np.float64((high - low) / 8),

@@ -2,8 +2,7 @@
 
 Notation: a grid of dims (Dx, Dy, Dz) voxels; voxel i covers [i, i+1) in grid coordinates g and its value sits at its centre,
 i + 0.5. Its coarse occupancy has one byte for each COARSE³ voxels, 1 where a sample within COARSE/2 voxels of these could
-have support. Each cell of 8 voxels also has a code: 0 where none of the 8 is present (no support), else 1 + the optical
-depth of one step there, in 1 / DEPTH_UNITS. By these a march can end early, where no light is left.
+have support.
 """
 
 from __future__ import annotations
@@ -15,8 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 
 COARSE = 4  # side of a coarse occupancy cell, in voxels
-DEPTH_UNITS = 16.0  # a cell's optical depth is counted in sixteenths, up to DEEPEST of them
-DEEPEST = 254
 
 
 class Boxed(Protocol):
@@ -45,25 +42,26 @@ class GridBox(NamedTuple):
     contraction: jax.Array | float | None = None
 
 
-class Layout(Boxed, Protocol):
-    """Where the voxels of a grid are."""
+class Cells(NamedTuple):
+    """The cells of an occupancy grid. Where it is: see Boxed. occupied: uint8, flat, x fastest, of side³ cells."""
 
-    def near_content(self, g: jax.Array) -> jax.Array:
-        """bool [...]: whether anything stored may lie within COARSE/2 voxels of g [..., 3]; False only where none does."""
-        ...
+    origin: jax.Array
+    voxel: jax.Array
+    dims: jax.Array
+    occupied: jax.Array
+    side: jax.Array
+    coarse: jax.Array
+    coarse_dims: jax.Array
+    contraction: jax.Array | None = None
 
     def has_support(self, g: jax.Array) -> jax.Array:
-        """bool [...]: whether interpolation at grid coordinates g [..., 3] meets anything stored."""
-        ...
+        """bool [...]: whether samples are taken at g [..., 3]."""
+        cell = jnp.clip(g.astype(jnp.int32), 0, self.side - 1)
+        return self.occupied[flat_index(cell, jnp.stack([self.side] * 3))] > 0
 
-    def optical_depth(self, g: jax.Array) -> jax.Array:
-        """int32 [...]: the code of the cell at g [..., 3]: 0 without support, else 1 + optical depth of one step."""
-        ...
-
-
-def depth_where(transmittance: float) -> int:
-    """The optical depth, in 1 / DEPTH_UNITS, behind which no more than this share of the light arrives."""
-    return int(-np.log(transmittance) * DEPTH_UNITS)
+    def near_content(self, g: jax.Array) -> jax.Array:
+        """bool [...]: False only where no cell within COARSE / 2 of g [..., 3] is on."""
+        return self.coarse[coarse_cell(g, self.coarse_dims)] > 0
 
 
 def segments_across(dims: tuple[int, ...] | np.ndarray, step: float = 1.0) -> int:
@@ -91,3 +89,28 @@ def trilinear_weights(fraction: jax.Array) -> jax.Array:
 def blend(values: jax.Array, weights: jax.Array) -> jax.Array:
     """Sum over the 8 corners of values [N, 8, C] times weights [N, 8]."""
     return jnp.einsum("nk,nkc->nc", weights, values, precision=jax.lax.Precision.HIGHEST)
+
+
+def coarse_occupancy(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """uint8 [Cz, Cy, Cx]: cell c answers for samples at g in [4c - 2, 4c + 6), whose padded cells are 4c - 2 ... 4c + 6."""
+    coarse = support
+    for axis in range(3):
+        count = -(-shape[axis] // COARSE)
+        wide = np.pad(coarse, [(COARSE, 3 * COARSE) if other == axis else (0, 0) for other in range(3)])
+        coarse = np.zeros(1, np.uint8)
+        for first in range(COARSE // 2, 2 * COARSE + COARSE // 2 + 1):
+            some = (slice(None),) * axis + (slice(first, first + COARSE * (count - 1) + 1, COARSE),)
+            coarse = np.maximum(coarse, wide[some])
+    return coarse
+
+
+def dilate(volume: np.ndarray) -> np.ndarray:
+    """bool volume grown by one voxel along every axis and diagonal."""
+    for axis in range(3):
+        grown = volume.copy()
+        ahead, behind = [slice(None)] * 3, [slice(None)] * 3
+        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+        grown[tuple(ahead)] |= volume[tuple(behind)]
+        grown[tuple(behind)] |= volume[tuple(ahead)]
+        volume = grown
+    return volume

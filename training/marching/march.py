@@ -3,9 +3,6 @@
 Two passes keep it cheap: first one test per COARSE steps against the dilated coarse occupancy, then one test per step
 against exact support. Both compact into lists of fixed size, so nothing recompiles. Nothing is dropped silently: rays
 are taken in order until the list is full, and `complete` says which rays have all their samples.
-
-A layout also remembers how deep, optically, its cells were when last seen. By these a march can terminate early, where the
-light does: in a dense scene most of what lies on a ray lies behind the first surface.
 """
 
 from __future__ import annotations
@@ -17,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from training.marching.layout import COARSE, Layout
+from training.marching.layout import COARSE, Cells
 from training.marching.rays import GridRays
 
 Output = TypeVar("Output")
@@ -44,12 +41,12 @@ class Samples(NamedTuple):
     counts: jax.Array  # int32 [N]
 
 
-def occupied_segments(layout: Layout, rays: GridRays, phase: jax.Array, segments: int, step: float) -> jax.Array:
+def occupied_segments(cells: Cells, rays: GridRays, phase: jax.Array, segments: int, step: float) -> jax.Array:
     """bool [N, segments]: which runs of COARSE steps may meet content."""
     middle = rays.start[:, None] + (phase[:, None] + COARSE * jnp.arange(segments) + 0.5 * (COARSE - 1)) * step
     g = rays.points(jnp.arange(len(middle))[:, None], middle)
     ends_after = rays.start[:, None] + COARSE * jnp.arange(segments) * step < rays.end[:, None]
-    return layout.near_content(g) & ends_after
+    return cells.near_content(g) & ends_after
 
 
 def compact(mask: jax.Array, size: int) -> jax.Array:
@@ -65,16 +62,13 @@ def before_within(values: jax.Array) -> jax.Array:
     return (jnp.cumsum(rows) - rows)[:, None] + jnp.cumsum(values, axis=1) - values
 
 
-def march(
-    layout: Layout, rays: GridRays, phase: jax.Array, sizes: MarchSizes, step: float, last_depth: int | None = None
-) -> Samples:
+def march(cells: Cells, rays: GridRays, phase: jax.Array, sizes: MarchSizes, step: float) -> Samples:
     """The samples of N rays at start + (phase + k) step, k = 0, 1, …, that have support.
 
     step: in voxels, at most 1; at most 2 where near_content looks two voxels further than it must.
-    last_depth: early termination: what lies behind this much optical depth (see training.marching.layout) is left out.
     """
     count = rays.start.shape[0]
-    coarse = occupied_segments(layout, rays, phase, sizes.segments, step)
+    coarse = occupied_segments(cells, rays, phase, sizes.segments, step)
     picked = compact(coarse.ravel(), sizes.coarse)
     per_ray = coarse.sum(1)
     ends = jnp.cumsum(per_ray)
@@ -86,13 +80,7 @@ def march(
     t = rays.start[ray] + (phase[ray] + k) * step
     g = rays.points(ray, t)
     inside = (t < rays.end[ray]) & listed[:, None]
-    if last_depth is None:
-        fine = inside & layout.has_support(g)
-    else:
-        depth = jnp.where(inside, layout.optical_depth(g), 0)
-        deep = before_within(jnp.maximum(depth - 1, 0))
-        at_start = deep[jnp.minimum(starts, sizes.coarse - 1), 0]
-        fine = (depth > 0) & (deep - at_start[ray] < last_depth)
+    fine = inside & cells.has_support(g)
 
     place = before_within(fine.astype(jnp.int32))
     total = place[-1, -1] + fine[-1, -1]

@@ -18,10 +18,9 @@ from jax.sharding import Mesh, NamedSharding
 from training.dataset import RayDataset
 from training.devices import WHOLE, agree, here, put_whole, split
 from training.losses import psnr_of
-from training.marching.layout import COARSE, coarse_cell, flat_index, segments_across
+from training.marching.layout import COARSE, Cells, coarse_occupancy, dilate, segments_across
 from training.marching.march import MarchSizes, Samples, march, occupied_segments, until_complete
 from training.marching.rays import to_grid
-from training.marching.sparse_grid import coarse_occupancy, dilate
 from training.method import Rays, RenderOutput
 from training.multires.field import (
     Level,
@@ -49,28 +48,6 @@ PROBE_RAYS = 4096  # whose sample counts set the sizes of lists
 HEADROOM = 1.15  # lists are this much longer than the mean asks for
 RENDER_RAYS, RENDER_SAMPLES = 4096, 262_144
 POINTS = 131_072  # that are queried together
-
-
-class Cells(NamedTuple):
-    """The occupancy grid as a training.marching.layout.Layout: occupied uint8, flat, x fastest, of side³ cells."""
-
-    origin: jax.Array
-    voxel: jax.Array
-    dims: jax.Array
-    occupied: jax.Array
-    side: jax.Array
-    coarse: jax.Array
-    coarse_dims: jax.Array
-    contraction: jax.Array | None = None
-
-    def has_support(self, g: jax.Array) -> jax.Array:
-        """bool [...]: whether samples are taken at g [..., 3]."""
-        cell = jnp.clip(g.astype(jnp.int32), 0, self.side - 1)
-        return self.occupied[flat_index(cell, jnp.stack([self.side] * 3))] > 0
-
-    def near_content(self, g: jax.Array) -> jax.Array:
-        """bool [...]: False only where no cell within COARSE / 2 of g [..., 3] is on."""
-        return self.coarse[coarse_cell(g, self.coarse_dims)] > 0
 
 
 class Lists(NamedTuple):
@@ -135,7 +112,7 @@ def sampled(
 ) -> tuple[Samples, Target]:  # fmt: skip
     """Samples of rays [N], with a phase [N] in steps, and their target."""
     in_grid = to_grid(cells, rays)
-    samples = march(cells, in_grid, phase, constants.lists.sizes, constants.step_cells)  # type: ignore[arg-type]
+    samples = march(cells, in_grid, phase, constants.lists.sizes, constants.step_cells)
     side = cells.voxel[0] * constants.settings.resolution
     return samples, Target(rays.viewdirs, colours, background, constants.step_cells * in_grid.length / side, side)
 
@@ -301,7 +278,7 @@ def _count(
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """Coarse segments and samples, both [N], of training rays int32 [N]."""
     rays = to_grid(cells, geometry.geometry_at(ids))
-    coarse = occupied_segments(cells, rays, jnp.zeros_like(rays.start), segments, step).sum(-1)  # type: ignore[arg-type]
+    coarse = occupied_segments(cells, rays, jnp.zeros_like(rays.start), segments, step).sum(-1)
 
     def add(k: jax.Array, total: jax.Array) -> jax.Array:
         t = rays.start + k * step

@@ -49,7 +49,7 @@ def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(
     culling = SimpleNamespace(kept=None, counts=dict)
     method = SimpleNamespace(view_mlp=lambda state: None, gains=lambda state: gains)
     run: Any = SimpleNamespace(method=method, dataset=dataset, scene=scene, state=0)
-    grid = SimpleNamespace(voxel_size=1, min_xyz=0, size=(1, 1, 1), worldspace_T_opengl=np.eye(4))
+    grid = SimpleNamespace(voxel_size=1, min_xyz=0, size=(1, 1, 1), worldspace_T_opengl=np.eye(4), contraction=None)
     monkeypatch.setattr(baking, "check_bake", lambda *_: None)
     monkeypatch.setattr(baking, "_culled", lambda *_: (grid, culling))
     monkeypatch.setattr(baking, "_content", lambda *_: ())

@@ -11,13 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from baker.baking import views_between
 from baker.baking.views_between import with_views_between
-from training.dataset import RayDataset, make_dataset
-from training.scenes import Scene
-
-
-@pytest.fixture(scope="module")
-def dataset(procedural_scene: Scene) -> RayDataset:
-    return make_dataset(procedural_scene)
+from training.dataset import RayDataset
 
 
 def test_photographs_come_first_and_each_has_a_view_between(dataset: RayDataset) -> None:

@@ -9,11 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.training.marching.grids import ORIGIN, VOXEL, random_rays
+from tests.training.marching.grids import ORIGIN, VOXEL, cells_of_grid, random_rays
 from training.marching.layout import GridBox
 from training.marching.march import until_complete
 from training.marching.rays import GridFrameRays, grid_points, to_grid
-from training.marching.sparse_grid import build_layout
 from training.method import Rays
 
 
@@ -61,7 +60,7 @@ def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_where_they_did() -> 
 
 
 def test_a_ray_begins_at_near_and_ends_with_the_box() -> None:
-    layout = build_layout(np.ones((14, 14, 14), bool), ORIGIN, VOXEL)
+    layout = cells_of_grid(np.ones((14, 14, 14), bool))
     middle = jnp.asarray(ORIGIN + 0.7, jnp.float32)
     along = jnp.asarray([[1.0, 0, 0]] * 3)
     ones = jnp.ones(3)
