@@ -15,7 +15,7 @@ from PIL import Image
 from training.scenes.pictures import UNREADABLE
 from training.scenes.sources import Source
 from viewer.app.child import temporary_folder
-from viewer.app.telling import Telling
+from viewer.app.json_subprocess import JsonSubprocess
 
 CELL = 160  # pixels a side: no small picture is larger
 COLUMNS, ROWS = 16, 16  # of the sheet; later pictures are counted, and not shown
@@ -23,7 +23,7 @@ MODULE = "training.posing.preview"
 Box = tuple[int, int, int, int]
 
 
-class BarePreview(Telling):
+class BarePreview(JsonSubprocess):
     """A look at `source`, from the moment this is made. Poll `news` from the main thread, and close it in the end.
 
     of_film: it is no photographs. count: pictures in all, of a film the frames that would be taken; None before it is known.

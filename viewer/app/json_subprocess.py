@@ -19,17 +19,17 @@ from console.python_command import module_command
 from viewer.app.child import POLITENESS
 
 
-class Telling:
+class JsonSubprocess:
     """`python -P -m module words`, from the moment this is made, and `hear` with each object that it prints, in a thread.
 
     before: called in that thread first; the process is begun when it returns. behind: called when all is over.
     """
 
     def __init__(
-        self, module: str, words: Sequence[str], hear: Callable[[Mapping[str, Any]], None], *,
+        self, module: str, words: Sequence[str], on_message: Callable[[Mapping[str, Any]], None], *,
         before: Callable[[], object] = lambda: None, behind: Callable[[], object] = lambda: None,
     ) -> None:  # fmt: skip
-        self._command, self._heard = module_command(module, *words), hear
+        self._command, self._on_message = module_command(module, *words), on_message
         self._before, self._behind = before, behind
         self._process: subprocess.Popen[bytes] | None = None
         self._closed = False
@@ -72,7 +72,7 @@ class Telling:
         assert process.stdout is not None and process.stdin is not None
         try:
             for line in process.stdout:
-                self._heard(json.loads(line))
+                self._on_message(json.loads(line))
         except (ValueError, KeyError, TypeError, AttributeError):  # it was ended within a line
             pass
         finally:
