@@ -1,4 +1,4 @@
-"""The process that decodes for scenepack.codecs.apart, which starts and ends it.
+"""The process that decodes for scenepack.codecs.decoder_sandbox, which starts and ends it.
 
 It reads a line of JSON and the files' bytes from its standard input, says `{}` when it begins, and writes a line of JSON and the
 decoded bytes, whose number both sides know beforehand, to its standard output. It ends when its input does.

@@ -16,7 +16,7 @@ import numpy as np
 from console import UserError
 from scenepack.budget import require_memory
 from scenepack.codecs import CodecError, PieceCodec
-from scenepack.codecs.apart import Decoders
+from scenepack.codecs.decoder_sandbox import Decoders
 from scenepack.codecs.pieces import Piece, cut, follows_grid
 from scenepack.codecs.steps import EXACT, MOST_STEP, Steps, counted, steps_of, times
 from scenepack.files import PackFiles

@@ -12,8 +12,8 @@ import pytest
 
 from console import UserError
 from console.python_command import module_command
-from scenepack.codecs.apart import Decoders
 from scenepack.codecs.base import CodecError
+from scenepack.codecs.decoder_sandbox import Decoders
 from training.posing import child_process
 from viewer.app.json_subprocess import JsonSubprocess
 

@@ -14,7 +14,7 @@ import pytest
 
 from console import UserError
 from scenepack import load_pack, save_pack
-from scenepack.codecs import apart
+from scenepack.codecs import decoder_sandbox
 from tests.scenepack.helpers import small_pack
 
 ROOT = Path(__file__).parents[2]
@@ -50,15 +50,15 @@ def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def decoder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[[str], Path]]:
     """Lets `lines` be what decodes WebP; gives the file that holds the number of the process that began to."""
-    apart._end_idle()
+    decoder_sandbox._end_idle()
 
     def replace(lines: str) -> Path:
         began = tmp_path / "began"
-        monkeypatch.setattr(apart, "PROGRAM", SPOILT.format(began=str(began), lines=lines))
+        monkeypatch.setattr(decoder_sandbox, "PROGRAM", SPOILT.format(began=str(began), lines=lines))
         return began
 
     yield replace
-    apart._end_idle()
+    decoder_sandbox._end_idle()
 
 
 def waits_for(condition: Callable[[], bool]) -> None:
@@ -77,7 +77,7 @@ def is_gone(process: Path) -> bool:
 def test_a_decoder_that_hangs_or_crashes_is_an_error_that_names_the_file(
     pack: Path, decoder: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch, lines: str, told: str
 ) -> None:
-    monkeypatch.setattr(apart, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(decoder_sandbox, "PATIENCE_S", 0.5)
     began = decoder(lines)
     with pytest.raises(UserError, match=rf"rgba_00\d_0\.webp: cannot be decoded: its decoder {told}"):
         load_pack(pack)
@@ -122,28 +122,28 @@ while not (os.path.exists({str(began)!r}) and os.path.getsize({str(began)!r})): 
 
 def test_decoders_are_used_again_and_do_not_stay(tmp_path: Path) -> None:
     save_pack(small_pack(), tmp_path / "pack", codec="jpeg")
-    apart._end_idle()
+    decoder_sandbox._end_idle()
     load_pack(tmp_path / "pack")
-    first = [process._process.pid for process in apart._idle]
+    first = [process._process.pid for process in decoder_sandbox._idle]
     load_pack(tmp_path / "pack")
-    assert {process._process.pid for process in apart._idle} & set(first)
-    kept = list(apart._idle)
-    apart._end_idle()
-    assert not apart._idle and not any(process.lives for process in kept)
+    assert {process._process.pid for process in decoder_sandbox._idle} & set(first)
+    kept = list(decoder_sandbox._idle)
+    decoder_sandbox._end_idle()
+    assert not decoder_sandbox._idle and not any(process.lives for process in kept)
     load_pack(tmp_path / "pack")  # again, from nothing
-    for process in apart._idle:
+    for process in decoder_sandbox._idle:
         os.kill(process._process.pid, signal.SIGKILL)  # as a machine does that runs out of memory
-    waits_for(lambda: not any(process.lives for process in apart._idle))
+    waits_for(lambda: not any(process.lives for process in decoder_sandbox._idle))
     load_pack(tmp_path / "pack")
 
 
 @pytest.mark.filterwarnings("error::ResourceWarning")
 def test_a_decoder_that_ends_leaves_no_pipe_open(pack: Path) -> None:
-    apart._end_idle()
+    decoder_sandbox._end_idle()
     before = len(os.listdir("/proc/self/fd")) if Path("/proc/self/fd").exists() else None
     load_pack(pack)
-    ended = list(apart._idle)
+    ended = list(decoder_sandbox._idle)
     assert ended
-    apart._end_idle()
+    decoder_sandbox._end_idle()
     assert all(process._in.closed and process._out.closed for process in ended)
     assert before is None or len(os.listdir("/proc/self/fd")) <= before
