@@ -28,7 +28,7 @@ def padded(values: np.ndarray, fill: int) -> np.ndarray:
     return np.pad(values, pad, constant_values=fill)
 
 
-def straight(values: np.ndarray, alpha: np.ndarray, smoothing: float) -> np.ndarray:
+def unpremultiply(values: np.ndarray, alpha: np.ndarray, smoothing: float) -> np.ndarray:
     """Premultiplied uint8 [D, H, W, C] as straight uint8 [D, H', W', C], filled; H' and W' are whole cells.
 
     alpha: uint8 [D, H, W].
