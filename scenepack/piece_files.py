@@ -18,7 +18,7 @@ from scenepack.budget import require_memory
 from scenepack.codecs import CodecError, PieceCodec
 from scenepack.codecs.decoder_sandbox import Decoders
 from scenepack.codecs.pieces import Piece, cut, follows_grid
-from scenepack.codecs.steps import EXACT, MOST_STEP, Steps, counted, steps_of, times
+from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, counted, steps_of, times
 from scenepack.files import PackFiles
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding

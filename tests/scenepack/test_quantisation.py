@@ -11,7 +11,7 @@ import pytest
 
 from console import UserError
 from scenepack import Pack, load_pack, save_pack
-from scenepack.codecs.steps import EXACT, steps_of
+from scenepack.codecs.quantisation import EXACT, steps_of
 from tests.scenepack.helpers import images, read_json, same_pack, smooth_pack
 
 
