@@ -15,7 +15,7 @@ from console.atomic import write_file
 from scenepack.exports.field import Corners, Field
 from scenepack.exports.gaussians import COLUMNS, gaussian_values, voxels_of
 from scenepack.exports.glb import glb_parts
-from scenepack.exports.mending import decimated, face_areas, smoothed, vertex_normals, without_floaters
+from scenepack.exports.mesh_cleanup import decimated, face_areas, smoothed, vertex_normals, without_floaters
 from scenepack.exports.placing import Frame, Placing
 from scenepack.exports.ply import POINT, ply_parts
 from scenepack.exports.surface import Surface, extract

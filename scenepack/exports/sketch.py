@@ -8,7 +8,7 @@ import numpy as np
 
 from scenepack.exports.field import Field
 from scenepack.exports.gaussians import voxels_of
-from scenepack.exports.mending import decimated, vertex_normals
+from scenepack.exports.mesh_cleanup import decimated, vertex_normals
 from scenepack.exports.placing import Placing
 from scenepack.exports.scene import (
     LEAST_OPACITY,
