@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scenepack.exports.export_frame import ExportFrame
 from scenepack.exports.field import Field
 from scenepack.exports.gaussians import voxels_of
 from scenepack.exports.mesh_cleanup import decimated, vertex_normals
-from scenepack.exports.placing import Placing
 from scenepack.exports.scene import (
     LEAST_OPACITY,
     Export,
@@ -47,31 +47,31 @@ def sketched(pack: Pack, export: Export, tell: Told = lambda share, note: None) 
     UserError where nothing would be in it.
     """
     check_export(export, pack)
-    placing = Placing(pack)
+    export_frame = ExportFrame(pack)
     coarser = export.coarser or coarseness(pack)
     field = Field(pack, coarser, export.crop)
     no_faces = np.zeros((0, 3), np.int32)
     if export.kind == "gaussians":
         positions, rgba = voxels_of(field, LEAST_OPACITY)
-        near = placing.near_enough(positions)
+        near = export_frame.near_enough(positions)
         positions, rgba = positions[near], rgba[near]
         require_some(len(positions), export)
         straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
-        points = placing.points(positions).astype(np.float32)
+        points = export_frame.points(positions).astype(np.float32)
         colours = np.rint(255.0 * straight).astype(np.uint8)
         return Sketch(points, np.zeros_like(points), colours, no_faces, coarser * pack.voxel_size, coarser)
     alike = replace(export, smooth=-(-export.smooth // coarser))  # smooths about as far
-    surface = surface_of(field, alike, placing, tell)
+    surface = surface_of(field, alike, export_frame, tell)
     if export.kind == "points":
         spacing = max(export.spacing, float(coarser))
-        points, normals, colours = scattered(surface, replace(export, spacing=spacing), placing)
+        points, normals, colours = scattered(surface, replace(export, spacing=spacing), export_frame)
         return Sketch(
             points.astype(np.float32), normals.astype(np.float32), colours, no_faces, spacing * pack.voxel_size, coarser
         )
     if export.faces is not None:
         tell(0.8, "removing triangles")
         surface = decimated(surface, export.faces)
-    there = placed(surface, placing)
+    there = placed(surface, export_frame)
     return Sketch(there.vertices, vertex_normals(there), there.colours, there.faces, 0.0, coarser)
 
 

@@ -21,7 +21,7 @@ FARTHEST_CONTRACTED = 1.98  # |u|∞; 50 R away
 FARTHEST_NDC = 0.98  # z_ndc; beyond it, 100 near planes away, a voxel is deeper than a near plane and infinity is close
 
 
-class Placing:
+class ExportFrame:
     """Takes grid positions (voxels) to `frame`, times `scale`."""
 
     def __init__(self, pack: Pack, frame: Frame = "grid", scale: float = 1.0) -> None:
