@@ -40,15 +40,15 @@ def steps_of(rgba: np.ndarray, features: np.ndarray | None) -> Steps:
     return Steps(_step(rgba[..., :3], alpha), of_features, _step(rgba[..., 3:], opaque))
 
 
-def counted(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> tuple[np.ndarray, np.ndarray | None]:
+def to_counts(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> tuple[np.ndarray, np.ndarray | None]:
     """rgba and features of a piece, in counts of steps."""
     if (steps.colour, steps.alpha) != (1, 1):
         rgba = np.concatenate([_counts(rgba[..., :3], steps.colour), _counts(rgba[..., 3:], steps.alpha)], axis=-1)
     return rgba, features if features is None or steps.feature == 1 else _counts(features, steps.feature)
 
 
-def times(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> tuple[np.ndarray, np.ndarray | None]:
-    """The inverse of `counted`."""
+def from_counts(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> tuple[np.ndarray, np.ndarray | None]:
+    """The inverse of `to_counts`."""
     alpha = _times(rgba[..., 3:], steps.alpha, OPAQUE)
     if (steps.colour, steps.alpha) != (1, 1):
         rgba = np.concatenate([_times(rgba[..., :3], steps.colour, alpha), alpha], axis=-1)
