@@ -17,7 +17,7 @@ from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.rendering.settings import RenderSettings
 
 if TYPE_CHECKING:
-    from scenepack.exports.sketch import Sketch
+    from scenepack.exports.export_preview import PreviewGeometry
 
 
 @dataclass(frozen=True)
@@ -147,12 +147,14 @@ class Stage(Picture, Protocol):
     def drop_image(self, name: str) -> None:
         """Frees such a texture, if there is one."""
 
-    def sketch(self, sketch: Sketch, camera: ViewCamera, ground: tuple[float, float, float]) -> np.ndarray:
+    def draw_export_preview(
+        self, geometry: PreviewGeometry, camera: ViewCamera, ground: tuple[float, float, float]
+    ) -> np.ndarray:
         """What an export would write, uint8 [height, width, 3], before the colour `ground` (sRGB, 0 … 1)."""
         ...
 
-    def drop_sketch(self) -> None:
-        """Frees what is kept on the card for `sketch`."""
+    def drop_export_preview(self) -> None:
+        """Frees what is kept on the card for `draw_export_preview`."""
 
     def sheet(self, sheet: Sheet) -> int:
         """OpenGL name of the texture with all that has arrived on a sheet."""

@@ -14,7 +14,7 @@ FINER = 2  # pixels drawn along each side of one that is shown: edges become smo
 
 
 class PreviewPane:
-    """Keeps the picture while neither camera nor sketch changes."""
+    """Keeps the picture while neither camera nor geometry changes."""
 
     def __init__(self) -> None:
         self._of: tuple[object, ...] = ()
@@ -31,13 +31,13 @@ class PreviewPane:
         self._turn(app, height)
         draw, corner = imgui.get_window_draw_list(), ImVec2(at.x + width, at.y + height)
         draw.add_rect_filled(at, corner, theme.packed(theme.BASE), px(6))
-        if preview.sketch is not None:
+        if preview.geometry is not None:
             density = FINER * imgui.get_io().display_framebuffer_scale.x
             camera = scene.rig.camera((round(density * width), round(density * height)))
-            of = (preview.sketch, camera.grid_T_camera.tobytes(), camera.fx, camera.width, camera.height, theme.BASE)
+            of = (preview.geometry, camera.grid_T_camera.tobytes(), camera.fx, camera.width, camera.height, theme.BASE)
             if of != self._of:
                 ground = theme.rgb(theme.BASE)
-                self._pixels = stage.sketch(preview.sketch, camera, (ground.x, ground.y, ground.z))
+                self._pixels = stage.draw_export_preview(preview.geometry, camera, (ground.x, ground.y, ground.z))
                 self._of = of
             assert self._pixels is not None
             texture = imgui.ImTextureRef(stage.image(IMAGE, self._pixels))
@@ -53,7 +53,7 @@ class PreviewPane:
         """Frees what it holds on the card."""
         if self._pixels is not None:
             stage.drop_image(IMAGE)
-            stage.drop_sketch()
+            stage.drop_export_preview()
         self._of, self._pixels = (), None
 
     def _turn(self, app: App, height: float) -> None:
@@ -80,9 +80,9 @@ def _told(app: App) -> str:
         return "Making a preview…"
     if preview.error:
         return f"{preview.error[:1].upper()}{preview.error[1:]}."
-    if preview.sketch is None:
+    if preview.geometry is None:
         return ""
-    sketch, f = preview.sketch, preview.sketch.coarser
+    geometry, f = preview.geometry, preview.geometry.coarser
     of_points = "Gaussians" if app.exporting.plan.kind == "gaussians" else "points"
-    what = f"{len(sketch.faces):,} triangles" if len(sketch.faces) else f"{len(sketch.vertices):,} {of_points}"
+    what = f"{len(geometry.faces):,} triangles" if len(geometry.faces) else f"{len(geometry.vertices):,} {of_points}"
     return f"Preview: {what}." if f == 1 else f"Preview in voxels {f} times as large: {what}. The file is finer."

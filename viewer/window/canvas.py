@@ -19,18 +19,18 @@ from viewer.app.projection import ray_through
 from viewer.app.stage import Drawn, Layer, Sheet
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
+from viewer.rendering.export_preview_picture import ExportPreviewPicture
 from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.gpu_clock import GpuClock
 from viewer.rendering.layers import depth_along_axis
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
-from viewer.rendering.sketch_picture import SketchPicture
 from viewer.window.rooms import Beside, Rooms
 from viewer.window.sheet_texture import SheetTexture
 from viewer.window.targets import MARGIN, Box, Difference, Target, with_margin
 
 if TYPE_CHECKING:
-    from scenepack.exports.sketch import Sketch
+    from scenepack.exports.export_preview import PreviewGeometry
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun
@@ -66,7 +66,7 @@ class Canvas:
         self._difference: Difference | None = None
         self._images: dict[str, tuple[int, moderngl.Texture]] = {}
         self._sheet = SheetTexture(ctx, self._retired)
-        self._sketches: SketchPicture | None = None
+        self._preview_picture: ExportPreviewPicture | None = None
         self.clock = GpuClock(ctx)
         self.rest_s, self.blend_s = REST_S, BLEND_S
         self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
@@ -173,21 +173,23 @@ class Canvas:
         """See Stage.ray_counts."""
         return self._floats(camera, settings)
 
-    def sketch(self, sketch: Sketch, camera: ViewCamera, ground: tuple[float, float, float]) -> np.ndarray:
-        """See Stage.sketch."""
-        if self._sketches is None:
-            self._sketches = SketchPicture(self.ctx)
+    def draw_export_preview(
+        self, geometry: PreviewGeometry, camera: ViewCamera, ground: tuple[float, float, float]
+    ) -> np.ndarray:
+        """See Stage.draw_export_preview."""
+        if self._preview_picture is None:
+            self._preview_picture = ExportPreviewPicture(self.ctx)
         width, height = camera.width, camera.height
         framebuffer = self._still.fit(width, height)
-        self._sketches.draw(framebuffer, sketch, camera, ground)
+        self._preview_picture.draw(framebuffer, geometry, camera, ground)
         pixels = np.frombuffer(framebuffer.read((0, 0, width, height), components=3, alignment=1), np.uint8)
         return pixels.reshape(height, width, 3)[::-1].copy()
 
-    def drop_sketch(self) -> None:
-        """See Stage.drop_sketch."""
-        if self._sketches is not None:
-            self._sketches.release()
-        self._sketches = None
+    def drop_export_preview(self) -> None:
+        """See Stage.drop_export_preview."""
+        if self._preview_picture is not None:
+            self._preview_picture.release()
+        self._preview_picture = None
 
     def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """See Stage.raw."""
@@ -369,7 +371,7 @@ class Canvas:
         for name in list(self._images):
             self.drop_image(name)
         self._sheet.release()
-        self.drop_sketch()
+        self.drop_export_preview()
         if self._difference is not None:
             self._difference.release()
         for target in (self._quick, self._full, self._still):

@@ -27,7 +27,7 @@ MOST_CELLS = 256  # along the longest side of the grid
 
 
 @dataclass(frozen=True, eq=False)
-class Sketch:
+class PreviewGeometry:
     """vertices float32 [v, 3] in the grid frame (y up; of forward-facing packs before the warp). normals float32 [v, 3], zero
     where there is none. colours uint8 [v, 3], sRGB. faces int32 [f, 3]; none of them: these are points. size: of a point, in
     units of the grid frame. coarser: voxels a side that became one.
@@ -41,7 +41,7 @@ class Sketch:
     coarser: int
 
 
-def sketched(pack: Pack, export: Export, tell: Told = lambda share, note: None) -> Sketch:
+def preview_geometry(pack: Pack, export: Export, tell: Told = lambda share, note: None) -> PreviewGeometry:
     """What `export` would write of the pack, whatever its frame and scale; tell: as for export_scene, and may raise.
 
     UserError where nothing would be in it.
@@ -59,23 +59,23 @@ def sketched(pack: Pack, export: Export, tell: Told = lambda share, note: None) 
         straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
         points = export_frame.points(positions).astype(np.float32)
         colours = np.rint(255.0 * straight).astype(np.uint8)
-        return Sketch(points, np.zeros_like(points), colours, no_faces, coarser * pack.voxel_size, coarser)
+        return PreviewGeometry(points, np.zeros_like(points), colours, no_faces, coarser * pack.voxel_size, coarser)
     alike = replace(export, smooth=-(-export.smooth // coarser))  # smooths about as far
     surface = surface_of(field, alike, export_frame, tell)
     if export.kind == "points":
         spacing = max(export.spacing, float(coarser))
         points, normals, colours = scattered(surface, replace(export, spacing=spacing), export_frame)
-        return Sketch(
+        return PreviewGeometry(
             points.astype(np.float32), normals.astype(np.float32), colours, no_faces, spacing * pack.voxel_size, coarser
         )
     if export.faces is not None:
         tell(0.8, "removing triangles")
         surface = decimated(surface, export.faces)
     there = placed(surface, export_frame)
-    return Sketch(there.vertices, vertex_normals(there), there.colours, there.faces, 0.0, coarser)
+    return PreviewGeometry(there.vertices, vertex_normals(there), there.colours, there.faces, 0.0, coarser)
 
 
 def coarseness(pack: Pack) -> int:
-    """The fewest voxels a side that must become one for a sketch."""
+    """The fewest voxels a side that must become one for a preview."""
     longest = max(pack.grid_size)
     return next((f for f in divisors(pack.block_size) if longest <= MOST_CELLS * f), pack.block_size)

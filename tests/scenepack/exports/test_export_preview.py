@@ -10,9 +10,9 @@ import pytest
 
 from console import UserError
 from scenepack import Pack
-from scenepack.exports import sketch
+from scenepack.exports import export_preview
+from scenepack.exports.export_preview import coarseness, preview_geometry
 from scenepack.exports.scene import KINDS, Export, export_scene
-from scenepack.exports.sketch import coarseness, sketched
 from tests.scenepack.exports.test_exports import CENTRE, RADIUS, VOXEL, ball_inside, pack_of
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: the extra dev")
@@ -24,9 +24,9 @@ def ball() -> Pack:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_sketch_of_the_same_voxels_is_what_is_written(ball: Pack, tmp_path: Path, kind) -> None:
+def test_a_preview_of_the_same_voxels_is_what_is_written(ball: Pack, tmp_path: Path, kind) -> None:
     export = Export(kind, faces=2000)
-    drawn, file = sketched(ball, export), tmp_path / "it.ply"
+    drawn, file = preview_geometry(ball, export), tmp_path / "it.ply"
     written = export_scene(ball, file, export)
     assert (len(drawn.vertices), len(drawn.faces), drawn.coarser) == (written.points, written.faces, 1)
     opened = trimesh.load(file, process=False)
@@ -39,9 +39,9 @@ def test_a_sketch_of_the_same_voxels_is_what_is_written(ball: Pack, tmp_path: Pa
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_coarser_voxels_make_fewer_of_it_in_the_same_place(ball: Pack, kind, monkeypatch: pytest.MonkeyPatch) -> None:
-    fine = sketched(ball, Export(kind, faces=None))
-    monkeypatch.setattr(sketch, "MOST_CELLS", 21)
-    coarse = sketched(ball, Export(kind, faces=None))
+    fine = preview_geometry(ball, Export(kind, faces=None))
+    monkeypatch.setattr(export_preview, "MOST_CELLS", 21)
+    coarse = preview_geometry(ball, Export(kind, faces=None))
     assert coarse.coarser == coarseness(ball) == 2 and len(coarse.vertices) < 0.5 * len(fine.vertices)
     away = np.linalg.norm(coarse.vertices - CENTRE, axis=1)
     if kind != "gaussians":
@@ -53,10 +53,10 @@ def test_coarser_voxels_make_fewer_of_it_in_the_same_place(ball: Pack, kind, mon
 
 def test_nothing_is_told_and_whoever_is_told_may_stop_it(ball: Pack) -> None:
     with pytest.raises(UserError, match="nothing to export"):
-        sketched(ball, Export("mesh", crop=((0.9, 0.9, 0.9), (1.0, 1.0, 1.0))))
+        preview_geometry(ball, Export("mesh", crop=((0.9, 0.9, 0.9), (1.0, 1.0, 1.0))))
 
     def stop(share: float, note: str) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        sketched(ball, replace(Export("mesh"), level=0.5), stop)
+        preview_geometry(ball, replace(Export("mesh"), level=0.5), stop)
