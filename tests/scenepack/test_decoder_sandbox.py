@@ -34,15 +34,15 @@ INTERRUPTED = """
 import sys
 from pathlib import Path
 from scenepack import load_pack
-from scenepack.codecs import apart
-apart.PROGRAM, apart.PATIENCE_S = sys.argv[2], 3600.0
+from scenepack.codecs import decoder_sandbox
+decoder_sandbox.PROGRAM, decoder_sandbox.PATIENCE_S = sys.argv[2], 3600.0
 load_pack(Path(sys.argv[1]))
 """
 
 
 @pytest.fixture(scope="module")
 def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("apart") / "pack"
+    folder = tmp_path_factory.mktemp("sandbox") / "pack"
     save_pack(small_pack(), folder, codec="webp")
     return folder
 
