@@ -12,7 +12,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import platformdirs
 
@@ -21,9 +21,10 @@ from console.atomic import write_file
 from console.json_text import read_json_file
 from scenepack.metadata import metadata_writable, write_metadata
 from scenepack.pack import Pack
-from viewer.app.host import Teller
 from viewer.app.marks import Marks, marks_from_json, marks_to_json
-from viewer.app.state import OpenScene
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 KEY = "marks"  # in the pack's "snerg" object
 SETTLE_S = 0.4  # after the last change, before it is written
@@ -38,12 +39,6 @@ def file_for(pack: Pack, folder: Path) -> Path:
     """The file in `folder` with the marks of a pack that is not changed: the same wherever that lies."""
     own = {key: value for key, value in pack.params.items() if key != "snerg"}
     return folder / f"{hashlib.sha256(json.dumps(own, sort_keys=True, default=str).encode()).hexdigest()[:32]}.json"
-
-
-class MarkingHost(Teller, Protocol):
-    """Whose scene is marked."""
-
-    scene: OpenScene | None
 
 
 @dataclass
@@ -61,7 +56,7 @@ class Marking:
     _problem: str = ""
     _told: bool = False
 
-    def take_up(self, host: MarkingHost, pack: Pack, path: Path | None, marks: Marks | None = None) -> None:
+    def take_up(self, app: App, pack: Pack, path: Path | None, marks: Marks | None = None) -> None:
         """Another pack is shown: those of the last are written, those of this one read. path: None where none are kept.
 
         marks: of this pack, where it was shown before and `pack` may know older ones.
@@ -69,10 +64,10 @@ class Marking:
         self.leave()
         self._pack, self._path, self._told = pack, path, False
         if marks is None:
-            marks = self._read(host, pack, path)
+            marks = self._read(app, pack, path)
         self.marks = self._saved = self._seen = marks
 
-    def _read(self, host: MarkingHost, pack: Pack, path: Path | None) -> Marks:
+    def _read(self, app: App, pack: Pack, path: Path | None) -> Marks:
         notes: list[str] = []
         own = pack.metadata.get(KEY)
         marks = marks_from_json(own, notes.append) if own is not None else Marks()
@@ -85,7 +80,7 @@ class Marking:
             except (OSError, ValueError) as error:
                 notes.append(f"{file}: {error}")
         for note in dict.fromkeys(notes):
-            host.messages.log(f"marks of this scene are left out: {note}", "warning")
+            app.messages.log(f"marks of this scene are left out: {note}", "warning")
         return marks
 
     def leave(self) -> None:
@@ -97,14 +92,14 @@ class Marking:
         self.marks = self._saved = self._seen = Marks()
         self._pack = self._path = None
 
-    def change(self, host: MarkingHost, marks: Marks) -> None:
+    def change(self, app: App, marks: Marks) -> None:
         """Changes the marks, to be undone as one step."""
-        if host.scene is not None and marks != self.marks:
-            host.scene.rig.remember()
+        if app.scene is not None and marks != self.marks:
+            app.scene.rig.remember()
             self.marks = marks
-            host.touch()
+            app.touch()
 
-    def tick(self, host: MarkingHost) -> None:
+    def tick(self, app: App) -> None:
         """Time passes: what has not changed for a moment is written. A failure is told once a pack."""
         if self._thread is not None:
             if self._thread.is_alive():
@@ -112,8 +107,8 @@ class Marking:
             self._end_writing()
         if self._problem and not self._told:
             self._told = True
-            host.messages.say(self._problem, "warning")
-            host.touch()
+            app.messages.say(self._problem, "warning")
+            app.touch()
         now = time.monotonic()
         if self._seen is not self.marks:
             self._seen, self._since = self.marks, now

@@ -5,29 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import dist
 from pathlib import Path
-from typing import Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from console import UserError
 from console.atomic import write_file
-from viewer.app.host import Host
-from viewer.app.marking import Marking
 from viewer.app.marks import LEAST_POINTS, MOST_MARKS, MOST_POINTS, SCALES, Measurement, Point, Scale, Unit
 from viewer.app.measured import Words, as_csv, as_text
 from viewer.app.pose import triple
-from viewer.app.state import Clipboard, Interface
 from viewer.app.surface import Hit, surface_at
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 Tool = Literal["", "point", "line", "angle", "scale"]
 TOOLS: tuple[Tool, ...] = get_args(Tool)
 PAGE = "measure"
-
-
-class MeasuringHost(Host, Protocol):
-    """Whose scene is measured."""
-
-    marking: Marking
-    clipboard: Clipboard
-    interface: Interface
 
 
 @dataclass
@@ -53,12 +45,12 @@ class Measuring:
 
     # Looking
 
-    def look_at(self, host: MeasuringHost, x: float, y: float) -> Hit | None:
+    def look_at(self, app: App, x: float, y: float) -> Hit | None:
         """What is under a point of the viewport (window units from its corner), found once for each place and view."""
-        camera = host.viewport.camera
-        if host.scene is None or camera is None:
+        camera = app.viewport.camera
+        if app.scene is None or camera is None:
             return None
-        scale, settings = host.viewport.pixels_per_unit, host.settings
+        scale, settings = app.viewport.pixels_per_unit, app.settings
         view = (
             camera.grid_T_camera.tobytes(),
             camera.fx,
@@ -69,10 +61,10 @@ class Measuring:
             settings.near,
             settings.surroundings,
         )
-        key = (id(host.scene.pack), x, y, scale, *view)
+        key = (id(app.scene.pack), x, y, scale, *view)
         if key != self._looked:
             self._looked = key
-            self.cursor = surface_at(host.scene.pack, camera, settings, x * scale, y * scale)
+            self.cursor = surface_at(app.scene.pack, camera, settings, x * scale, y * scale)
         return self.cursor
 
     def look_away(self) -> None:
@@ -81,153 +73,153 @@ class Measuring:
 
     # Placing
 
-    def choose(self, host: MeasuringHost, tool: Tool) -> None:
+    def choose(self, app: App, tool: Tool) -> None:
         """Takes another tool; a draft of the last one is dropped."""
-        if host.scene is None:
+        if app.scene is None:
             return
         if self.draft:
-            host.scene.rig.remember()
+            app.scene.rig.remember()
         self.tool, self.draft = tool, ()
-        host.touch()
+        app.touch()
 
-    def toggle(self, host: MeasuringHost) -> None:
+    def toggle(self, app: App) -> None:
         """Takes the ruler, with its page, or puts it away."""
-        self.choose(host, "" if self.tool else "line")
+        self.choose(app, "" if self.tool else "line")
         if self.tool:
-            host.interface.opens(PAGE)
+            app.interface.opens(PAGE)
 
-    def click(self, host: MeasuringHost, x: float, y: float) -> None:
+    def click(self, app: App, x: float, y: float) -> None:
         """Places a point on the surface under a point of the viewport, if there is one."""
-        hit = self.look_at(host, x, y)
-        if not self.tool or host.scene is None:
+        hit = self.look_at(app, x, y)
+        if not self.tool or app.scene is None:
             return
         if hit is None:
-            host.messages.say("There is no surface under the cursor")
+            app.messages.say("There is no surface under the cursor")
         else:
-            self._place(host, triple(hit.point))
+            self._place(app, triple(hit.point))
 
-    def click_point(self, host: MeasuringHost, index: int, point: int) -> None:
+    def click_point(self, app: App, index: int, point: int) -> None:
         """Places a point exactly where one of a measurement is; without a tool, selects that measurement."""
         if self.tool:
-            self._place(host, host.marking.marks.measurements[index].points[point])
+            self._place(app, app.marking.marks.measurements[index].points[point])
         else:
             self.selected = index
-            host.touch()
+            app.touch()
 
-    def _place(self, host: MeasuringHost, point: Point) -> None:
-        if host.scene is None or self.draft[-1:] == (point,):  # a double click
+    def _place(self, app: App, point: Point) -> None:
+        if app.scene is None or self.draft[-1:] == (point,):  # a double click
             return
         if self.tool == "scale" and len(self.draft) == 2:
             self.draft = ()  # two others
         if len(self.draft) >= MOST_POINTS:
             return
-        host.scene.rig.remember()
+        app.scene.rig.remember()
         self.draft = (*self.draft, point)
         if self.tool in ("point", "angle") and len(self.draft) == LEAST_POINTS[self.tool]:
-            self._keep(host)
-        host.touch()
+            self._keep(app)
+        app.touch()
 
-    def finish(self, host: MeasuringHost) -> bool:
+    def finish(self, app: App) -> bool:
         """Ends the line that is being drawn; False where there is none yet."""
-        if self.tool != "line" or len(self.draft) < 2 or host.scene is None:
+        if self.tool != "line" or len(self.draft) < 2 or app.scene is None:
             return False
-        host.scene.rig.remember()
-        self._keep(host)
-        host.touch()
+        app.scene.rig.remember()
+        self._keep(app)
+        app.touch()
         return True
 
-    def _keep(self, host: MeasuringHost) -> None:
+    def _keep(self, app: App) -> None:
         """Makes the draft a measurement, in the same step to be undone as its last point."""
-        marks = host.marking.marks
+        marks = app.marking.marks
         if self.tool in ("point", "line", "angle") and len(marks.measurements) < MOST_MARKS:
             self.selected = len(marks.measurements)
-            host.marking.marks = marks.with_measurement(self.selected, Measurement(self.tool, self.draft))
+            app.marking.marks = marks.with_measurement(self.selected, Measurement(self.tool, self.draft))
         self.draft = ()
 
-    def back(self, host: MeasuringHost) -> None:
+    def back(self, app: App) -> None:
         """Takes the last point back; without a draft, removes the measurement that is selected."""
-        if host.scene is None:
+        if app.scene is None:
             return
         if self.draft:
-            host.scene.rig.remember()
+            app.scene.rig.remember()
             self.draft = self.draft[:-1]
-            host.touch()
+            app.touch()
         elif self.selected is not None:
-            self.remove(host, self.selected)
+            self.remove(app, self.selected)
 
-    def escape(self, host: MeasuringHost) -> bool:
+    def escape(self, app: App) -> bool:
         """Drops the draft; without one, puts the tool away. False where there was neither."""
         if not self.tool:
             return False
-        self.choose(host, self.tool if self.draft else "")
+        self.choose(app, self.tool if self.draft else "")
         return True
 
     # What is there already
 
-    def move_point(self, host: MeasuringHost, index: int, point: int, x: float, y: float) -> None:
+    def move_point(self, app: App, index: int, point: int, x: float, y: float) -> None:
         """Puts a point of a measurement on the surface under a point of the viewport; remember() beforehand."""
-        hit, marks = self.look_at(host, x, y), host.marking.marks
+        hit, marks = self.look_at(app, x, y), app.marking.marks
         if hit is None or not 0 <= index < len(marks.measurements):
             return
         moved = list(marks.measurements[index].points)
         moved[point] = triple(hit.point)
-        host.marking.marks = marks.with_measurement(index, replace(marks.measurements[index], points=tuple(moved)))
-        host.touch()
+        app.marking.marks = marks.with_measurement(index, replace(marks.measurements[index], points=tuple(moved)))
+        app.touch()
 
-    def remove(self, host: MeasuringHost, index: int) -> None:
+    def remove(self, app: App, index: int) -> None:
         """Takes a measurement away."""
-        marks = host.marking.marks
+        marks = app.marking.marks
         if 0 <= index < len(marks.measurements):
-            host.marking.change(host, marks.with_measurement(index, None))
+            app.marking.change(app, marks.with_measurement(index, None))
         self.selected = None
 
-    def clear(self, host: MeasuringHost) -> None:
+    def clear(self, app: App) -> None:
         """Takes all of them away."""
-        host.marking.change(host, replace(host.marking.marks, measurements=()))
+        app.marking.change(app, replace(app.marking.marks, measurements=()))
         self.selected = None
 
     # The scale
 
-    def set_scale(self, host: MeasuringHost) -> None:
+    def set_scale(self, app: App) -> None:
         """Says how far apart the two points of the draft are: `known`, in `known_unit`."""
-        if len(self.draft) != 2 or host.scene is None:
+        if len(self.draft) != 2 or app.scene is None:
             return
         between = dist(*self.draft)
         factor = self.known / between if between > 0 else 0.0
         if not SCALES[0] <= factor <= SCALES[1]:
             raise UserError("no scale follows from these points", expected="two places and a length above 0")
-        self._use(host, Scale(factor, self.known_unit))
+        self._use(app, Scale(factor, self.known_unit))
         self.tool, self.draft = "line", ()
-        host.messages.say(f"1 grid unit is {factor:.6g} {self.known_unit}".rstrip())
+        app.messages.say(f"1 grid unit is {factor:.6g} {self.known_unit}".rstrip())
 
-    def show_in(self, host: MeasuringHost, unit: Unit) -> None:
+    def show_in(self, app: App, unit: Unit) -> None:
         """Shows lengths in another unit."""
-        self._use(host, host.marking.marks.scale.shown_in(unit))
+        self._use(app, app.marking.marks.scale.shown_in(unit))
 
-    def forget_scale(self, host: MeasuringHost) -> None:
+    def forget_scale(self, app: App) -> None:
         """Back to grid units."""
-        self._use(host, Scale())
+        self._use(app, Scale())
 
     @staticmethod
-    def _use(host: MeasuringHost, scale: Scale) -> None:
-        host.marking.change(host, replace(host.marking.marks, scale=scale))
+    def _use(app: App, scale: Scale) -> None:
+        app.marking.change(app, replace(app.marking.marks, scale=scale))
 
     # Out of the window
 
-    def words(self, host: MeasuringHost) -> Words | None:
+    def words(self, app: App) -> Words | None:
         """How lengths of the open pack are told."""
-        return None if host.scene is None else Words(host.scene.pack, host.marking.marks.scale)
+        return None if app.scene is None else Words(app.scene.pack, app.marking.marks.scale)
 
-    def copy(self, host: MeasuringHost) -> None:
+    def copy(self, app: App) -> None:
         """Puts all measurements on the clipboard, as text."""
-        marks = host.marking.marks
-        if host.scene is not None and marks.measurements:
-            host.clipboard.set(as_text(host.scene.pack, marks))
+        marks = app.marking.marks
+        if app.scene is not None and marks.measurements:
+            app.clipboard.set(as_text(app.scene.pack, marks))
             count = len(marks.measurements)
-            host.messages.say(f"{count} measurement{'s' * (count > 1)} on the clipboard")
+            app.messages.say(f"{count} measurement{'s' * (count > 1)} on the clipboard")
 
-    def save_table(self, host: MeasuringHost, file: Path) -> None:
+    def save_table(self, app: App, file: Path) -> None:
         """Writes all measurements as CSV. OSError where it cannot."""
-        if host.scene is not None:
-            write_file(file, as_csv(host.scene.pack, host.marking.marks))
-            host.messages.say(f"Saved {file}")
+        if app.scene is not None:
+            write_file(file, as_csv(app.scene.pack, app.marking.marks))
+            app.messages.say(f"Saved {file}")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,15 +22,11 @@ from viewer.app.make_plan import Plan
 from viewer.app.pose import triple
 from viewer.rendering.camera import ViewCamera
 
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
 WAIT_S = 60.0
 SAME = 1e-6  # of the box's extent: a face that was not moved
-
-
-class ReviewHost(Protocol):
-    """Whose crop box the box is."""
-
-    def set(self, **fields: object) -> None:
-        """Changes render settings."""
 
 
 @dataclass
@@ -72,10 +68,10 @@ class Review:
         around = tuple(kind for kind in around if kind in self.look.boxes)
         return (*around, "forward") if self.look.kind == "forward" else around
 
-    def show_box(self, host: ReviewHost, on: bool = True) -> None:
+    def show_box(self, app: App, on: bool = True) -> None:
         """Cuts the points to the box that will be trained, so that its faces can be dragged; or shows them all."""
         self.hold()
-        host.set(crop=self.box_in_grid() if on else None)
+        app.set(crop=self.box_in_grid() if on else None)
 
     def choose(self, kind: Kind) -> None:
         """Takes the scene for a subject or a room, with the box that fits, or for forward-facing, which has none."""

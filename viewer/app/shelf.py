@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from scenepack.pack import Pack
-from viewer.app.filming import Filming
-from viewer.app.host import Teller
 from viewer.app.marks import Marks
-from viewer.app.opening import Opening
 from viewer.app.path import CameraPath
 from viewer.app.state import OpenScene
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 MOST_BYTES = 2 << 30  # of all that are not shown
 MOST_PACKS = 7
@@ -34,20 +34,6 @@ class Shelved:
     near: float
     path: CameraPath
     marks: Marks | None = None
-
-
-class ShelfHost(Teller, Protocol):
-    """What can be done with open packs."""
-
-    filming: Filming
-    opening: Opening
-
-    def left_now(self) -> Shelved | None:
-        """What is shown, to come back to; None where it does not stay open."""
-        ...
-
-    def turn_to(self, entry: Shelved) -> None:
-        """Shows a pack. UserError, and nothing has changed, where the card refuses it."""
 
 
 @dataclass
@@ -70,31 +56,31 @@ class Shelf:
             gone.append(oldest.scene.name)
         return gone
 
-    def keep(self, host: ShelfHost, entry: Shelved, *, first: bool = False) -> None:
+    def keep(self, app: App, entry: Shelved, *, first: bool = False) -> None:
         """Keeps a pack, and logs what had to go for it."""
         for name in self.add(entry, first=first):
-            host.messages.log(f"{name} is closed, for there is no room for more open packs")
+            app.messages.log(f"{name} is closed, for there is no room for more open packs")
 
-    def switch(self, host: ShelfHost, step: int) -> None:
+    def switch(self, app: App, step: int) -> None:
         """Shows the next open pack (step 1), or the one before (-1)."""
         if self.packs:
-            self.switch_to(host, self.packs[0 if step > 0 else -1], backwards=step < 0)
+            self.switch_to(app, self.packs[0 if step > 0 else -1], backwards=step < 0)
         else:
-            host.messages.say("No other pack is open")
+            app.messages.say("No other pack is open")
 
-    def switch_to(self, host: ShelfHost, entry: Shelved, *, backwards: bool = False) -> None:
+    def switch_to(self, app: App, entry: Shelved, *, backwards: bool = False) -> None:
         """Shows an open pack. backwards: the one that is left becomes the next one, not the last."""
-        if host.filming.export is not None:
-            host.messages.say("An export is running: wait for it, or cancel it", "warning")
+        if app.filming.export is not None:
+            app.messages.say("An export is running: wait for it, or cancel it", "warning")
             return
-        host.opening.cancel(host)  # type: ignore[arg-type]  (an App)
+        app.opening.cancel(app)
         if entry not in self.packs:  # what was still being read is closed, and this one has come back
             return
-        left = host.left_now()
-        host.turn_to(entry)
+        left = app.left_now()
+        app.turn_to(entry)
         self.packs.remove(entry)
         if left is not None:
-            self.keep(host, left, first=backwards)
+            self.keep(app, left, first=backwards)
 
     def drop(self, path: Path) -> None:
         """Forgets the pack of a path, if it is there: it is being opened anew."""

@@ -76,8 +76,6 @@ def test_the_dialog_has_one_of_its_own_choices_and_it_ends_with_the_dialog(
     until(lambda: app.exporting.tick(app) or not preview.working)
     assert preview.geometry is not None and preview.geometry.vertices[:, 1].max() < -0.4
     app.exporting.plan.crop = False
-    until(
-        lambda: app.exporting.tick(app) or (not preview.working and preview.geometry.vertices[:, 1].max() > 0.2)
-    )
+    until(lambda: app.exporting.tick(app) or (not preview.working and preview.geometry.vertices[:, 1].max() > 0.2))
     app.exporting.dismiss()
     assert app.exporting.preview is None
