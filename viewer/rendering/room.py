@@ -11,8 +11,8 @@ from threading import Event, Thread
 
 import moderngl
 
+from viewer.rendering.gl_without_gil import opengl
 from viewer.rendering.huge_pages import memory_taken_since, move_to_huge_pages, private_memory
-from viewer.rendering.unlocked import opengl
 
 GL_TEXTURE_3D, GL_RGBA8, GL_NO_ERROR = 0x806F, 0x8058, 0
 CHANNELS = 4

@@ -30,8 +30,8 @@ from viewer.app.making import LOOKED_AT_EVERY_S
 from viewer.app.presenting import awaited, unfinished
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.rendering.framebuffers import free_framebuffer
+from viewer.rendering.gl_without_gil import finish
 from viewer.rendering.opengl_version import opengl_refusal, version_at
-from viewer.rendering.unlocked import finish
 from viewer.window.canvas import Canvas
 from viewer.window.joysticks import controllers_now, text_of
 from viewer.window.notices import notices_logged
