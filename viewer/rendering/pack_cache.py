@@ -12,7 +12,7 @@ from scenepack.pack import Pack
 T = TypeVar("T")
 
 
-def once_per_pack(work_out: Callable[[Pack], T]) -> Callable[[Pack], T]:
+def cached_per_pack(work_out: Callable[[Pack], T]) -> Callable[[Pack], T]:
     """`work_out`, whose result is kept for as long as the pack is."""
     known: dict[int, T] = {}
 
