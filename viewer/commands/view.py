@@ -31,7 +31,7 @@ from viewer.app.trail import Trail, default_folder, left_behind
 from viewer.benchmark.flyover import fly_over
 from viewer.panels.ui import Ui
 from viewer.rendering.settings import Mode, RenderSettings
-from viewer.window.ending import on_lost_display, signals_ask
+from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
 
 DEMO = "demo.zip"

@@ -22,7 +22,7 @@ _kept: list[object] = []  # a handler that C code may call at any time must not 
 
 
 @dataclass
-class Ended:
+class EndingSignal:
     """signal: the number of the one that came, None while there was none."""
 
     signal: int | None = None
@@ -34,9 +34,9 @@ class Ended:
 
 
 @contextlib.contextmanager
-def signals_ask(ask: Callable[[], None]) -> Iterator[Ended]:
+def signals_ask(ask: Callable[[], None]) -> Iterator[EndingSignal]:
     """Within the block a signal that would end the program calls `ask`; the second one ends it at once."""
-    ended = Ended()
+    ended = EndingSignal()
     before: dict[int, object] = {}
 
     def restore() -> None:
