@@ -35,8 +35,8 @@ from viewer.rendering.opengl_version import opengl_refusal, version_at
 from viewer.window.canvas import Canvas
 from viewer.window.joysticks import controllers_now, text_of
 from viewer.window.notices import notices_logged
-from viewer.window.panels import MakePanels, Panels
 from viewer.window.second_context import SecondContext
+from viewer.window.ui_interface import MakeUi, UiInterface
 
 import glfw  # isort: skip  (after imgui_bundle)
 
@@ -91,9 +91,7 @@ class Window:
     panels: makes what is drawn in it. size: width, height in screen units.
     """
 
-    def __init__(
-        self, app: App, panels: MakePanels, size: tuple[int, int] = (1280, 800), *, visible: bool = True
-    ) -> None:
+    def __init__(self, app: App, panels: MakeUi, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
         problem = display_problem()
         if problem:
             raise NoDisplay(problem)
@@ -108,7 +106,7 @@ class Window:
         app.stage = self.canvas
         self._listen()
         self.read_controllers: Callable[[], list[ControllerState]] = lambda: controllers_now(glfw)
-        self.ui: Panels = panels(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
+        self.ui: UiInterface = panels(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
         self.ui.keyboard.local_name = _local_name
         app.clipboard = self.ui.clipboard
         self._v_sync, self._title = True, PROGRAM

@@ -11,7 +11,7 @@ from viewer.app.stage import Stage
 from viewer.app.state import Clipboard
 
 
-class Panels(Protocol):
+class UiInterface(Protocol):
     """All panels in one window. The window's OpenGL context must be current.
 
     keyboard: told of keys that go down and up. scale: how many times larger than usual they are drawn, 0 before the first
@@ -67,4 +67,4 @@ class Panels(Protocol):
         """Frees all that is theirs."""
 
 
-MakePanels = Callable[[int], Panels]  # from the address of a GLFW window, whose events they listen to
+MakeUi = Callable[[int], UiInterface]  # from the address of a GLFW window, whose events they listen to
