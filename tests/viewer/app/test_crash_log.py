@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from viewer.app import trail
+from viewer.app import crash_log
 from viewer.app.commands import run
-from viewer.app.trail import KEPT, Trail, left_behind
+from viewer.app.crash_log import KEPT, CrashLog, left_behind
 
 
 def test_nothing_is_left_of_a_good_end(tmp_path):
-    log = Trail(tmp_path)
+    log = CrashLog(tmp_path)
     log.add("command home")
     assert left_behind(tmp_path) == []  # it runs
     log.end()
@@ -22,8 +22,8 @@ def test_nothing_is_left_of_a_good_end(tmp_path):
 
 
 def test_a_bug_leaves_versions_commands_and_its_traceback(tmp_path, app, pack, pack_folder):
-    log = Trail(tmp_path)
-    app.messages.trail = log.add
+    log = CrashLog(tmp_path)
+    app.messages.crash_log = log.add
     app.show(pack, pack_folder)
     run(app, "next-mode")
     app.messages.say("something was said", "warning")
@@ -42,7 +42,7 @@ def test_a_bug_leaves_versions_commands_and_its_traceback(tmp_path, app, pack, p
 CRASH = """
 import sys, ctypes
 from pathlib import Path
-from viewer.app.trail import Trail
+from viewer.app.crash_log import Trail
 log = Trail(Path(sys.argv[1]))
 log.add("command fly")
 ctypes.string_at(0)
@@ -68,8 +68,8 @@ def test_only_the_last_crashes_are_kept(tmp_path):
 
 
 def test_a_long_session_writes_no_endless_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(trail, "MOST_BYTES", 4000)
-    log = Trail(tmp_path)
+    monkeypatch.setattr(crash_log, "MOST_BYTES", 4000)
+    log = CrashLog(tmp_path)
     for i in range(400):
         log.add(f"command number {i} " + 20 * "x")
     assert (
@@ -81,12 +81,12 @@ def test_a_long_session_writes_no_endless_file(tmp_path, monkeypatch):
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_cannot_be_written_stops_nobody(tmp_path):
     tmp_path.chmod(0o500)
-    Trail(tmp_path / "logs").end()
+    CrashLog(tmp_path / "logs").end()
 
 
 def test_a_file_in_the_folder_s_place_stops_nobody(tmp_path):
     (tmp_path / "logs").write_text("a file")
-    log = Trail(Path(tmp_path / "logs"))
+    log = CrashLog(Path(tmp_path / "logs"))
     log.add("command home")
     log.end()
     assert left_behind(tmp_path / "logs") == []

@@ -35,7 +35,7 @@ def default_folder() -> Path:
     return Path(platformdirs.user_log_path("snerg", appauthor=False))
 
 
-class Trail:
+class CrashLog:
     """The file of this process. path: None where it cannot be written; then all is as it was without."""
 
     def __init__(self, folder: Path) -> None:
