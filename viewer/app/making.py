@@ -18,9 +18,9 @@ from viewer.app.child import Child
 from viewer.app.files import FileRequest, existing_folder
 from viewer.app.first_look import FirstLook, Kind, Look
 from viewer.app.job import Job
-from viewer.app.left_out import LeftOut, left_out_of
 from viewer.app.log import Dialog
 from viewer.app.make_plan import Plan, Subject
+from viewer.app.rejected_photographs import RejectedPhotographs, rejected_photographs_of
 from viewer.app.review import Review, first_look
 from viewer.app.so_far import SoFar, SoFarFile
 
@@ -65,7 +65,7 @@ class Making:
     _looked: float = 0.0
     _surveyed: bool = False
     _left_told: int | None = None
-    _left_out: LeftOut | None = None  # photographs whose small pictures are being read
+    _left_out: RejectedPhotographs | None = None  # photographs whose small pictures are being read
 
     def offer(self, app: App, subject: Subject, path: Path) -> None:
         """Asks whether, and how, a scene or a run shall be made into a pack."""
@@ -266,8 +266,8 @@ class Making:
     def _begin_review(self, looking: Looking, look: Look) -> None:
         before = looking.before
         if before is None:
-            self._left_out = left_out_of(looking.plan.out)
-        self.review = Review(looking.plan, look, self._left_out if before is None else before.left_out)
+            self._left_out = rejected_photographs_of(looking.plan.out)
+        self.review = Review(looking.plan, look, self._left_out if before is None else before.rejected)
         if before is not None:
             self.review.hold()
             self.review.kind = before.kind if before.kind in self.review.kinds else self.review.kind
@@ -357,9 +357,9 @@ class Making:
             app.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
-            self._left_out = left_out_of(job.plan.out) if job.plan.poses_only else None
+            self._left_out = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
             text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
             buttons = (("OK", ""), ("Try again", "make-again"))
-            app.messages.fail(f"{name} could not be made", text, buttons=buttons, left_out=self._left_out)
+            app.messages.fail(f"{name} could not be made", text, buttons=buttons, rejected=self._left_out)
         if self.quit_after:
             app.quitting = True

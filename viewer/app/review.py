@@ -17,9 +17,9 @@ from training.scenes.scene_options import composed
 from viewer.app import crop
 from viewer.app.first_look import FirstLook, Kind, Look
 from viewer.app.ground import normal_at, point_under
-from viewer.app.left_out import LeftOut
 from viewer.app.make_plan import Plan
 from viewer.app.pose import triple
+from viewer.app.rejected_photographs import RejectedPhotographs
 from viewer.rendering.camera import ViewCamera
 
 if TYPE_CHECKING:
@@ -33,13 +33,13 @@ SAME = 1e-6  # of the box's extent: a face that was not moved
 class Review:
     """plan: what will be trained. look: at its points. until: when it goes on by itself (monotonic seconds); None for never.
 
-    kind: as chosen. picking: a click on the ground is awaited, which tells what is up. left_out: photographs without a pose,
+    kind: as chosen. picking: a click on the ground is awaited, which tells what is up. rejected: photographs without a pose,
     and those set aside.
     """
 
     plan: Plan
     look: Look
-    left_out: LeftOut | None = None
+    rejected: RejectedPhotographs | None = None
     picking: bool = False
     kind: Kind = field(init=False)
     until: float | None = field(default_factory=lambda: time.monotonic() + WAIT_S)

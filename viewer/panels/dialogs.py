@@ -8,7 +8,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.stage import Stage
-from viewer.panels import left_out_strip, theme
+from viewer.panels import rejected_strip, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import begin_modal, coloured, font, main_button, px
 
@@ -34,9 +34,9 @@ def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
         imgui.push_text_wrap_pos(0.0)
         imgui.text_unformatted(dialog.text)
         imgui.pop_text_wrap_pos()
-    if dialog.left_out is not None:
+    if dialog.rejected is not None:
         imgui.dummy(ImVec2(0, px(2)))
-        left_out_strip.show(stage, dialog.left_out)
+        rejected_strip.show(stage, dialog.rejected)
     imgui.dummy(ImVec2(0, px(6)))
     answer = _buttons(dialog.buttons)
     if answer is None and pressed_here(imgui.Key.escape):

@@ -8,7 +8,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.review import Review
 from viewer.app.stage import Stage
-from viewer.panels import layout, left_out_strip, theme
+from viewer.panels import layout, rejected_strip, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
@@ -29,8 +29,8 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
         return
     with corner_card("##review", box):
         _head(review, fonts)
-        if review.left_out is not None:
-            left_out_strip.show(stage, review.left_out)
+        if review.rejected is not None:
+            rejected_strip.show(stage, review.rejected)
         shown = app.making.points_shown(app)
         if not shown:
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):

@@ -24,9 +24,9 @@ from viewer.app.application import App
 from viewer.app.child import Child
 from viewer.app.first_look import FirstLook, Look
 from viewer.app.ground import normal_at
-from viewer.app.left_out import LeftOut
 from viewer.app.make_plan import Plan
 from viewer.app.projection import project
+from viewer.app.rejected_photographs import RejectedPhotographs
 from viewer.app.review import Review
 
 FAKE = Path(__file__).with_name("fake_make.py")
@@ -248,7 +248,7 @@ def leave_out(folder: Path, out: Path, file: Path) -> None:
     file.write_text(json.dumps(said))
 
 
-def assert_pictured(found: LeftOut) -> None:
+def assert_pictured(found: RejectedPhotographs) -> None:
     until(lambda: found.finished)
     assert list(found.why) == ["a.jpg", "walk.mp4 at 1.00 s", "gone.jpg"] and list(found.boxes) == list(found.why)[:2]
     assert found.sheet is not None
@@ -261,7 +261,7 @@ def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, of
     leave_out(tmp_path / "shed", tmp_path / "out", tmp_path / "out" / "scene" / "poses.json")
     live(bare, lambda: bare.making.review is not None)
     review = bare.making.review
-    assert_pictured(review.left_out)
+    assert_pictured(review.rejected)
     live(bare, lambda: bare.making._left_out is None)
     app = App(stage=FakeStage())
     app.making.review = review
@@ -281,7 +281,7 @@ def test_photographs_that_hold_a_scene_up_are_shown_with_the_reason(bare, tmp_pa
     bare.making.plan = Plan("scene", tmp_path / "shed", tmp_path / "out")
     bare.making.start(bare)
     live(bare, lambda: bool(bare.messages.dialogs))
-    assert_pictured(bare.messages.dialogs[0].left_out)
+    assert_pictured(bare.messages.dialogs[0].rejected)
 
 
 def test_a_scene_without_points_is_trained_at_once(bare, tmp_path):

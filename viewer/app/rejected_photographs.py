@@ -21,7 +21,7 @@ CELL, MOST = 128, 24  # pixels of the longer side; later ones are told by name a
 Box = tuple[int, int, int, int]
 
 
-class LeftOut:
+class RejectedPhotographs:
     """why: the reason by the name that the user knows, in order. Pictures are read in a thread: poll `finished`.
 
     sheet: uint8 [CELL, width, 3], None before all are read. boxes: by name, x, y, width, height of its picture there; one that
@@ -56,7 +56,7 @@ class LeftOut:
             self.sheet = np.concatenate(pictures, axis=1)
 
 
-def left_out_of(out: Path) -> LeftOut | None:
+def rejected_photographs_of(out: Path) -> RejectedPhotographs | None:
     """Those of the folder for the results; None where there are none, or nothing is known of them."""
     for file in (out / POSED / REPORT, out / UNFINISHED):
         try:
@@ -66,5 +66,5 @@ def left_out_of(out: Path) -> LeftOut | None:
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             continue
         files = {name: Path(kept[name]) if name in kept else source / name for name in why}
-        return LeftOut(why, files) if why else None
+        return RejectedPhotographs(why, files) if why else None
     return None
