@@ -24,6 +24,7 @@ from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
 from viewer.app.first_look import Look
 from viewer.app.forward_facing import rig_for
+from viewer.app.frame_stats import FrameStats
 from viewer.app.gallery import Gallery
 from viewer.app.keyboard import Keyboard
 from viewer.app.loading import Loading
@@ -44,7 +45,6 @@ from viewer.app.shelf import Shelf, Shelved
 from viewer.app.so_far import SoFar
 from viewer.app.stage import Stage
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
-from viewer.app.timing import FrameTimes
 from viewer.app.view_pictures import ViewPictures
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution
@@ -59,7 +59,7 @@ class App:
     scene: OpenScene | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
     resolution: DynamicResolution = field(default_factory=DynamicResolution)
-    times: FrameTimes = field(default_factory=FrameTimes)
+    times: FrameStats = field(default_factory=FrameStats)
     costs: CostMeter = field(default_factory=CostMeter)
     crop_tool: crop.Tool = "faces"  # what the mouse does to the crop box
     messages: Messages = field(default_factory=Messages)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from viewer.app.application import App
+from viewer.app.frame_stats import AVERAGED
 from viewer.app.stage import Stage
-from viewer.app.timing import AVERAGED
 from viewer.panels import theme, time_plots
 from viewer.panels.page_view import headline
 from viewer.panels.theme import Fonts

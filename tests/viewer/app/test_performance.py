@@ -9,8 +9,8 @@ from imgui_bundle import imgui
 from tests.viewer.app.test_application import FakeStage
 from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
+from viewer.app.frame_stats import AVERAGED, KEPT, FrameStats, FrameSummary
 from viewer.app.ray_costs import LONGEST_SIDE, RayCosts
-from viewer.app.timing import AVERAGED, KEPT, FrameSummary, FrameTimes
 from viewer.panels.time_plots import _top
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_clock import GpuClock, is_software
@@ -123,7 +123,7 @@ def test_the_page_counts_while_the_camera_rests(offscreen, app, pack, pack_folde
 
 
 def test_the_plots_scale_is_round_and_holds_target_and_frames():
-    times = FrameTimes()
+    times = FrameStats()
     assert _top(times, 33.3) == 80
     for _ in range(50):
         times.add(3.0, 140.0)
@@ -133,7 +133,7 @@ def test_the_plots_scale_is_round_and_holds_target_and_frames():
 
 
 def test_the_rate_follows_from_the_time_that_is_shown_and_both_are_of_late():
-    times = FrameTimes()
+    times = FrameStats()
     assert times.summary() == FrameSummary() and times.summary().fps == 0.0
     for _ in range(500):
         times.add(3.0, 60.0)
@@ -148,7 +148,7 @@ def test_one_time_and_one_rate_are_shown_everywhere(offscreen, app, pack, pack_f
     ui = offscreen(app)
     app.show(pack, pack_folder)
     ui.settle()
-    app.times = FrameTimes()
+    app.times = FrameStats()
     for i in range(KEPT):
         app.times.add(3.0, 60.0 if i < KEPT - AVERAGED else 25.0 + i % 2)
     shown = []

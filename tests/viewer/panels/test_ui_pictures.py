@@ -27,11 +27,11 @@ from tests.viewer.waiting import until
 from tools.procedural import write_procedural_scene
 from viewer.app import crop, make_plan
 from viewer.app.commands import run
+from viewer.app.frame_stats import FrameStats
 from viewer.app.job import Job
 from viewer.app.log import LogLine
 from viewer.app.make_plan import Plan, Survey
 from viewer.app.marks import Marks, Measurement, Scale
-from viewer.app.timing import FrameTimes
 from viewer.panels.layout import PAGES
 from viewer.panels.theme import THEMES
 
@@ -99,7 +99,7 @@ def _in_units(ui: OffscreenUi) -> np.ndarray:
 def _freeze(ui: OffscreenUi) -> None:
     """Sets what differs from run to run."""
     app = ui.app
-    app.times = FrameTimes()
+    app.times = FrameStats()
     for i in range(120):
         app.times.add(9.0 + 3 * np.sin(i / 5), 17.0 + 6 * np.sin(i / 9) + 20 * (i % 40 == 7), None)
     ui.canvas.picture_ms = 41.5

@@ -27,7 +27,7 @@ class FrameSummary:
         return 1000.0 / self.mean if self.mean > 0 else 0.0
 
 
-class FrameTimes:
+class FrameStats:
     """The last `KEPT` drawn frames, in milliseconds.
 
     scene_ms: what was drawn of the picture, by the wall clock. gpu_ms: the same by the card's own clock, NaN where that is
