@@ -17,8 +17,8 @@ from training.scenes.scene import Direction
 from viewer.app.child import Child
 from viewer.app.files import FileRequest, existing_folder
 from viewer.app.first_look import FirstLook, Kind, Look
-from viewer.app.job import Job
 from viewer.app.log import Dialog
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan, Subject
 from viewer.app.rejected_photographs import RejectedPhotographs, rejected_photographs_of
 from viewer.app.review import Review, first_look
@@ -53,7 +53,7 @@ class Making:
     """
 
     plan: Plan | None = None
-    job: Job | None = None
+    job: MakeJob | None = None
     failed: Plan | None = None
     quit_after: bool = False
     review: Review | None = None
@@ -136,7 +136,7 @@ class Making:
             self.looking = Looking(plan)
 
     def _begin(self, app: App, plan: Plan) -> None:
-        self.job = Job(plan, Child(plan.command(), plan.log))
+        self.job = MakeJob(plan, Child(plan.command(), plan.log))
         self.so_far, self._so_far_offered = None, False
         self._so_far_file = None if plan.poses_only else SoFarFile(plan.so_far)
         app.messages.log(f"making {plan.name}: {plan.typed()}")
@@ -346,7 +346,7 @@ class Making:
             app.touch()
             self._ended(app, job, status, kept)
 
-    def _ended(self, app: App, job: Job, status: int, kept: Callable[[], None] | None) -> None:
+    def _ended(self, app: App, job: MakeJob, status: int, kept: Callable[[], None] | None) -> None:
         name = job.plan.name
         if status == 0 and job.plan.poses_only:
             self.looking = Looking(job.plan, review=True)

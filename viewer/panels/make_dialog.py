@@ -10,7 +10,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from console.progress import duration
 from viewer.app import time_needed
 from viewer.app.application import App
-from viewer.app.job import Job
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
 from viewer.app.stage import Stage
 from viewer.panels import layout, preview_strip, theme
@@ -205,7 +205,7 @@ def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
         hint(_told(job))
 
 
-def _job_head(app: App, job: Job, fonts: Fonts) -> None:
+def _job_head(app: App, job: MakeJob, fonts: Fonts) -> None:
     word = "Stop now" if job.stopping else "Stop"
     width = px(86)
     imgui.align_text_to_frame_padding()
@@ -235,7 +235,7 @@ def _so_far(app: App) -> None:
         tip("Fly around in what is trained so far")
 
 
-def _picture(stage: Stage, job: Job) -> None:
+def _picture(stage: Stage, job: MakeJob) -> None:
     """A photograph that is held out, beside how it is rendered so far."""
     assert job.picture is not None
     height, width = job.picture.shape[:2]
@@ -250,7 +250,7 @@ def _picture(stage: Stage, job: Job) -> None:
     imgui.dummy(ImVec2(wide, high))
 
 
-def _curve(job: Job) -> None:
+def _curve(job: MakeJob) -> None:
     """PSNR since the window began to watch."""
     wide, high = imgui.get_content_region_avail().x, px(34)
     at = imgui.get_cursor_screen_pos()
@@ -266,7 +266,7 @@ def _curve(job: Job) -> None:
         draw.add_line(start, end, colour, px(1.6))
 
 
-def _stages(job: Job) -> None:
+def _stages(job: MakeJob) -> None:
     for i, name in enumerate(job.plan.stages, 1):
         if i > 1:
             imgui.same_line(0, px(8))
@@ -282,7 +282,7 @@ def _stages(job: Job) -> None:
             imgui.text_unformatted(f"{fa.ICON_FA_CHECK}  {name}" if done else name)
 
 
-def _told(job: Job) -> str:
+def _told(job: MakeJob) -> str:
     """How far it is, in words."""
     if job.stopping:
         saving = (

@@ -20,7 +20,7 @@ from viewer.app import make_plan
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import POSED, REPORT
-from viewer.app.job import Job
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan
 
 
@@ -162,7 +162,7 @@ def test_a_run_whose_poses_were_found_is_gone_on_with(tmp_path):
     ("poses", "features", 1), ("poses", "matches", 1), ("training", "training", 2), ("baking", "culling", 3),
 ])  # fmt: skip
 def test_the_card_says_that_poses_come_before_training(stage, title, number, tmp_path):
-    job = Job(Plan.of("scene", photographs(tmp_path / "shed")), None)
+    job = MakeJob(Plan.of("scene", photographs(tmp_path / "shed")), None)
     job.report = Report(title, 1, 2, stage=stage)
     assert job.stage == number and job.plan.stages[number - 1].lower() == stage
 

@@ -28,8 +28,8 @@ from tools.procedural import write_procedural_scene
 from viewer.app import crop, make_plan
 from viewer.app.commands import run
 from viewer.app.frame_stats import FrameStats
-from viewer.app.job import Job
 from viewer.app.log import LogLine
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan, Survey
 from viewer.app.marks import Marks, Measurement, Scale
 from viewer.panels.layout import PAGES
@@ -252,7 +252,7 @@ def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(u
 
 def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
     child = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
-    job = app.making.job = Job(plan_of(photographs), child)
+    job = app.making.job = MakeJob(plan_of(photographs), child)
     job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
     job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
     with Image.open(photographs / "test" / "r_0.png") as opened:

@@ -18,7 +18,7 @@ from viewer.app.commands import run
 from viewer.app.exporting import Writing
 from viewer.app.files import FileRequest
 from viewer.app.first_look import Look
-from viewer.app.job import Job
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan
 from viewer.app.marks import Bookmark, Marks, Measurement, Scale
 from viewer.app.review import Review
@@ -80,7 +80,7 @@ def _export(app: App, scenes: Scenes) -> None:
 
 
 def _job(app: App, scenes: Scenes) -> None:
-    job = app.making.job = Job(scenes.plan, child())  # type: ignore[arg-type]
+    job = app.making.job = MakeJob(scenes.plan, child())  # type: ignore[arg-type]
     job.report, job.figures = job.child.report(), [20.0, 22.0, 23.0]
     job.picture = np.full((64, 128, 3), 99, np.uint8)
 

@@ -17,7 +17,7 @@ PICTURE_SIDE = 512  # pixels of the longer side, at most
 
 
 @dataclass
-class Job:
+class MakeJob:
     """plan: what is being made. report: the child's last word on how far it is. figures: PSNR (dB) as training goes on.
 
     picture: a held-out photograph and how it is rendered so far, side by side, uint8 [h, w, 3].
