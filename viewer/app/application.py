@@ -16,7 +16,6 @@ from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.backdrops import TRAINED, backdrop
 from viewer.app.bookmarks import Bookmarks
-from viewer.app.choosing import Choosing, looks_like_path, path_in
 from viewer.app.comparison import Comparison
 from viewer.app.controllers import Controllers
 from viewer.app.exporting import Exporting
@@ -33,6 +32,7 @@ from viewer.app.making import Making
 from viewer.app.marking import Marking
 from viewer.app.marks import Marks, Point
 from viewer.app.measuring import Measuring
+from viewer.app.open_prompt import OpenPrompt, looks_like_path, path_in
 from viewer.app.opening import Opening
 from viewer.app.path import CameraPath
 from viewer.app.pose import ortho_height_of, pose_from_text, pose_to_text
@@ -78,7 +78,7 @@ class App:
     keyboard: Keyboard = field(default_factory=Keyboard)
     controllers: Controllers = field(default_factory=Controllers)
     file_request: FileRequest | None = None
-    choosing: Choosing | None = None  # the question what to open
+    open_prompt: OpenPrompt | None = None  # the question what to open
     shelf: Shelf = field(default_factory=Shelf)  # the other packs that are open
     demo: Path | None = None  # the bundled pack, where there is one
     opening: Opening = field(default_factory=Opening)

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 from viewer.app.application import App
-from viewer.app.choosing import OPENABLE, Choosing
 from viewer.app.files import SESSION_SUFFIX, FileRequest, pack_in
+from viewer.app.open_prompt import OPENABLE, OpenPrompt
 from viewer.rendering.settings import MODES
 
 STEP_DEGREES = 15.0  # of a key that turns
@@ -69,22 +69,22 @@ def _fly(app: App) -> None:
 
 def ask_to_open(app: App, *, other: bool = False) -> None:
     """Asks what to open. other: for a pack to compare with."""
-    app.choosing = Choosing(app.preferences.recent_packs(), other)
+    app.open_prompt = OpenPrompt(app.preferences.recent_packs(), other)
 
 
 def choose(app: App, line: int | None = None) -> None:
     """Takes what is chosen in that question: the line given, or what Enter takes."""
-    assert app.choosing is not None
-    path, other = app.choosing.take(line), app.choosing.other
+    assert app.open_prompt is not None
+    path, other = app.open_prompt.take(line), app.open_prompt.other
     if path is not None:
-        app.choosing = None
+        app.open_prompt = None
         _open(app, path, other)
     app.touch()
 
 
 def browse(app: App, kind: Literal["open", "folder"], *, other: bool = False) -> None:
     """Goes on with a file dialog: for a file, or for a folder."""
-    app.choosing = None
+    app.open_prompt = None
     title = "Compare with a pack" if other else "Open a pack, photographs, a film or a training run"
     suffixes = () if kind == "folder" else (".zip",) if other else OPENABLE
     app.file_request = FileRequest(title, kind, lambda path: _open(app, path, other), suffixes)

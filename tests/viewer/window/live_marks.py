@@ -153,7 +153,7 @@ def test_a_session_is_saved_and_opened_again(window, xdotool, tmp_path):
     again.clipboard, window.app = app.clipboard, again
     window.canvas.show(None)
     xdotool("mousemove", 200, 300, "key", "ctrl+o")
-    wait(window, lambda: again.choosing is not None)
+    wait(window, lambda: again.open_prompt is not None)
     pump(window)
     xdotool("type", "--delay", 20, str(file))
     pump(window)

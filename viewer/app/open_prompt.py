@@ -54,7 +54,7 @@ def _there(path: Path) -> bool:
 
 
 @dataclass
-class Choosing:
+class OpenPrompt:
     """The question. other: for a pack to compare with. text: what is typed. picked: index of the line that Enter takes, None
     for what is typed. problem: why that cannot be taken.
     """

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from console import UserError
-from viewer.app.choosing import SHOWN, Choosing, path_in, suggestions
 from viewer.app.commands import COMMANDS, choose, run
+from viewer.app.open_prompt import SHOWN, OpenPrompt, path_in, suggestions
 
 
 @pytest.fixture
@@ -67,24 +67,24 @@ def test_words_choose_among_the_recent_ones():
 
 
 def test_enter_looks_into_a_plain_folder_and_says_what_is_not_there(shelf):
-    choosing = Choosing([])
-    choosing.type(f"{shelf}/pl")
-    choosing.step(1)
-    assert choosing.take() is None and choosing.text == f"{shelf}/plain/"
-    choosing.type(f"{shelf}/plain/nothing")
-    assert choosing.take() is None and "nothing" in choosing.problem
-    choosing.type(f"{shelf}/a")
-    choosing.step(1), choosing.step(5)
-    assert choosing.picked == 1
-    choosing.step(-9)
-    assert choosing.picked is None
+    open_prompt = OpenPrompt([])
+    open_prompt.type(f"{shelf}/pl")
+    open_prompt.step(1)
+    assert open_prompt.take() is None and open_prompt.text == f"{shelf}/plain/"
+    open_prompt.type(f"{shelf}/plain/nothing")
+    assert open_prompt.take() is None and "nothing" in open_prompt.problem
+    open_prompt.type(f"{shelf}/a")
+    open_prompt.step(1), open_prompt.step(5)
+    assert open_prompt.picked == 1
+    open_prompt.step(-9)
+    assert open_prompt.picked is None
 
 
 def test_the_question_opens_what_is_chosen_and_remembers_scenes(app, shelf, pack_folder):
     run(app, "open")
-    app.choosing.type(str(pack_folder))
+    app.open_prompt.type(str(pack_folder))
     choose(app)
-    assert app.choosing is None and app.loading is not None and app.loading.path == pack_folder
+    assert app.open_prompt is None and app.loading is not None and app.loading.path == pack_folder
     app.cancel_loading()
     (shelf / "plain" / "transforms.json").write_text('{"frames": []}')
     app.drop([shelf / "plain"])
