@@ -276,7 +276,7 @@ def run(app: App, name: str) -> bool:
     command = COMMANDS[name]
     if not command.enabled(app):
         return False
-    app.messages.trail(f"command {name}")
+    app.messages.crash_log(f"command {name}")
     try:
         command.action(app)
     except Exception as error:  # the program goes on

@@ -26,7 +26,7 @@ except ImportError:  # Windows
 
 RUNNING, CRASHED = "running-", "crash-"
 KEPT = 5  # crash logs; older ones are removed
-MOST_BYTES = 1 << 20  # of a trail: from there on only its end is written down
+MOST_BYTES = 1 << 20  # of a log; a longer one starts again
 PACKAGES = ("snerg", "imgui-bundle", "glfw", "moderngl", "numpy")
 
 

@@ -55,13 +55,13 @@ class Messages:
     toast: str = ""
     toast_level: str = "info"
     toast_until: float = 0.0  # time.monotonic()
-    trail: Callable[[str], object] = lambda text: None  # where all of it, and what was done, is written down at once
+    crash_log: Callable[[str], object] = lambda text: None  # writes messages and commands to the crash log at once
     _toast_told: str = ""
 
     def log(self, text: str, level: str = "info") -> None:
         """Adds a line to the log."""
         self.lines.append(LogLine(level, " ".join(text.split()), time.time()))
-        self.trail(f"{level}: {text}")
+        self.crash_log(f"{level}: {text}")
 
     def say(self, text: str, level: str = "info") -> None:
         """Shows `text` for a few seconds, and logs it."""

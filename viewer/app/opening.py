@@ -30,7 +30,7 @@ class Opening:
     then: Then | None = None
     told: set[tuple[Path, str]] = field(default_factory=set)
     _share_told: float = -1.0
-    _room_for: Loading | None = None
+    _preallocated_for: Loading | None = None
 
     def start(self, app: App, path: Path, *, other: bool = False, then: Then | None = None) -> None:
         """Starts to read a pack; what comes of it shows itself in later ticks."""
@@ -57,7 +57,7 @@ class Opening:
             app.touch(1)
         try:
             if not loading.finished:
-                self._make_room(app, loading)
+                self._preallocate(app, loading)
                 self._take_preview(app, loading)
                 return
             app.touch()
@@ -69,7 +69,7 @@ class Opening:
             if loading.pack is not None:
                 self._show_whole(app, loading.pack, loading.path)
                 self._tell_notes(app, loading)
-            self._give_room_back(app)
+            self._give_up_preallocation(app)
         except Exception as error:  # a dialog, and the program goes on
             loading.cancel()
             self.loading = None
@@ -88,10 +88,15 @@ class Opening:
             head = f"{name_of(loading.path)} is open. Some of its files are not as expected:"
             app.messages.show_toast("\n".join([head, *shown, *rest]), "warning")
 
-    def _make_room(self, app: App, loading: Loading) -> None:
-        if loading.begun is not None and self._room_for is not loading and not self.other and app.stage is not None:
-            app.stage.make_room(loading.begun)
-            self._room_for = loading
+    def _preallocate(self, app: App, loading: Loading) -> None:
+        if (
+            loading.begun is not None
+            and self._preallocated_for is not loading
+            and not self.other
+            and app.stage is not None
+        ):
+            app.stage.preallocate(loading.begun)
+            self._preallocated_for = loading
 
     def _take_preview(self, app: App, loading: Loading) -> None:
         """Shows what is there of a pack that is being read, unless a good scene is open: that stays until it is whole."""
@@ -125,13 +130,13 @@ class Opening:
             app.touch()
 
     @staticmethod
-    def _give_room_back(app: App) -> None:
+    def _give_up_preallocation(app: App) -> None:
         """What was not needed of it, after all."""
         if app.stage is not None:
-            app.stage.make_room(None)
+            app.stage.preallocate(None)
 
     @staticmethod
     def _drop_unfinished(app: App) -> None:
-        Opening._give_room_back(app)
+        Opening._give_up_preallocation(app)
         if app.scene is not None and not app.scene.whole:
             app.close()

@@ -106,8 +106,8 @@ class Stage(Picture, Protocol):
 
     # Packs
 
-    def make_room(self, pack: Pack | None) -> None:
-        """Begins to make room for a pack that is still being read, whose atlas is not there yet; None gives it back."""
+    def preallocate(self, pack: Pack | None) -> None:
+        """Begins to allocate textures for a pack that is still being read; None gives them up."""
 
     def show(self, pack: Pack | None) -> None:
         """Puts another pack on the card; raises UserError and keeps the old one where it does not fit."""

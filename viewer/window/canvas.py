@@ -25,7 +25,7 @@ from viewer.rendering.gpu_clock import GpuClock
 from viewer.rendering.layers import depth_along_axis
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
-from viewer.window.rooms import Beside, Rooms
+from viewer.rendering.texture_preallocation import SharedContext, TexturePreallocator
 from viewer.window.sheet_texture import SheetTexture
 from viewer.window.targets import MARGIN, Box, Difference, Target, with_margin
 
@@ -38,16 +38,16 @@ BLEND_S = 0.08  # in which a tile of it appears over the quick picture, so that 
 
 
 class Canvas:
-    """Draws the open pack as the app wants it. ctx: the window's context, or an offscreen one.
-
-    beside: see Rooms.
-    """
+    """Draws the open pack. ctx: of the window, or an offscreen one. shared_context: see TexturePreallocator."""
 
     def __init__(
-        self, ctx: moderngl.Context, retired: list[moderngl.Texture] | None = None, beside: Beside | None = None
+        self,
+        ctx: moderngl.Context,
+        retired: list[moderngl.Texture] | None = None,
+        shared_context: SharedContext | None = None,
     ) -> None:
         self.ctx = ctx
-        self._rooms = Rooms(ctx, beside)
+        self._preallocator = TexturePreallocator(ctx, shared_context)
         self.renderer: Renderer | None = None
         self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
         self._retired = [] if retired is None else retired
@@ -78,14 +78,16 @@ class Canvas:
 
     # Stage
 
-    def make_room(self, pack: Pack | None) -> None:
-        """See Stage.make_room."""
-        self._rooms.make(pack)
+    def preallocate(self, pack: Pack | None) -> None:
+        """See Stage.preallocate."""
+        self._preallocator.make(pack)
 
     def show(self, pack: Pack | None) -> None:
         """See Stage.show."""
         self._drop_coming()
-        renderer = Renderer(self.ctx, pack, at_once=False, room=self._rooms.now) if pack is not None else None
+        renderer = (
+            None if pack is None else Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
+        )
         if self.renderer is not None:
             self.renderer.release()
         self.renderer = renderer
@@ -93,7 +95,7 @@ class Canvas:
 
     def refine(self, pack: Pack) -> None:
         """See Stage.refine."""
-        coming = Renderer(self.ctx, pack, at_once=False, room=self._rooms.now)
+        coming = Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
         self._drop_coming()
         self._coming = coming
 
@@ -282,7 +284,7 @@ class Canvas:
         """
         while self._retired:
             self._retired.pop().release()
-        self._rooms.sweep()
+        self._preallocator.sweep()
 
     def forget(self) -> None:
         """Begins anew with the next draw, after one that failed."""
@@ -365,7 +367,7 @@ class Canvas:
 
     def release(self) -> None:
         """Frees everything on the card."""
-        self._rooms.release()
+        self._preallocator.release()
         self.show_other(None)
         self._drop_coming()
         for name in list(self._images):

@@ -102,7 +102,7 @@ class Window:
         while self.ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
             pass
         self._second = SecondContext(glfw, self.handle)
-        self.canvas = Canvas(self.ctx, beside=self._second.for_a_thread)
+        self.canvas = Canvas(self.ctx, shared_context=self._second.for_a_thread)
         app.stage = self.canvas
         self._listen()
         self.read_controllers: Callable[[], list[ControllerState]] = lambda: controllers_now(glfw)

@@ -27,7 +27,7 @@ class FakeStage:
             raise UserError(self.refuse)
         self.shown.append(pack)
 
-    def make_room(self, pack):
+    def preallocate(self, pack):
         self.rooms.append(pack)
 
     def refine(self, pack):

@@ -1,4 +1,4 @@
-"""Room that a thread makes ahead, in a context that shares textures with ours."""
+"""Textures that a thread allocates ahead, in a context that shares them with ours."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ import pytest
 
 from scenepack import Pack
 from tests.viewer.conftest import toy_pack
-from viewer.rendering import gpu_scene, room
+from viewer.rendering import texture_preallocation
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_scene import make_room
 from viewer.rendering.huge_pages import software_draws
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.renderer import Renderer
+from viewer.rendering.texture_preallocation import preallocate
 
 EGL_OPENGL_API, EGL_NONE = 0x30A2, 0x3038
 
 
 @pytest.fixture
-def beside(ctx: moderngl.Context) -> Iterator[object]:
+def shared_context(ctx: moderngl.Context) -> Iterator[object]:
     """A context of EGL that shares with `ctx`, to be entered by a thread."""
     if not software_draws(ctx):
-        pytest.skip("no software rasteriser: room is made at once")
+        pytest.skip("no software rasteriser: textures are allocated at once")
     egl = ctypes.CDLL("libEGL.so.1")
     for name in ("eglGetCurrentDisplay", "eglGetCurrentContext", "eglCreateContext"):
         getattr(egl, name).restype = ctypes.c_void_p
@@ -49,7 +49,7 @@ def beside(ctx: moderngl.Context) -> Iterator[object]:
 
 @pytest.fixture
 def for_all_packs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gpu_scene, "WORTH_A_THREAD", 0)
+    monkeypatch.setattr(texture_preallocation, "WORTH_A_THREAD", 0)
 
 
 def picture(ctx: moderngl.Context, renderer: Renderer, pack: Pack) -> np.ndarray:
@@ -59,11 +59,13 @@ def picture(ctx: moderngl.Context, renderer: Renderer, pack: Pack) -> np.ndarray
 
 
 @pytest.mark.parametrize("view_mlp", [False, True])
-def test_a_pack_in_room_made_ahead_is_drawn_as_any_other(ctx, beside, for_all_packs, view_mlp: bool) -> None:
+def test_a_pack_in_a_texture_made_ahead_is_drawn_as_any_other(
+    ctx, shared_context, for_all_packs, view_mlp: bool
+) -> None:
     pack = toy_pack(view_mlp=view_mlp)
-    made = make_room(ctx, pack, beside())
+    made = preallocate(ctx, pack, shared_context())
     assert made is not None
-    renderer = Renderer(ctx, pack, room=made)
+    renderer = Renderer(ctx, pack, texture_preallocation=made)
     assert made.taken and renderer.scene("exact").textures["atlas_rgba"] is made._texture
     with_room = picture(ctx, renderer, pack)
     plain = OffscreenRenderer(pack, ctx=ctx)
@@ -74,26 +76,28 @@ def test_a_pack_in_room_made_ahead_is_drawn_as_any_other(ctx, beside, for_all_pa
     renderer.release()
 
 
-def test_room_for_another_pack_is_not_taken_and_is_given_back(ctx, beside, for_all_packs) -> None:
-    made = make_room(ctx, toy_pack(), beside())
+def test_a_texture_for_another_pack_is_not_taken_and_is_given_back(ctx, shared_context, for_all_packs) -> None:
+    made = preallocate(ctx, toy_pack(), shared_context())
     assert made is not None
-    renderer = Renderer(ctx, toy_pack(view_mlp=False), room=made)
+    renderer = Renderer(ctx, toy_pack(view_mlp=False), texture_preallocation=made)
     assert not made.taken
     made.release()
     assert isinstance(made._texture.mglo, moderngl.InvalidObject) and not made.busy
     renderer.release()
 
 
-def test_room_that_was_refused_is_made_anew(ctx, beside, for_all_packs, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(room.Room, "_make", lambda _: False)
+def test_a_texture_that_was_refused_is_made_anew(
+    ctx, shared_context, for_all_packs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(texture_preallocation.PreallocatedTexture, "_make", lambda _: False)
     pack = toy_pack()
-    made = make_room(ctx, pack, beside())
+    made = preallocate(ctx, pack, shared_context())
     assert made is not None
-    renderer = Renderer(ctx, pack, room=made)
+    renderer = Renderer(ctx, pack, texture_preallocation=made)
     assert not made.taken and np.ptp(picture(ctx, renderer, pack)) > 50
     made.release()
     renderer.release()
 
 
-def test_small_packs_need_none(ctx, beside) -> None:
-    assert make_room(ctx, toy_pack(), beside()) is None
+def test_small_packs_need_none(ctx, shared_context) -> None:
+    assert preallocate(ctx, toy_pack(), shared_context()) is None
