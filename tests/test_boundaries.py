@@ -150,7 +150,7 @@ def test_within_a_room_arrows_run_downwards(room: str) -> None:
 
 
 def test_panels_know_the_stage_and_no_window() -> None:
-    """They draw through viewer.app.stage; the window shows whatever keeps to viewer.window.ui_interface."""
+    """They draw through viewer.app.canvas_interface; the window shows whatever keeps to viewer.window.ui_interface."""
     for module, imported in graph().items():
         if module.startswith("viewer.panels"):
             assert not [name for name in imported if name.startswith(("viewer.window", "viewer.benchmark"))], module

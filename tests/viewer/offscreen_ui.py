@@ -48,7 +48,7 @@ class OffscreenUi:
     ) -> None:
         self.ctx, self.app, self.canvas = ctx, app, Canvas(ctx)
         self.canvas.rest_s = self.canvas.blend_s = 0.0  # nobody waits here
-        app.stage = self.canvas
+        app.canvas = self.canvas
         self.ui = Ui()
         self.density, self.scale = density, scale
         self.framebuffer: moderngl.Framebuffer | None = None

@@ -1,7 +1,7 @@
 """The viewer without its window: all state, and everything it can do.
 
 Panels read it and call it; the window calls `tick` once a frame and draws while `wants_frame`. What needs OpenGL (the
-picture itself) is behind `viewer.app.stage.Stage`, which viewer.window.canvas implements.
+picture itself) is behind `viewer.app.canvas_interface.CanvasInterface`, which viewer.window.canvas implements.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.backdrops import TRAINED, backdrop
 from viewer.app.bookmarks import Bookmarks
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.comparison import Comparison
 from viewer.app.controllers import Controllers
 from viewer.app.exporting import Exporting
@@ -43,7 +44,6 @@ from viewer.app.rig import FOVS, CameraRig
 from viewer.app.session import Sessions
 from viewer.app.shelf import Shelf, Shelved
 from viewer.app.so_far import SoFar
-from viewer.app.stage import Stage
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
 from viewer.app.view_pictures import ViewPictures
 from viewer.rendering.camera import ViewCamera
@@ -55,7 +55,7 @@ from viewer.rendering.settings import RenderSettings
 class App:
     """State and commands; see viewer.app.commands for the list that keys and menus use."""
 
-    stage: Stage | None = None
+    canvas: CanvasInterface | None = None
     scene: OpenScene | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
     resolution: DynamicResolution = field(default_factory=DynamicResolution)
@@ -106,9 +106,9 @@ class App:
     def turn_to(self, entry: Shelved, *, told: bool = True) -> None:
         """Shows a pack with its camera, cuts and path. UserError, and nothing has changed, where the card refuses it."""
         pack = entry.scene.pack
-        if self.stage is not None:
+        if self.canvas is not None:
             with self.messages.noting_warnings(told=told):
-                self.stage.show(pack)
+                self.canvas.show(pack)
         self.scene = entry.scene
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
             self.settings = replace(self.settings, mode="normal")
@@ -147,9 +147,9 @@ class App:
         if before is not None and before.path == path and before.pack.ndc == so_far.pack.ndc:
             if self.filming.export is not None:
                 return  # a film is of one scene; the next state may be shown
-            if self.stage is not None:
+            if self.canvas is not None:
                 with self.messages.noting_warnings(told=False):
-                    self.stage.refine(so_far.pack)
+                    self.canvas.refine(so_far.pack)
             before.pack, before.name = so_far.pack, name
             before.rig.follow(rig_for(so_far.pack))
         else:
@@ -183,8 +183,8 @@ class App:
             self.filming.cancel(self)
         self.comparison.drop_other(self)
         self.comparison.stop()
-        if self.stage is not None:
-            self.stage.show(None)
+        if self.canvas is not None:
+            self.canvas.show(None)
         self.scene, self.filming = None, self.filming.of_another_scene()
         self.marking.leave()
         self.measuring.drop()
@@ -357,11 +357,11 @@ class App:
     def pivot_at(self, x: float, y: float) -> bool:
         """Makes the surface under a point of the viewport (window units from its corner) the pivot; False for none."""
         camera = self.camera()
-        if camera is None or self.stage is None or self.scene is None or self.scene.rig.bounded:
+        if camera is None or self.canvas is None or self.scene is None or self.scene.rig.bounded:
             return False
         scale = self.viewport.pixels_per_unit
         px, py = x * scale, y * scale
-        distance = self.stage.distance_at(camera, self.settings, px, py)
+        distance = self.canvas.distance_at(camera, self.settings, px, py)
         if distance is None:
             return False
         start, ray = ray_through(camera, px, py)

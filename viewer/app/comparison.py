@@ -53,17 +53,17 @@ class Comparison:
 
     def with_pack(self, app: App, pack: Pack, path: Path) -> None:
         """Compares with another pack under the same camera. UserError where the card has no room for both."""
-        if app.stage is not None:
+        if app.canvas is not None:
             with app.messages.noting_warnings():
-                app.stage.show_other(pack)
+                app.canvas.show_other(pack)
         self.other, self.other_path = pack, path
         self.against, self.pixels, self.psnr_db = "pack", None, None
         app.touch()
 
     def drop_other(self, app: App) -> None:
         """Ends the comparison with another pack."""
-        if app.stage is not None:
-            app.stage.show_other(None)
+        if app.canvas is not None:
+            app.canvas.show_other(None)
         self.other = self.other_path = None
         if self.against == "pack":
             self.stop()
@@ -104,7 +104,7 @@ class Comparison:
 
     def measure(self, app: App) -> None:
         """Brings the PSNR against the photograph up to date; call while nothing moves."""
-        if self.against != "photograph" or self.pixels is None or app.stage is None or app.scene is None:
+        if self.against != "photograph" or self.pixels is None or app.canvas is None or app.scene is None:
             return
         held = app.scene.rig.held
         key = (app.settings, id(held))
@@ -119,6 +119,6 @@ class Comparison:
         if size != (w, h):
             photograph = np.asarray(Image.fromarray(photograph).resize(size, Image.Resampling.BOX))
         plain = replace(app.settings, backdrop=None)  # as photographs are
-        picture = app.stage.snapshot(fitted(held, size, app.settings.near), plain)
+        picture = app.canvas.snapshot(fitted(held, size, app.settings.near), plain)
         self.psnr_db, self.psnr_size = psnr(picture, photograph), size
         app.touch()

@@ -201,7 +201,7 @@ class Filming:
     def _start(self, app: App, cameras: list[ViewCamera], target: Path, *, still: bool = False) -> None:
         if self.export is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
-        if app.stage is None or app.scene is None:
+        if app.canvas is None or app.scene is None:
             return
         if not app.scene.whole:
             raise UserError("the scene is still being read", remedy="wait until it is complete")
@@ -212,10 +212,10 @@ class Filming:
         if still and (exr or self.besides or self.transparent):
             modes = tuple(dict.fromkeys((settings.mode, *self.besides)))
             passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
-            layers = Layers(passes, app.stage.raw, app.scene.pack)
+            layers = Layers(passes, app.canvas.raw, app.scene.pack)
         elif target is COPY:
             sink = ToClipboard(self._hand_over)
-        self.export = Export(cameras, settings, target, app.stage.snapshot, self.fps, side, layers, sink)
+        self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, sink)
         self.playing = False
         app.touch()
 

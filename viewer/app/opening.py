@@ -93,9 +93,9 @@ class Opening:
             loading.begun is not None
             and self._preallocated_for is not loading
             and not self.other
-            and app.stage is not None
+            and app.canvas is not None
         ):
-            app.stage.preallocate(loading.begun)
+            app.canvas.preallocate(loading.begun)
             self._preallocated_for = loading
 
     def _take_preview(self, app: App, loading: Loading) -> None:
@@ -123,17 +123,17 @@ class Opening:
 
     @staticmethod
     def _refine(app: App, pack: Pack, *, told: bool = True) -> None:
-        if app.stage is not None and app.scene is not None:
+        if app.canvas is not None and app.scene is not None:
             with app.messages.noting_warnings(told=told):
-                app.stage.refine(pack)
+                app.canvas.refine(pack)
             app.scene.pack = pack
             app.touch()
 
     @staticmethod
     def _give_up_preallocation(app: App) -> None:
         """What was not needed of it, after all."""
-        if app.stage is not None:
-            app.stage.preallocate(None)
+        if app.canvas is not None:
+            app.canvas.preallocate(None)
 
     @staticmethod
     def _drop_unfinished(app: App) -> None:

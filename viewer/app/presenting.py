@@ -10,51 +10,51 @@ from dataclasses import replace
 
 from console import UserError
 from viewer.app.application import App
-from viewer.app.stage import Drawn, Layer, Picture, Stage
+from viewer.app.canvas_interface import CanvasInterface, Drawn, Layer, Picture
 from viewer.rendering.settings import RenderSettings
 
 PHOTOGRAPH = "photograph"
 
 
-def present(app: App, stage: Stage) -> None:
-    """Draws as much as one frame has time for, and notes it in stage.drawn. Failures become dialogs."""
-    stage.drawn = None
+def present(app: App, canvas: CanvasInterface) -> None:
+    """Draws as much as one frame has time for, and notes it in canvas.drawn. Failures become dialogs."""
+    canvas.drawn = None
     try:
-        stage.drawn = _present(app, stage)
+        canvas.drawn = _present(app, canvas)
     except UserError as error:  # e.g. no room for a picture of this size
         app.messages.fail("The picture cannot be drawn", error)
         app.settings = RenderSettings()
         app.comparison.stop()
-        stage.forget()
+        canvas.forget()
         app.touch()
 
 
-def _present(app: App, stage: Stage) -> Drawn | None:
+def _present(app: App, canvas: CanvasInterface) -> Drawn | None:
     settings = app.settings
     if (
         app.comparison.against == "photograph" and settings.backdrop is not None
     ):  # a photograph has the plain background
         settings = replace(settings, backdrop=None)
     comparison, scene = app.comparison, (app.viewport.camera, settings, app.resolution)
-    before = unfinished(app, stage)
-    shown: list[Picture] = [stage]
-    if comparison.against == "pack" and stage.other is not None:
-        shown.append(stage.other)
+    before = unfinished(app, canvas)
+    shown: list[Picture] = [canvas]
+    if comparison.against == "pack" and canvas.other is not None:
+        shown.append(canvas.other)
     drew = [each for each in shown if each.follow(*scene)]
     if drew:  # two pictures that are compared are of one sharpness
         drew += [each for each in shown if each not in drew and each.follow(*scene, anew=True)]
     for each in shown:
         if not drew and each.sharpen(*scene):  # one tile a frame
             drew = [each]
-    pair = _compared(app, stage)
+    pair = _compared(app, canvas)
     if comparison.how == "difference" and pair is not None:
-        settled = before and not unfinished(app, stage)  # without drawing: the last tile has appeared
-        if drew or settled or stage.difference is None or app.frames_owed:
-            stage.subtract(*pair, app.viewport.pixels, comparison.gain)
+        settled = before and not unfinished(app, canvas)  # without drawing: the last tile has appeared
+        if drew or settled or canvas.difference is None or app.frames_owed:
+            canvas.subtract(*pair, app.viewport.pixels, comparison.gain)
     else:
-        stage.difference = None
+        canvas.difference = None
     if not drew:
-        if not unfinished(app, stage):
+        if not unfinished(app, canvas):
             comparison.measure(app)
             app.costs.measure(app)
         return None
@@ -62,32 +62,32 @@ def _present(app: App, stage: Stage) -> Drawn | None:
     return Drawn(sum(each.scene_ms for each in drew), sum(gpu) if gpu else None)
 
 
-def _compared(app: App, stage: Stage) -> tuple[Layer, Layer] | None:
+def _compared(app: App, canvas: CanvasInterface) -> tuple[Layer, Layer] | None:
     """All of the picture, and all of what it is compared with; two packs are both quick until both are whole."""
-    other = other_layers(app, stage)
-    if not other or not stage.layers:
+    other = other_layers(app, canvas)
+    if not other or not canvas.layers:
         return None
-    if app.comparison.against == "pack" and stage.other is not None and unfinished(app, stage):
-        return (stage.quick, stage.other.quick) if stage.quick and stage.other.quick else None
-    return stage.layers[0], other[0]
+    if app.comparison.against == "pack" and canvas.other is not None and unfinished(app, canvas):
+        return (canvas.quick, canvas.other.quick) if canvas.quick and canvas.other.quick else None
+    return canvas.layers[0], other[0]
 
 
-def other_layers(app: App, stage: Stage) -> list[Layer]:
+def other_layers(app: App, canvas: CanvasInterface) -> list[Layer]:
     """What the picture is compared with, as layers; none where nothing is."""
     comparison = app.comparison
-    if comparison.against == "pack" and stage.other is not None:
-        return stage.other.layers
+    if comparison.against == "pack" and canvas.other is not None:
+        return canvas.other.layers
     if comparison.against == "photograph" and comparison.pixels is not None:
-        texture = stage.image(PHOTOGRAPH, comparison.pixels)
+        texture = canvas.image(PHOTOGRAPH, comparison.pixels)
         return [Layer(texture, (0.0, 0.0), (1.0, 1.0), comparison.box(app))]
-    stage.drop_image(PHOTOGRAPH)
+    canvas.drop_image(PHOTOGRAPH)
     return []
 
 
-def unfinished(app: App, stage: Stage) -> bool:
+def unfinished(app: App, canvas: CanvasInterface) -> bool:
     """Whether a picture is not at its full resolution yet."""
-    comparing = app.comparison.against == "pack" and stage.other is not None
-    return stage.pending or (comparing and stage.other is not None and stage.other.pending)
+    comparing = app.comparison.against == "pack" and canvas.other is not None
+    return canvas.pending or (comparing and canvas.other is not None and canvas.other.pending)
 
 
 def awaited(app: App) -> bool:

@@ -62,7 +62,7 @@ class CostMeter:
     def measure(self, app: App) -> None:
         """Brings the figures up to date; call while nothing moves. Costs nothing while switched off."""
         camera = app.camera()
-        if not self.enabled or camera is None or app.stage is None or app.scene is None:
+        if not self.enabled or camera is None or app.canvas is None or app.scene is None:
             return
         settings = replace(app.settings, mode="normal", counts=True)
         lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.distortion)
@@ -72,5 +72,5 @@ class CostMeter:
         self._measured = key
         scale = min(1.0, LONGEST_SIDE / max(camera.width, camera.height))
         size = max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
-        self.costs = RayCosts.of(app.stage.ray_counts(camera.resized(*size), settings))
+        self.costs = RayCosts.of(app.canvas.ray_counts(camera.resized(*size), settings))
         app.touch()

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.pose import view_camera
-from viewer.app.stage import Stage
 from viewer.rendering.settings import RenderSettings
 
 if TYPE_CHECKING:
@@ -28,11 +28,11 @@ class ViewPictures:
     _drawn_with: tuple[object, ...] = ()
     _drew: bool = False  # in this frame
 
-    def clear(self, stage: Stage | None) -> None:
+    def clear(self, canvas: CanvasInterface | None) -> None:
         """Another pack is shown."""
         for key in self._pictures:
-            if stage is not None:
-                stage.drop_image(_name(key))
+            if canvas is not None:
+                canvas.drop_image(_name(key))
         self._pictures.clear()
 
     def tick(self, app: App) -> None:
@@ -42,9 +42,9 @@ class ViewPictures:
         now = (id(pack), app.settings.background)
         if now != self._drawn_with:
             self._drawn_with = now
-            self.clear(app.stage)
+            self.clear(app.canvas)
 
-    def texture(self, app: App, stage: Stage, grid_T_camera: np.ndarray, fov: float) -> int | None:
+    def texture(self, app: App, canvas: CanvasInterface, grid_T_camera: np.ndarray, fov: float) -> int | None:
         """OpenGL name of the picture of a view (float64 [4, 4]; vertical degrees); None while it is not drawn yet.
 
         One is drawn in a frame at most, and none while the picture is not whole: that goes before.
@@ -53,17 +53,17 @@ class ViewPictures:
             return None
         key = (np.round(grid_T_camera, 6).tobytes(), round(fov, 4))
         if key not in self._pictures:
-            if self._drew or stage.pending or not app.scene.whole:
+            if self._drew or canvas.pending or not app.scene.whole:
                 app.touch(1)
                 return None
             self._drew = True
             camera = view_camera(grid_T_camera, fov, SIZE)
-            self._pictures[key] = stage.snapshot(camera, RenderSettings(background=app.settings.background))
+            self._pictures[key] = canvas.snapshot(camera, RenderSettings(background=app.settings.background))
             if len(self._pictures) > MOST_KEPT:
-                stage.drop_image(_name(self._pictures.popitem(last=False)[0]))
+                canvas.drop_image(_name(self._pictures.popitem(last=False)[0]))
             app.touch(2)
         self._pictures.move_to_end(key)
-        return stage.image(_name(key), self._pictures[key])
+        return canvas.image(_name(key), self._pictures[key])
 
 
 def _name(key: Key) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.app.stage import Stage
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.panels import theme
 from viewer.panels.widgets import hint, px
 
@@ -21,7 +21,7 @@ class PreviewPane:
         self._pixels = None
         self._held = False  # by the mouse
 
-    def show(self, app: App, stage: Stage, width: float, height: float) -> None:
+    def show(self, app: App, canvas: CanvasInterface, width: float, height: float) -> None:
         """width, height: of the picture, in window units; a line of text comes below it."""
         preview, scene = app.exporting.preview, app.scene
         if preview is None or scene is None:
@@ -37,10 +37,10 @@ class PreviewPane:
             of = (preview.geometry, camera.grid_T_camera.tobytes(), camera.fx, camera.width, camera.height, theme.BASE)
             if of != self._of:
                 ground = theme.rgb(theme.BASE)
-                self._pixels = stage.draw_export_preview(preview.geometry, camera, (ground.x, ground.y, ground.z))
+                self._pixels = canvas.draw_export_preview(preview.geometry, camera, (ground.x, ground.y, ground.z))
                 self._of = of
             assert self._pixels is not None
-            texture = imgui.ImTextureRef(stage.image(IMAGE, self._pixels))
+            texture = imgui.ImTextureRef(canvas.image(IMAGE, self._pixels))
             dim = 0.35 if preview.error else 1.0
             shade = theme.packed("#ffffff", dim)
             draw.add_image_rounded(texture, at, corner, ImVec2(0, 0), ImVec2(1, 1), shade, px(6))
@@ -49,11 +49,11 @@ class PreviewPane:
             draw.add_rect_filled(ImVec2(at.x, corner.y - px(3)), low, theme.packed(theme.ACCENT))
         hint(_told(app), theme.WARN if preview.error and not preview.working else theme.FAINT)
 
-    def drop(self, stage: Stage) -> None:
+    def drop(self, canvas: CanvasInterface) -> None:
         """Frees what it holds on the card."""
         if self._pixels is not None:
-            stage.drop_image(IMAGE)
-            stage.drop_export_preview()
+            canvas.drop_image(IMAGE)
+            canvas.drop_export_preview()
         self._of, self._pixels = (), None
 
     def _turn(self, app: App, height: float) -> None:

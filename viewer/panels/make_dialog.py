@@ -10,9 +10,9 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from console.progress import duration
 from viewer.app import time_needed
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
-from viewer.app.stage import Stage
 from viewer.panels import layout, preview_strip, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.dialogs import confirmed, pressed_here
@@ -25,7 +25,7 @@ PICTURE = "making"
 AUTOMATIC = "Automatic"
 
 
-def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, size: ImVec2, fonts: Fonts) -> None:
     """Draws the question while there is one, and nothing is in front of it."""
     plan = app.making.plan
     if plan is None or in_front(app) != "make":
@@ -34,7 +34,7 @@ def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
         return
     _heading(plan, fonts)
     if plan.survey is not None and plan.survey.preview is not None:
-        preview_strip.show(stage, plan.survey.preview)
+        preview_strip.show(canvas, plan.survey.preview)
     imgui.dummy(ImVec2(0, px(6)))
     problem = plan.problem()
     surveying = plan.survey is not None and not plan.survey.finished
@@ -182,11 +182,11 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
             app.messages.fail("It cannot start", error)
 
 
-def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
+def show_job(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> None:
     """The card of what is being made, at the lower left of the viewport's box."""
     job = app.making.job
     if job is None:
-        stage.drop_image(PICTURE)
+        canvas.drop_image(PICTURE)
         return
     with corner_card("##job", box):
         _job_head(app, job, fonts)
@@ -196,7 +196,7 @@ def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
             tip("The scene that is open now is closed")
         _so_far(app)
         if job.picture is not None:
-            _picture(stage, job)
+            _picture(canvas, job)
         if len(job.figures) > 2:
             _curve(job)
         _stages(job)
@@ -235,7 +235,7 @@ def _so_far(app: App) -> None:
         tip("Fly around in what is trained so far")
 
 
-def _picture(stage: Stage, job: MakeJob) -> None:
+def _picture(canvas: CanvasInterface, job: MakeJob) -> None:
     """A photograph that is held out, beside how it is rendered so far."""
     assert job.picture is not None
     height, width = job.picture.shape[:2]
@@ -243,7 +243,7 @@ def _picture(stage: Stage, job: MakeJob) -> None:
     at = imgui.get_cursor_screen_pos()
     high = wide * height / width
     low = ImVec2(at.x + wide, at.y + high)
-    texture = imgui.ImTextureRef(stage.image(PICTURE, job.picture))
+    texture = imgui.ImTextureRef(canvas.image(PICTURE, job.picture))
     imgui.get_window_draw_list().add_image_rounded(
         texture, at, low, ImVec2(0, 0), ImVec2(1, 1), theme.packed("#ffffff"), px(6)
     )

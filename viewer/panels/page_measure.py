@@ -6,11 +6,11 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
 from viewer.app.marks import METRES, UNITS
 from viewer.app.measured import Words
 from viewer.app.pose import triple
-from viewer.app.stage import Stage
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import (
@@ -40,7 +40,7 @@ HINTS = {
 }
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     words = app.measuring.words(app)
     if words is None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.rejected_photographs import RejectedPhotographs
-from viewer.app.stage import Stage
 from viewer.panels import theme
 from viewer.panels.widgets import hint, px
 
@@ -14,7 +14,7 @@ NAMED = 3
 IMAGE = "left out"
 
 
-def show(stage: Stage, rejected: RejectedPhotographs) -> None:
+def show(canvas: CanvasInterface, rejected: RejectedPhotographs) -> None:
     """Draws a line that counts and names them, and the row."""
     names = list(rejected.why)
     count = "1 photograph is left out" if len(names) == 1 else f"{len(names)} photographs are left out"
@@ -23,7 +23,7 @@ def show(stage: Stage, rejected: RejectedPhotographs) -> None:
     hint(f"{count}: {told}{more}.", theme.WARN)
     if rejected.sheet is None:
         return
-    texture = imgui.ImTextureRef(stage.image(IMAGE, rejected.sheet))
+    texture = imgui.ImTextureRef(canvas.image(IMAGE, rejected.sheet))
     flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_background
     imgui.begin_child("##left out", ImVec2(0, px(HEIGHT + BAR)), 0, flags)
     wheel = imgui.get_io().mouse_wheel

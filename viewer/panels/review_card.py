@@ -6,8 +6,8 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.review import Review
-from viewer.app.stage import Stage
 from viewer.panels import layout, rejected_strip, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.theme import Fonts
@@ -22,7 +22,7 @@ ABOUT = {
 }
 
 
-def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> None:
     """Draws the card at the lower left of the viewport's box, while there is something to review."""
     review = app.making.review
     if review is None:
@@ -30,7 +30,7 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
     with corner_card("##review", box):
         _head(review, fonts)
         if review.rejected is not None:
-            rejected_strip.show(stage, review.rejected)
+            rejected_strip.show(canvas, review.rejected)
         shown = app.making.points_shown(app)
         if not shown:
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):

@@ -9,8 +9,8 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
-from viewer.app.stage import Stage
 from viewer.panels import layout, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import Entry, coloured, elided, font, more_button, px
@@ -61,7 +61,7 @@ def plan(width: float, unit: float, widths: tuple[float, float, float], buttons:
     return Plan(False, max(0.0, min(name, room(False, False, False, shown))), False, False, shown)
 
 
-def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> None:
     """Draws the bar."""
     with coloured(window_bg=theme.BASE):
         layout.begin("##top", box, (LEFT, EDGE))

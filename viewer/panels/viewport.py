@@ -10,8 +10,8 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app import crop
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.presenting import present
-from viewer.app.stage import Stage
 from viewer.app.state import Viewport
 from viewer.panels import frusta, keys, layout, legend, overlays, page_photographs, ruler, start_page, theme
 from viewer.panels.axis_gizmo import AxisGizmo
@@ -24,12 +24,12 @@ TOAST_WIDTH = 560.0
 WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
-def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
+def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
     """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
     app.viewport.camera = app.camera()
-    present(app, stage)
+    present(app, canvas)
     flags = imgui.WindowFlags_.no_background  # the frame is cleared with that colour, and to fill it again takes time
     if app.scene is not None:
         flags |= imgui.WindowFlags_.no_scroll_with_mouse  # the wheel is the camera's
@@ -37,8 +37,8 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo
     if app.scene is None:
         start_page.show(app, fonts)
     else:
-        overlays.draw_layers(stage.layers, box)
-        overlays.draw_comparison(app, stage, box)
+        overlays.draw_layers(canvas.layers, box)
+        overlays.draw_comparison(app, canvas, box)
         axes.show(app, box)
         if not gizmo.over:
             imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
@@ -46,7 +46,7 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo
             imgui.dummy(ImVec2(box[2], box[3]))  # never hovered, and so the gizmo's
         over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
         overlays.draw_path(app, box)
-        shot, face = frusta.draw(app, stage, box), overlays.draw_crop(app, box)
+        shot, face = frusta.draw(app, canvas, box), overlays.draw_crop(app, box)
         mark = ruler.draw(app, box, over)
         if not gizmo.over:
             _mouse(app, box, _Under(face, shot, mark) if over else NOTHING)

@@ -30,17 +30,16 @@ SharedContext = Callable[[], AbstractContextManager[None] | None]
 class PreallocatedTexture:
     """An empty RGBA8 texture of `size` (x, y, z) voxels for `ctx`, the current context.
 
-    shared_context: a thread that enters it has a context that shares textures with `ctx`. moderngl takes the texture for one of 1 × 1 × 1.
+    shared_context: a thread that enters it has a context that shares textures with `ctx`.
+    moderngl takes the texture for 1 × 1 × 1.
     """
 
     def __init__(self, ctx: moderngl.Context, size: Triple, shared_context: AbstractContextManager[None]) -> None:
         self.size, self.taken = size, False
         self._texture, self._made = ctx.texture3d((1, 1, 1), CHANNELS), False
-        self._tried, self._settled = (
-            Event(),
-            Event(),
-        )  # set once allocation was tried; once it is known whether the texture is used
-        self._thread = Thread(target=self._run, args=(shared_context,), name="snerg-room", daemon=True)
+        self._tried = Event()  # set once allocation was tried
+        self._settled = Event()  # set once it is known whether the texture is used
+        self._thread = Thread(target=self._run, args=(shared_context,), name="snerg-preallocation", daemon=True)
         self._thread.start()
 
     def _run(self, shared_context: AbstractContextManager[None]) -> None:

@@ -1,8 +1,8 @@
-"""The picture inside the window: framebuffers of its own, quick pictures while things move, tiles while they rest.
+"""OpenGL canvas of the open pack: quick pictures while the camera moves, full ones in tiles while it rests.
 
-Implements viewer.app.stage.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
-the lower left corner, so that a change of scale allocates nothing. They are drawn while the panels of the same frame are
-built, so that what the panels name and what the textures hold is one picture of one camera.
+Implements viewer.app.canvas_interface. Textures are as large as the viewport. Quick pictures use a part of them, from the lower
+left corner, so that a change of scale allocates nothing. The panels of a frame and its picture show the same camera, because
+the picture is drawn while the panels are built.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import moderngl
 import numpy as np
 
 from scenepack.pack import Pack
+from viewer.app.canvas_interface import Drawn, Layer, Sheet
 from viewer.app.projection import ray_through
-from viewer.app.stage import Drawn, Layer, Sheet
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
 from viewer.rendering.export_preview_picture import ExportPreviewPicture
@@ -76,14 +76,14 @@ class Canvas:
         self.drawn_size = (0, 0)  # pixels of the picture that is shown
         self.drawn: Drawn | None = None  # by this frame; see viewer.app.presenting
 
-    # Stage
+    # CanvasInterface
 
     def preallocate(self, pack: Pack | None) -> None:
-        """See Stage.preallocate."""
+        """See CanvasInterface.preallocate."""
         self._preallocator.make(pack)
 
     def show(self, pack: Pack | None) -> None:
-        """See Stage.show."""
+        """See CanvasInterface.show."""
         self._drop_coming()
         renderer = (
             None if pack is None else Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
@@ -94,7 +94,7 @@ class Canvas:
         self.forget()
 
     def refine(self, pack: Pack) -> None:
-        """See Stage.refine."""
+        """See CanvasInterface.refine."""
         coming = Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
         self._drop_coming()
         self._coming = coming
@@ -125,7 +125,7 @@ class Canvas:
         return finest
 
     def show_other(self, pack: Pack | None) -> None:
-        """See Stage.show_other."""
+        """See CanvasInterface.show_other."""
         other = None
         if pack is not None:
             other = Canvas(self.ctx, self._retired)
@@ -136,7 +136,7 @@ class Canvas:
         self.other = other
 
     def image(self, name: str, pixels: np.ndarray) -> int:
-        """See Stage.image."""
+        """See CanvasInterface.image."""
         if name not in self._images or self._images[name][0] != id(pixels):
             self.drop_image(name)
             texture = self.ctx.texture((pixels.shape[1], pixels.shape[0]), 3, pixels.tobytes(), alignment=1)
@@ -145,22 +145,22 @@ class Canvas:
         return self._images[name][1].glo
 
     def sheet(self, sheet: Sheet) -> int:
-        """See Stage.sheet."""
+        """See CanvasInterface.sheet."""
         return self._sheet.follow(sheet)
 
     def drop_image(self, name: str) -> None:
-        """See Stage.drop_image."""
+        """See CanvasInterface.drop_image."""
         if name in self._images:
             self._retired.append(self._images.pop(name)[1])
 
     def subtract(self, picture: Layer, other: Layer, size: tuple[int, int], gain: float) -> None:
-        """See Stage.subtract."""
+        """See CanvasInterface.subtract."""
         if self._difference is None:
             self._difference = Difference(self.ctx, self._retired)
         self.difference = self._difference.draw(picture, other, size, gain)
 
     def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
-        """See Stage.distance_at. Asks the renderer for one pixel's depth; None in forward-facing packs."""
+        """See CanvasInterface.distance_at. Asks the renderer for one pixel's depth; None in forward-facing packs."""
         if self.renderer is None or self.renderer.pack.ndc:
             return None
         pack = self.renderer.pack
@@ -172,13 +172,13 @@ class Canvas:
         return float(depth_along_axis(raw, pixel, pack)[0, 0] / (ray @ -camera.grid_T_camera[:3, 2]))
 
     def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """See Stage.ray_counts."""
+        """See CanvasInterface.ray_counts."""
         return self._floats(camera, settings)
 
     def draw_export_preview(
         self, geometry: PreviewGeometry, camera: ViewCamera, ground: tuple[float, float, float]
     ) -> np.ndarray:
-        """See Stage.draw_export_preview."""
+        """See CanvasInterface.draw_export_preview."""
         if self._preview_picture is None:
             self._preview_picture = ExportPreviewPicture(self.ctx)
         width, height = camera.width, camera.height
@@ -188,13 +188,13 @@ class Canvas:
         return pixels.reshape(height, width, 3)[::-1].copy()
 
     def drop_export_preview(self) -> None:
-        """See Stage.drop_export_preview."""
+        """See CanvasInterface.drop_export_preview."""
         if self._preview_picture is not None:
             self._preview_picture.release()
         self._preview_picture = None
 
     def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """See Stage.raw."""
+        """See CanvasInterface.raw."""
         self._receive_all()
         return self._floats(camera, settings, components=4)
 
@@ -213,7 +213,7 @@ class Canvas:
             free_framebuffer(framebuffer)
 
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """See Stage.snapshot."""
+        """See CanvasInterface.snapshot."""
         renderer = self._receive_all()
         width, height = camera.width, camera.height
         framebuffer = self._still.fit(width, height)
@@ -223,17 +223,17 @@ class Canvas:
 
     @property
     def card(self) -> str:
-        """See Stage.card."""
+        """See CanvasInterface.card."""
         return str(self.ctx.info.get("GL_RENDERER", "unknown"))
 
     @property
     def clock_problem(self) -> str:
-        """See Stage.clock_problem."""
+        """See CanvasInterface.clock_problem."""
         return self.clock.reason
 
     @property
     def gpu_bytes_by_use(self) -> dict[str, int]:
-        """See Stage.gpu_bytes_by_use."""
+        """See CanvasInterface.gpu_bytes_by_use."""
         other = self.other.gpu_bytes if self.other is not None else 0
         uses = {
             "Pack": self.renderer.gpu_bytes() if self.renderer is not None else 0,

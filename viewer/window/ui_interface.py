@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.keyboard import Keyboard, KeyPress
-from viewer.app.stage import Stage
 from viewer.app.state import Clipboard
 
 
@@ -37,8 +37,8 @@ class UiInterface(Protocol):
     def modifier_changes(self) -> None:
         """Ctrl, Shift, Alt or Cmd goes down or up."""
 
-    def frame(self, app: App, stage: Stage, scale: float = 1.0) -> None:
-        """Builds the panels for this moment's state, with the picture on `stage`, and hands the user's wishes to `app`."""
+    def frame(self, app: App, canvas: CanvasInterface, scale: float = 1.0) -> None:
+        """Builds the panels for this moment's state, with the picture on `canvas`, and hands the user's wishes to `app`."""
 
     def draw(self) -> None:
         """Draws what `frame` prepared into the framebuffer that is bound."""

@@ -103,7 +103,7 @@ class Window:
             pass
         self._second = SecondContext(glfw, self.handle)
         self.canvas = Canvas(self.ctx, shared_context=self._second.for_a_thread)
-        app.stage = self.canvas
+        app.canvas = self.canvas
         self._listen()
         self.read_controllers: Callable[[], list[ControllerState]] = lambda: controllers_now(glfw)
         self.ui: UiInterface = panels(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
@@ -314,7 +314,7 @@ class Window:
     def close(self) -> None:
         """Frees everything and closes the window."""
         end_processes(self.app)
-        self.app.stage = None
+        self.app.canvas = None
         self.canvas.close()
         self._second.close()
         self.ui.release()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.viewer.app.test_application import FakeStage
+from tests.viewer.app.test_application import FakeCanvas
 from viewer.app.application import App
 from viewer.app.comparison import Comparison
 from viewer.app.filming import Filming
@@ -12,7 +12,7 @@ from viewer.app.ray_costs import CostMeter
 from viewer.app.state import OpenScene, Viewport
 
 
-class Stage(FakeStage):
+class CountingCanvas(FakeCanvas):
     def ray_counts(self, camera, settings):
         return np.ones((camera.height, camera.width, 3), np.float32)
 
@@ -20,7 +20,7 @@ class Stage(FakeStage):
 @pytest.fixture
 def app(pack, pack_folder) -> App:
     scene = OpenScene(pack_folder, "toy", pack, rig_for(pack))
-    return App(stage=Stage(), scene=scene, viewport=Viewport(width=64, height=48), frames_owed=0)
+    return App(canvas=CountingCanvas(), scene=scene, viewport=Viewport(width=64, height=48), frames_owed=0)
 
 
 def test_the_film_is_made_and_written(app, tmp_path):

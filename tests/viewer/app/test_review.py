@@ -13,7 +13,7 @@ from PIL import Image
 
 from scenepack.blocks import dense_from_pack
 from tests.training.reconstructions import around, ball, side_by_side, write_colmap
-from tests.viewer.app.test_application import FakeStage
+from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
 from training.scenes import load_scene
 from training.scenes.colmap import sparse_points
@@ -69,7 +69,7 @@ def test_the_kind_is_found_and_forward_facing_scenes_are_shown_as_seen_from_outs
 
 
 def reviewed(posed: Path) -> tuple[App, Review]:
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.making.look = look_at(posed)
     app.making.review = Review(Plan("scene", posed, posed.parent / "out"), app.making.look)
     app.making.show_points(app)
@@ -130,7 +130,7 @@ def bare(monkeypatch, tmp_path, posed) -> App:
     monkeypatch.setattr(Plan, "bare", property(lambda plan: Source("photographs", photographs, ())))
     monkeypatch.setattr(make_plan, "poser_missing", lambda source: None)
     monkeypatch.setenv("PYTHONPATH", str(FAKE.parents[3]))
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.making.plan = Plan("scene", photographs, tmp_path / "out")
     app.making.start(app)
     yield app
@@ -263,7 +263,7 @@ def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, of
     review = bare.making.review
     assert_pictured(review.rejected)
     live(bare, lambda: bare.making._left_out is None)
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.making.review = review
     review.hold()
     ui = offscreen(app, size=(900, 700))

@@ -85,9 +85,9 @@ def test_what_the_card_refuses_changes_nothing(three, monkeypatch):
         def show(self, pack) -> None:
             raise UserError("there is no room")
 
-    three.stage = Full()
+    three.canvas = Full()
     run(three, "next-pack")
-    three.stage = None
+    three.canvas = None
     assert names(three) == "cab" and "no room" in three.messages.dialogs[0].text
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenepack import save_pack
-from tests.viewer.app.test_application import FakeStage
+from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.app.test_making import FAKE, ROOT, live
 from tests.viewer.waiting import until
 from viewer.app.application import App
@@ -23,7 +23,7 @@ def training(monkeypatch, tmp_path, pack_folder):
     shutil.copytree(pack_folder, tmp_path / "source")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setattr(Plan, "command", lambda plan: [sys.executable, str(FAKE), "until-told", str(tmp_path)])
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
     app.making.start(app)
     yield app
@@ -52,7 +52,7 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(traini
     write(1200)
     live(app, lambda: came(app, 1200))
     assert app.scene.name == "photographs: preview after 1,200 steps" and app.making.so_far_shown(app)
-    assert app.stage.shown == [app.making.so_far.pack] and app.preferences.recent == []
+    assert app.canvas.shown == [app.making.so_far.pack] and app.preferences.recent == []
 
 
 def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(training, write, tmp_path):
@@ -68,7 +68,7 @@ def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(t
     live(app, lambda: came(app, 2400))
     assert app.scene.name.endswith("2,400 steps") and app.scene.pack is app.making.so_far.pack
     assert app.scene.rig.goal == app.scene.rig.shown == chosen
-    assert app.stage.shown == [app.making.so_far.pack], "refined in place: nothing is blank in between"
+    assert app.canvas.shown == [app.making.so_far.pack], "refined in place: nothing is blank in between"
     (tmp_path / "go").touch()
     live(app, lambda: app.making.job is None and app.loading is None)
     assert app.scene.path == tmp_path / "pack" and not app.messages.dialogs

@@ -65,7 +65,7 @@ def test_a_pack_in_a_texture_made_ahead_is_drawn_as_any_other(
     pack = toy_pack(view_mlp=view_mlp)
     made = preallocate(ctx, pack, shared_context())
     assert made is not None
-    renderer = Renderer(ctx, pack, texture_preallocation=made)
+    renderer = Renderer(ctx, pack, preallocated=made)
     assert made.taken and renderer.scene("exact").textures["atlas_rgba"] is made._texture
     with_room = picture(ctx, renderer, pack)
     plain = OffscreenRenderer(pack, ctx=ctx)
@@ -79,7 +79,7 @@ def test_a_pack_in_a_texture_made_ahead_is_drawn_as_any_other(
 def test_a_texture_for_another_pack_is_not_taken_and_is_given_back(ctx, shared_context, for_all_packs) -> None:
     made = preallocate(ctx, toy_pack(), shared_context())
     assert made is not None
-    renderer = Renderer(ctx, toy_pack(view_mlp=False), texture_preallocation=made)
+    renderer = Renderer(ctx, toy_pack(view_mlp=False), preallocated=made)
     assert not made.taken
     made.release()
     assert isinstance(made._texture.mglo, moderngl.InvalidObject) and not made.busy
@@ -93,7 +93,7 @@ def test_a_texture_that_was_refused_is_made_anew(
     pack = toy_pack()
     made = preallocate(ctx, pack, shared_context())
     assert made is not None
-    renderer = Renderer(ctx, pack, texture_preallocation=made)
+    renderer = Renderer(ctx, pack, preallocated=made)
     assert not made.taken and np.ptp(picture(ctx, renderer, pack)) > 50
     made.release()
     renderer.release()

@@ -107,14 +107,14 @@ def test_what_is_trained_so_far_is_flown_through_while_it_is_exchanged(opened, w
     app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
     app.making.start(app)
     write(1200, 1.0)
-    live(window, lambda: app.scene is not None and not app.stage.pending)
+    live(window, lambda: app.scene is not None and not app.canvas.pending)
     assert "preview after 1,200 steps" in window._title
     first = window.screenshot()
     start = app.scene.rig.goal
     drag(window, xdotool, 120, 20)
     chosen = app.scene.rig.goal
     assert chosen != start
-    live(window, lambda: app.scene.rig.shown == chosen and not app.stage.pending)
+    live(window, lambda: app.scene.rig.shown == chosen and not app.canvas.pending)
     before = window.screenshot()
     assert (before != first).any()
     blank = []
@@ -125,7 +125,7 @@ def test_what_is_trained_so_far_is_flown_through_while_it_is_exchanged(opened, w
         box = app.viewport
         part = shown[round(box.y) : round(box.y + 0.5 * box.height), round(box.x) : round(box.x + box.width)]
         blank.append((part.min(axis=-1) < 200).mean())
-        return app.making.so_far.steps == 2400 and not app.stage.pending
+        return app.making.so_far.steps == 2400 and not app.canvas.pending
 
     live(window, exchanged)
     assert min(blank) > 0.5 * blank[0] > 0, "something is to be seen all the time"

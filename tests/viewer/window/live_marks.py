@@ -149,7 +149,7 @@ def test_a_session_is_saved_and_opened_again(window, xdotool, tmp_path):
     xdotool("key", "Return")
     wait(window, file.exists)
     assert not app.messages.dialogs
-    again = type(app)(stage=window.canvas)
+    again = type(app)(canvas=window.canvas)
     again.clipboard, window.app = app.clipboard, again
     window.canvas.show(None)
     xdotool("mousemove", 200, 300, "key", "ctrl+o")

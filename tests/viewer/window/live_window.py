@@ -46,7 +46,7 @@ def opened(display):
 @pytest.fixture
 def window(opened, pack, pack_folder):
     """The window as it was, with a new app in it and the toy open."""
-    app = App(stage=opened.canvas)
+    app = App(canvas=opened.canvas)
     app.clipboard, opened.app = opened.app.clipboard, app
     glfw.set_window_size(opened.handle, *SIZE)
     app.show(pack, pack_folder)

@@ -109,9 +109,9 @@ def _plan(subject: str, **changes: object) -> Prepare:
 
 
 def _compare(app: App, scenes: Scenes) -> None:
-    stage, app.stage = app.stage, None if app.stage.other is not None else app.stage
+    canvas, app.canvas = app.canvas, None if app.canvas.other is not None else app.canvas
     app.compare_with(scenes.other, scenes.path)
-    app.stage, app.comparison.how = stage, "difference"
+    app.canvas, app.comparison.how = canvas, "difference"
 
 
 def _stand_in(app: App, scenes: Scenes) -> None:
