@@ -14,6 +14,7 @@ from pathlib import Path
 from console import UserError
 from scenepack.pack import Pack
 from viewer.app import crop
+from viewer.app.annotations import Annotations, AnnotationStore, Point
 from viewer.app.backdrops import TRAINED, backdrop
 from viewer.app.bookmarks import Bookmarks
 from viewer.app.canvas_interface import CanvasInterface
@@ -30,8 +31,6 @@ from viewer.app.keyboard import Keyboard
 from viewer.app.loading import Loading
 from viewer.app.log import Messages
 from viewer.app.making import Making
-from viewer.app.marking import Marking
-from viewer.app.marks import Marks, Point
 from viewer.app.measuring import Measuring
 from viewer.app.open_prompt import OpenPrompt, looks_like_path, path_in
 from viewer.app.opening import Opening
@@ -68,7 +67,7 @@ class App:
     filming: Filming = field(default_factory=Filming)
     comparison: Comparison = field(default_factory=Comparison)
     gallery: Gallery = field(default_factory=Gallery)
-    marking: Marking = field(default_factory=Marking)
+    annotations: AnnotationStore = field(default_factory=AnnotationStore)
     measuring: Measuring = field(default_factory=Measuring)
     bookmarks: Bookmarks = field(default_factory=Bookmarks)
     views: ViewPictures = field(default_factory=ViewPictures)
@@ -118,7 +117,9 @@ class App:
         self.filming = replace(self.filming.of_another_scene(), path=entry.path)
         self.comparison.stop()
         self.gallery.scene_changed(pack)
-        self.marking.take_up(self, pack, entry.scene.path if entry.scene.path.exists() else None, entry.marks)
+        self.annotations.open_pack(
+            self, pack, entry.scene.path if entry.scene.path.exists() else None, entry.annotations
+        )
         self.measuring.drop()
         self.bookmarks.drop()
         self.touch()
@@ -128,14 +129,14 @@ class App:
         scene = self.scene
         if scene is None or not scene.whole or not scene.stays:
             return None
-        return Shelved(scene, self.settings.crop, self.settings.near, self.filming.path, self.marking.marks)
+        return Shelved(scene, self.settings.crop, self.settings.near, self.filming.path, self.annotations.current)
 
     def show_look(self, look: Look, path: Path, name: str) -> None:
         """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
         self.show(look.pack, path, name, whole=False)
         assert self.scene is not None
         self.scene.whole, self.scene.stays = True, False
-        self.marking.take_up(self, look.pack, None)
+        self.annotations.open_pack(self, look.pack, None)
         self.scene.rig.begin_at(look.overview())
         self.gallery.frusta = True
         self.touch()
@@ -156,7 +157,7 @@ class App:
             self.show(so_far.pack, path, name, whole=False)
             assert self.scene is not None
             self.scene.whole, self.scene.stays = True, False
-            self.marking.take_up(self, so_far.pack, None)  # the file does not last
+            self.annotations.open_pack(self, so_far.pack, None)  # the file does not last
         self.touch()
 
     def undoable(self, rig: CameraRig) -> CameraRig:
@@ -164,11 +165,11 @@ class App:
         rig.history.follow(
             lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
         )
-        rig.history.follow(lambda: (self.marking.marks, self.measuring.draft), self._mark)
+        rig.history.follow(lambda: (self.annotations.current, self.measuring.draft), self._restore_annotations)
         return rig
 
-    def _mark(self, marked: tuple[Marks, tuple[Point, ...]]) -> None:
-        self.marking.marks, self.measuring.draft = marked
+    def _restore_annotations(self, marked: tuple[Annotations, tuple[Point, ...]]) -> None:
+        self.annotations.current, self.measuring.draft = marked
 
     def opened(self) -> None:
         """The whole pack is there: it is remembered, and told."""
@@ -186,7 +187,7 @@ class App:
         if self.canvas is not None:
             self.canvas.show(None)
         self.scene, self.filming = None, self.filming.of_another_scene()
-        self.marking.leave()
+        self.annotations.close_pack()
         self.measuring.drop()
         self.bookmarks.drop()
         if self.shelf.packs:
@@ -257,7 +258,7 @@ class App:
             self.touch(2)
         self.filming.tick(self, seconds)
         self.gallery.tick(self)
-        self.marking.tick(self)
+        self.annotations.tick(self)
         self.views.tick(self)
         self.sessions.tick(self)
         self.comparison.tick(self, seconds)

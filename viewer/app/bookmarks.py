@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from console import UserError
-from viewer.app.marks import MOST_MARKS, Bookmark, named
+from viewer.app.annotations import MOST_ANNOTATIONS, Bookmark, named
 from viewer.app.path import CameraPath, Keyframe
 from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, triple
 from viewer.app.rig import FOVS, CameraRig
@@ -51,21 +51,21 @@ class Bookmarks:
 
     def add(self, app: App) -> None:
         """Saves the present view, behind the selected one."""
-        marks = app.marking.marks
-        if app.scene is None or len(marks.bookmarks) >= MOST_MARKS:
+        annotations = app.annotations.current
+        if app.scene is None or len(annotations.bookmarks) >= MOST_ANNOTATIONS:
             return
-        at = len(marks.bookmarks) if self.selected is None else min(self.selected + 1, len(marks.bookmarks))
-        view = bookmark_of(app.scene.rig, app.fov, _free_name(marks.bookmarks))
-        added = (*marks.bookmarks[:at], view, *marks.bookmarks[at:])
-        app.marking.change(app, replace(marks, bookmarks=added))
+        at = len(annotations.bookmarks) if self.selected is None else min(self.selected + 1, len(annotations.bookmarks))
+        view = bookmark_of(app.scene.rig, app.fov, _free_name(annotations.bookmarks))
+        added = (*annotations.bookmarks[:at], view, *annotations.bookmarks[at:])
+        app.annotations.change(app, replace(annotations, bookmarks=added))
         self.selected = at
         app.messages.say(f"Bookmarked as “{view.name}”")
 
     def go(self, app: App, index: int) -> None:
         """Flies to a saved view."""
-        if app.scene is None or not 0 <= index < len(app.marking.marks.bookmarks):
+        if app.scene is None or not 0 <= index < len(app.annotations.current.bookmarks):
             return
-        view, rig = app.marking.marks.bookmarks[index], app.scene.rig
+        view, rig = app.annotations.current.bookmarks[index], app.scene.rig
         rig.remember()
         self.selected = index
         if view.up != rig.table.up:
@@ -76,42 +76,44 @@ class Bookmarks:
 
     def step(self, app: App, by: int) -> None:
         """Flies to the next saved view, or to the one before; round and round."""
-        count = len(app.marking.marks.bookmarks)
+        count = len(app.annotations.current.bookmarks)
         if not count:
             app.messages.say("There are no bookmarks yet: Ctrl+D saves this view")
             return
         first = 0 if by > 0 else -1
         self.go(app, (first if self.selected is None else self.selected + by) % count)
         assert self.selected is not None
-        app.messages.say(app.marking.marks.bookmarks[self.selected].name)
+        app.messages.say(app.annotations.current.bookmarks[self.selected].name)
 
     def give_name(self, app: App, index: int, name: str) -> None:
         """Gives a view another name."""
-        marks = app.marking.marks
-        app.marking.change(app, marks.with_bookmark(index, replace(marks.bookmarks[index], name=named(name))))
+        annotations = app.annotations.current
+        app.annotations.change(
+            app, annotations.with_bookmark(index, replace(annotations.bookmarks[index], name=named(name)))
+        )
 
     def update(self, app: App, index: int) -> None:
         """Puts a saved view where the camera is now."""
-        marks = app.marking.marks
+        annotations = app.annotations.current
         if app.scene is not None:
-            view = bookmark_of(app.scene.rig, app.fov, marks.bookmarks[index].name)
-            app.marking.change(app, marks.with_bookmark(index, view))
+            view = bookmark_of(app.scene.rig, app.fov, annotations.bookmarks[index].name)
+            app.annotations.change(app, annotations.with_bookmark(index, view))
 
     def move(self, app: App, index: int, by: int) -> None:
         """Moves a view earlier (-1) or later (1)."""
-        to = min(max(index + by, 0), len(app.marking.marks.bookmarks) - 1)
-        app.marking.change(app, app.marking.marks.with_bookmark_moved(index, to))
+        to = min(max(index + by, 0), len(app.annotations.current.bookmarks) - 1)
+        app.annotations.change(app, app.annotations.current.with_bookmark_moved(index, to))
         self.selected = to
 
     def remove(self, app: App, index: int) -> None:
         """Takes a view out."""
-        app.marking.change(app, app.marking.marks.with_bookmark(index, None))
-        left = len(app.marking.marks.bookmarks)
+        app.annotations.change(app, app.annotations.current.with_bookmark(index, None))
+        left = len(app.annotations.current.bookmarks)
         self.selected = min(index, left - 1) if left else None
 
     def film(self, app: App) -> None:
         """Makes the saved views, in their order, the keyframes of the camera path."""
-        views = app.marking.marks.bookmarks
+        views = app.annotations.current.bookmarks
         if app.scene is None:
             return
         if len(views) < 2:

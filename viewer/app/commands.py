@@ -125,7 +125,7 @@ def ask_for_session(app: App) -> None:
 
 
 def _ask_to_export(app: App) -> None:
-    app.exporting.ask(app, app.marking.marks.scale.factor)
+    app.exporting.ask(app, app.annotations.current.scale.factor)
 
 
 def _escape(app: App) -> None:

@@ -10,7 +10,7 @@ from math import acos, ceil, degrees, dist, log10
 import numpy as np
 
 from scenepack.pack import Pack
-from viewer.app.marks import Marks, Measurement, Point, Scale
+from viewer.app.annotations import Annotations, Measurement, Point, Scale
 
 MOST_DECIMALS = 6
 WARPED_DECIMALS = 3  # in forward-facing packs, whose voxels are not of one size
@@ -69,19 +69,19 @@ class Words:
         return self.length(sum(pieces)) + parts
 
 
-def as_text(pack: Pack, marks: Marks) -> str:
+def as_text(pack: Pack, annotations: Annotations) -> str:
     """All measurements, a line each; for the clipboard."""
-    words = Words(pack, marks.scale)
-    return "\n".join(f"{m.kind} {i}: {words.measurement(m)}" for i, m in enumerate(marks.measurements, 1))
+    words = Words(pack, annotations.scale)
+    return "\n".join(f"{m.kind} {i}: {words.measurement(m)}" for i, m in enumerate(annotations.measurements, 1))
 
 
-def as_csv(pack: Pack, marks: Marks) -> str:
+def as_csv(pack: Pack, annotations: Annotations) -> str:
     """A table with a row for each point: x, y, z and lengths in `unit` (grid units where it is empty), scene_* unscaled."""
-    words, text = Words(pack, marks.scale), io.StringIO()
-    factor, places = marks.scale.factor, MOST_DECIMALS
+    words, text = Words(pack, annotations.scale), io.StringIO()
+    factor, places = annotations.scale.factor, MOST_DECIMALS
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
-    for i, measurement in enumerate(marks.measurements, 1):
+    for i, measurement in enumerate(annotations.measurements, 1):
         pieces = lengths(measurement.points) if measurement.kind == "line" else []
         for j, point in enumerate(measurement.points):
             where = [f"{value * factor:.{places}f}" for value in point]
@@ -90,5 +90,5 @@ def as_csv(pack: Pack, marks: Marks) -> str:
             length = f"{pieces[j - 1] * factor:.{places}f}" if pieces and j else ""
             total = f"{sum(pieces) * factor:.{places}f}" if pieces and last else ""
             turn = f"{angle(measurement.points):.4f}" if measurement.kind == "angle" and j == 1 else ""
-            table.writerow([i, measurement.kind, j + 1, *where, *scene, length, total, turn, marks.scale.unit])
+            table.writerow([i, measurement.kind, j + 1, *where, *scene, length, total, turn, annotations.scale.unit])
     return text.getvalue()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from console import UserError
 from console.atomic import write_file
-from viewer.app.marks import LEAST_POINTS, MOST_MARKS, MOST_POINTS, SCALES, Measurement, Point, Scale, Unit
+from viewer.app.annotations import LEAST_POINTS, MOST_ANNOTATIONS, MOST_POINTS, SCALES, Measurement, Point, Scale, Unit
 from viewer.app.measured import Words, as_csv, as_text
 from viewer.app.pose import triple
 from viewer.app.surface import Hit, surface_at
@@ -101,7 +101,7 @@ class Measuring:
     def click_point(self, app: App, index: int, point: int) -> None:
         """Places a point exactly where one of a measurement is; without a tool, selects that measurement."""
         if self.tool:
-            self._place(app, app.marking.marks.measurements[index].points[point])
+            self._place(app, app.annotations.current.measurements[index].points[point])
         else:
             self.selected = index
             app.touch()
@@ -130,10 +130,10 @@ class Measuring:
 
     def _keep(self, app: App) -> None:
         """Makes the draft a measurement, in the same step to be undone as its last point."""
-        marks = app.marking.marks
-        if self.tool in ("point", "line", "angle") and len(marks.measurements) < MOST_MARKS:
-            self.selected = len(marks.measurements)
-            app.marking.marks = marks.with_measurement(self.selected, Measurement(self.tool, self.draft))
+        annotations = app.annotations.current
+        if self.tool in ("point", "line", "angle") and len(annotations.measurements) < MOST_ANNOTATIONS:
+            self.selected = len(annotations.measurements)
+            app.annotations.current = annotations.with_measurement(self.selected, Measurement(self.tool, self.draft))
         self.draft = ()
 
     def back(self, app: App) -> None:
@@ -158,24 +158,26 @@ class Measuring:
 
     def move_point(self, app: App, index: int, point: int, x: float, y: float) -> None:
         """Puts a point of a measurement on the surface under a point of the viewport; remember() beforehand."""
-        hit, marks = self.look_at(app, x, y), app.marking.marks
-        if hit is None or not 0 <= index < len(marks.measurements):
+        hit, annotations = self.look_at(app, x, y), app.annotations.current
+        if hit is None or not 0 <= index < len(annotations.measurements):
             return
-        moved = list(marks.measurements[index].points)
+        moved = list(annotations.measurements[index].points)
         moved[point] = triple(hit.point)
-        app.marking.marks = marks.with_measurement(index, replace(marks.measurements[index], points=tuple(moved)))
+        app.annotations.current = annotations.with_measurement(
+            index, replace(annotations.measurements[index], points=tuple(moved))
+        )
         app.touch()
 
     def remove(self, app: App, index: int) -> None:
         """Takes a measurement away."""
-        marks = app.marking.marks
-        if 0 <= index < len(marks.measurements):
-            app.marking.change(app, marks.with_measurement(index, None))
+        annotations = app.annotations.current
+        if 0 <= index < len(annotations.measurements):
+            app.annotations.change(app, annotations.with_measurement(index, None))
         self.selected = None
 
     def clear(self, app: App) -> None:
         """Takes all of them away."""
-        app.marking.change(app, replace(app.marking.marks, measurements=()))
+        app.annotations.change(app, replace(app.annotations.current, measurements=()))
         self.selected = None
 
     # The scale
@@ -194,7 +196,7 @@ class Measuring:
 
     def show_in(self, app: App, unit: Unit) -> None:
         """Shows lengths in another unit."""
-        self._use(app, app.marking.marks.scale.shown_in(unit))
+        self._use(app, app.annotations.current.scale.shown_in(unit))
 
     def forget_scale(self, app: App) -> None:
         """Back to grid units."""
@@ -202,24 +204,24 @@ class Measuring:
 
     @staticmethod
     def _use(app: App, scale: Scale) -> None:
-        app.marking.change(app, replace(app.marking.marks, scale=scale))
+        app.annotations.change(app, replace(app.annotations.current, scale=scale))
 
     # Out of the window
 
     def words(self, app: App) -> Words | None:
         """How lengths of the open pack are told."""
-        return None if app.scene is None else Words(app.scene.pack, app.marking.marks.scale)
+        return None if app.scene is None else Words(app.scene.pack, app.annotations.current.scale)
 
     def copy(self, app: App) -> None:
         """Puts all measurements on the clipboard, as text."""
-        marks = app.marking.marks
-        if app.scene is not None and marks.measurements:
-            app.clipboard.set(as_text(app.scene.pack, marks))
-            count = len(marks.measurements)
+        annotations = app.annotations.current
+        if app.scene is not None and annotations.measurements:
+            app.clipboard.set(as_text(app.scene.pack, annotations))
+            count = len(annotations.measurements)
             app.messages.say(f"{count} measurement{'s' * (count > 1)} on the clipboard")
 
     def save_table(self, app: App, file: Path) -> None:
         """Writes all measurements as CSV. OSError where it cannot."""
         if app.scene is not None:
-            write_file(file, as_csv(app.scene.pack, app.marking.marks))
+            write_file(file, as_csv(app.scene.pack, app.annotations.current))
             app.messages.say(f"Saved {file}")

@@ -18,21 +18,21 @@ import platformdirs
 from console import UserError
 from console.atomic import write_file
 from console.json_text import read_json_file
+from viewer.app.annotations import (
+    Annotations,
+    Bookmark,
+    Scale,
+    annotations_from_json,
+    annotations_to_json,
+    bookmark_from_json,
+    bookmark_to_json,
+    number_from_json,
+    point_from_json,
+)
 from viewer.app.bookmarks import bookmark_of, pose_of
 from viewer.app.comparison import How
 from viewer.app.crop import Box
 from viewer.app.files import SESSION_SUFFIX
-from viewer.app.marks import (
-    Bookmark,
-    Marks,
-    Scale,
-    bookmark_from_json,
-    bookmark_to_json,
-    marks_from_json,
-    marks_to_json,
-    number_from_json,
-    point_from_json,
-)
 from viewer.app.pose import FARTHEST
 from viewer.app.rig import CameraRig
 from viewer.app.state import OpenScene
@@ -62,7 +62,7 @@ class Seen:
     orthographic: bool = False
     crop: Box | None = None
     near: float = 0.0
-    marks: Marks = field(default_factory=Marks)
+    annotations: Annotations = field(default_factory=Annotations)
 
 
 @dataclass(frozen=True)
@@ -86,15 +86,15 @@ class Session:
 def session_of(app: App) -> Session | None:
     """What is open now; None where that is nothing that could be opened again."""
 
-    def seen(scene: OpenScene, crop: Box | None, near: float, marks: Marks) -> Seen:
+    def seen(scene: OpenScene, crop: Box | None, near: float, annotations: Annotations) -> Seen:
         view = bookmark_of(scene.rig, scene.rig.fov, scene.name)
-        return Seen(scene.path.resolve(), view, scene.rig.orthographic, crop, near, marks)
+        return Seen(scene.path.resolve(), view, scene.rig.orthographic, crop, near, annotations)
 
     scene = app.scene
     if scene is None or not scene.whole or not scene.stays or not scene.path.exists():
         return None
-    first = seen(scene, app.settings.crop, app.settings.near, app.marking.marks)
-    others = (seen(each.scene, each.crop, each.near, each.marks or Marks()) for each in app.shelf.packs)
+    first = seen(scene, app.settings.crop, app.settings.near, app.annotations.current)
+    others = (seen(each.scene, each.crop, each.near, each.annotations or Annotations()) for each in app.shelf.packs)
     compare, path = app.comparison, app.comparison.other_path
     against = (path.resolve(), compare.how) if compare.against == "pack" and path is not None else None
     return Session((first, *others), against, app.interface.page)
@@ -111,7 +111,7 @@ def session_to_json(session: Session, folder: Path) -> dict[str, Any]:
             "camera": {**bookmark_to_json(seen.camera), "orthographic": seen.orthographic},
             "crop": None if seen.crop is None else [list(corner) for corner in seen.crop],
             "near": seen.near,
-            "marks": marks_to_json(seen.marks),
+            "marks": annotations_to_json(seen.annotations),
         }
         for seen in session.packs
     ]
@@ -163,7 +163,9 @@ def _seen(value: Any, folder: Path) -> Seen:
         crop = low, high
     near = number_from_json(entries.get("near", 0.0), 0.0, FARTHEST, "near")
     view, flat = bookmark_from_json(dict(camera)), camera.get("orthographic") is True
-    return Seen(_path(entries.get("path"), folder), view, flat, crop, near, marks_from_json(entries.get("marks", {})))
+    return Seen(
+        _path(entries.get("path"), folder), view, flat, crop, near, annotations_from_json(entries.get("marks", {}))
+    )
 
 
 def _compare(value: Any, folder: Path) -> tuple[Path, How] | None:
@@ -220,7 +222,7 @@ def _apply(app: App, seen: Seen) -> None:
     assert app.scene is not None
     place(app.scene.rig, seen.camera, orthographic=seen.orthographic)
     app.set(crop=None if app.scene.rig.bounded else seen.crop, near=seen.near)
-    app.marking.marks = joined(app.marking.marks, seen.marks)
+    app.annotations.current = joined(app.annotations.current, seen.annotations)
     app.touch()
 
 
@@ -233,12 +235,12 @@ def place(rig: CameraRig, view: Bookmark, *, orthographic: bool) -> None:
     rig.shown = rig.goal
 
 
-def joined(own: Marks, other: Marks) -> Marks:
+def joined(own: Annotations, other: Annotations) -> Annotations:
     """Marks of both; the scale is `own` where that says anything."""
     scale = own.scale if own.scale != Scale() else other.scale
     measurements = tuple(each for each in other.measurements if each not in own.measurements)
     bookmarks = tuple(each for each in other.bookmarks if each not in own.bookmarks)
-    return Marks(scale, own.measurements + measurements, own.bookmarks + bookmarks)
+    return Annotations(scale, own.measurements + measurements, own.bookmarks + bookmarks)
 
 
 # The one that was open last

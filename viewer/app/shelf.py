@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenepack.pack import Pack
-from viewer.app.marks import Marks
+from viewer.app.annotations import Annotations
 from viewer.app.path import CameraPath
 from viewer.app.state import OpenScene
 
@@ -26,14 +26,14 @@ Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 class Shelved:
     """An open pack that is not shown. crop, near: as in RenderSettings. path: its film's.
 
-    marks: as they were when it was left; None: as they are kept.
+    annotations: of when it was left; None: as saved.
     """
 
     scene: OpenScene
     crop: Corners | None
     near: float
     path: CameraPath
-    marks: Marks | None = None
+    annotations: Annotations | None = None
 
 
 @dataclass

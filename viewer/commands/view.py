@@ -17,7 +17,7 @@ from console import UserError, run_command
 from console.arguments import join_negative_values, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
-from viewer.app import desktop_entry, make_plan, marking, preferences, session
+from viewer.app import annotations, desktop_entry, make_plan, preferences, session
 from viewer.app.application import App
 from viewer.app.carried_over import take_over
 from viewer.app.comparison import How
@@ -189,7 +189,7 @@ def _live(app: App, wishes: Startup, size: tuple[int, int] | None) -> int:
     crashed = left_behind(default_folder())
     with signals_ask(app.quit) as ended, _trail(app) as crash_log:
         take_over(app, preferences.load(file))
-        app.marking.folder = marking.default_folder()
+        app.annotations.folder = annotations.default_folder()
         app.sessions.begin(session.default_file())
         with Window(app, Ui, size or app.preferences.window) as window:
             crash_log.add(f"OpenGL {window.ctx.info.get('GL_VERSION')} on {window.canvas.card}")
@@ -227,7 +227,7 @@ def _keep(app: App, window: Window, keeper: Keeper, crash_log: CrashLog) -> None
     def leave() -> None:
         keeper.finish(window=False)
         app.sessions.finish(app)
-        app.marking.leave()
+        app.annotations.close_pack()
         app.making.end()
         crash_log.end()
 
@@ -237,7 +237,7 @@ def _keep(app: App, window: Window, keeper: Keeper, crash_log: CrashLog) -> None
         window.run(keeper.look)
     finally:
         app.sessions.finish(app)
-        app.marking.leave()
+        app.annotations.close_pack()
         problem = keeper.finish()
         if problem:
             with contextlib.suppress(OSError):  # the terminal may be gone

@@ -87,7 +87,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
     plan.world = switch("world", plan.world)
     tip("The frame of the photographs' poses, instead of the grid's (y up)")
     if plan.scale != 1.0:
-        hint(f"Lengths are in {app.marking.marks.scale.unit}.")
+        hint(f"Lengths are in {app.annotations.current.scale.unit}.")
     if app.settings.crop is not None:
         label("Crop box only", LABELS)
         plan.crop = switch("cropped", plan.crop)

@@ -23,7 +23,7 @@ def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     if app.scene is None:
         return
-    views = app.marking.marks.bookmarks
+    views = app.annotations.current.bookmarks
     with card("bookmarks", fonts, "Bookmarks"):
         if main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view", -1):
             run(app, "bookmark")
@@ -50,7 +50,7 @@ def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
 def _list(app: App, canvas: CanvasInterface) -> None:
     assert app.scene is not None
     bookmarks, table = app.bookmarks, app.scene.rig.table
-    views = app.marking.marks.bookmarks
+    views = app.annotations.current.bookmarks
     rows = min(len(views), SHOWN)
     height = rows * px(HEIGHT) + (rows - 1) * imgui.get_style().item_spacing.y + px(30)
     with coloured(child_bg=theme.BASE):
@@ -65,7 +65,7 @@ def _list(app: App, canvas: CanvasInterface) -> None:
 
 def _chosen(app: App) -> None:
     """What can be done with the view that was chosen last."""
-    bookmarks, views = app.bookmarks, app.marking.marks.bookmarks
+    bookmarks, views = app.bookmarks, app.annotations.current.bookmarks
     index = bookmarks.selected
     if index is None or index >= len(views):
         hint("Click on one to go there.")

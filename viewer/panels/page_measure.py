@@ -5,10 +5,10 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
+from viewer.app.annotations import METRES, UNITS
 from viewer.app.application import App
 from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
-from viewer.app.marks import METRES, UNITS
 from viewer.app.measured import Words
 from viewer.app.pose import triple
 from viewer.panels import theme
@@ -73,7 +73,7 @@ def _tools(app: App) -> None:
 
 
 def _list(app: App, words: Words) -> None:
-    measuring, measurements = app.measuring, app.marking.marks.measurements
+    measuring, measurements = app.measuring, app.annotations.current.measurements
     if measurements:
         with coloured(child_bg=theme.BASE):
             flags = imgui.ChildFlags_.always_use_window_padding
@@ -116,7 +116,7 @@ def _actions(app: App) -> None:
 
 
 def _scale(app: App) -> None:
-    measuring, scale = app.measuring, app.marking.marks.scale
+    measuring, scale = app.measuring, app.annotations.current.scale
     if measuring.tool == "scale":
         _known(app)
         return

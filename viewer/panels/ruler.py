@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from viewer.app.annotations import Measurement, Point
 from viewer.app.application import App
-from viewer.app.marks import Measurement, Point
 from viewer.app.measured import Words, angle, lengths
 from viewer.app.measuring import PAGE
 from viewer.app.pose import triple
@@ -45,7 +45,7 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
         measuring.look_away()
     screen, draw_list = Screen(app, box), imgui.get_window_draw_list()
     draw_list.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
-    measurements = app.marking.marks.measurements
+    measurements = app.annotations.current.measurements
     under = _handle_at(screen, measurements, mouse) if over and active else None
     for index, measurement in enumerate(measurements):
         hot = under.point if under is not None and under.measurement == index else None

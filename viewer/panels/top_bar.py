@@ -72,7 +72,7 @@ def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> No
     with font(fonts.bold, theme.SMALL):
         speed = imgui.calc_text_size(FRAMES).x if app.scene is not None and app.times.drawn else 0.0
     where = plan(box[2], px(1), (imgui.calc_text_size(texts[0]).x, details, speed), len(entries))
-    _mark(fonts, where.word)
+    _restore_annotations(fonts, where.word)
     if where.name > 0:
         _name(app, where)
     menu = where.buttons < len(entries)
@@ -129,7 +129,7 @@ def _packs(app: App) -> None:
     imgui.end_popup()
 
 
-def _mark(fonts: Fonts, word: bool) -> None:
+def _restore_annotations(fonts: Fonts, word: bool) -> None:
     """The program's mark: a cube of voxels, one of them lit, and its name."""
     at = imgui.get_cursor_screen_pos()
     draw = imgui.get_window_draw_list()

@@ -42,8 +42,8 @@ def test_a_bug_leaves_versions_commands_and_its_traceback(tmp_path, app, pack, p
 CRASH = """
 import sys, ctypes
 from pathlib import Path
-from viewer.app.crash_log import Trail
-log = Trail(Path(sys.argv[1]))
+from viewer.app.crash_log import CrashLog
+log = CrashLog(Path(sys.argv[1]))
 log.add("command fly")
 ctypes.string_at(0)
 """

@@ -26,12 +26,12 @@ from tests.viewer.rendering.pictures import FAILURES, skip
 from tests.viewer.waiting import until
 from tools.procedural import write_procedural_scene
 from viewer.app import crop, make_plan
+from viewer.app.annotations import Annotations, Measurement, Scale
 from viewer.app.commands import run
 from viewer.app.frame_stats import FrameStats
 from viewer.app.log import LogLine
 from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan, Survey
-from viewer.app.marks import Marks, Measurement, Scale
 from viewer.panels.layout import PAGES
 from viewer.panels.theme import THEMES
 
@@ -132,7 +132,9 @@ def test_each_page_looks_as_before(ui, app, compare, page):
             run(app, "bookmark")
     elif page == "measure":
         points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
-        app.marking.marks = Marks(Scale(2.0, "m"), (Measurement("line", points), Measurement("point", points[:1])))
+        app.annotations.current = Annotations(
+            Scale(2.0, "m"), (Measurement("line", points), Measurement("point", points[:1]))
+        )
     elif page == "photographs":
         app.gallery.frusta = True
     elif page == "compare":
@@ -174,7 +176,7 @@ def test_measurements_look_as_before(ui, app, compare):
     """A line and an angle in the picture, light and dark behind them, and a point that is about to be placed."""
     app.interface.page = "measure"
     on_the_plate = ((-0.6, -0.64, 0.2), (0.0, -0.64, 0.6), (0.6, -0.64, 0.2))
-    app.marking.marks = Marks(measurements=(Measurement("line", on_the_plate), Measurement("angle", TURN)))
+    app.annotations.current = Annotations(measurements=(Measurement("line", on_the_plate), Measurement("angle", TURN)))
     app.measuring.tool, app.measuring.selected = "line", 1
     app.measuring.draft = ((-1.2, 0.6, 0.0), (-0.4, 0.6, 0.0))
     compare(ui, "measure")

@@ -13,6 +13,7 @@ import numpy as np
 from console.driven import Report
 from training.scenes.colmap import SparsePoints
 from viewer.app import crop
+from viewer.app.annotations import Annotations, Bookmark, Measurement, Scale
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.exporting import Writing
@@ -20,7 +21,6 @@ from viewer.app.files import FileRequest
 from viewer.app.first_look import Look
 from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan
-from viewer.app.marks import Bookmark, Marks, Measurement, Scale
 from viewer.app.review import Review
 from viewer.app.session import Seen, Session
 from viewer.panels.layout import PAGES
@@ -130,7 +130,7 @@ def _crop(app: App, scenes: Scenes) -> None:
 def _measured(app: App, scenes: Scenes) -> None:
     points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
     measurements = tuple(Measurement(kind, points[:count]) for kind, count in (("line", 3), ("angle", 3), ("point", 1)))
-    app.marking.marks = Marks(Scale(2.0, "m"), measurements)
+    app.annotations.current = Annotations(Scale(2.0, "m"), measurements)
     app.measuring.selected = 0
 
 
