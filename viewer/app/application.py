@@ -31,7 +31,7 @@ from viewer.app.keyboard import Keyboard
 from viewer.app.loading import Loading
 from viewer.app.log import Messages
 from viewer.app.making import Making
-from viewer.app.measuring import Measuring
+from viewer.app.measure_tool import MeasureTool
 from viewer.app.open_prompt import OpenPrompt, looks_like_path, path_in
 from viewer.app.opening import Opening
 from viewer.app.path import CameraPath
@@ -68,7 +68,7 @@ class App:
     comparison: Comparison = field(default_factory=Comparison)
     gallery: Gallery = field(default_factory=Gallery)
     annotations: AnnotationStore = field(default_factory=AnnotationStore)
-    measuring: Measuring = field(default_factory=Measuring)
+    measure_tool: MeasureTool = field(default_factory=MeasureTool)
     bookmarks: Bookmarks = field(default_factory=Bookmarks)
     views: ViewPictures = field(default_factory=ViewPictures)
     sessions: Sessions = field(default_factory=Sessions)
@@ -120,7 +120,7 @@ class App:
         self.annotations.open_pack(
             self, pack, entry.scene.path if entry.scene.path.exists() else None, entry.annotations
         )
-        self.measuring.drop()
+        self.measure_tool.drop()
         self.bookmarks.drop()
         self.touch()
 
@@ -165,11 +165,11 @@ class App:
         rig.history.follow(
             lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
         )
-        rig.history.follow(lambda: (self.annotations.current, self.measuring.draft), self._restore_annotations)
+        rig.history.follow(lambda: (self.annotations.current, self.measure_tool.draft), self._restore_annotations)
         return rig
 
     def _restore_annotations(self, marked: tuple[Annotations, tuple[Point, ...]]) -> None:
-        self.annotations.current, self.measuring.draft = marked
+        self.annotations.current, self.measure_tool.draft = marked
 
     def opened(self) -> None:
         """The whole pack is there: it is remembered, and told."""
@@ -188,7 +188,7 @@ class App:
             self.canvas.show(None)
         self.scene, self.filming = None, self.filming.of_another_scene()
         self.annotations.close_pack()
-        self.measuring.drop()
+        self.measure_tool.drop()
         self.bookmarks.drop()
         if self.shelf.packs:
             self.turn_to(self.shelf.packs.pop())

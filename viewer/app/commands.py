@@ -111,7 +111,7 @@ def ask_for_table(app: App) -> None:
     """Asks where to save the measurements."""
     name = f"{app.scene.name}-measurements.csv" if app.scene is not None else "measurements.csv"
     app.file_request = FileRequest(
-        "Save the measurements", "save", lambda path: app.measuring.save_table(app, path), (".csv",), name
+        "Save the measurements", "save", lambda path: app.measure_tool.save_table(app, path), (".csv",), name
     )
 
 
@@ -140,7 +140,7 @@ def _escape(app: App) -> None:
         app.filming.cancel(app)
     elif app.loading is not None:
         app.cancel_loading()
-    elif app.measuring.escape(app):
+    elif app.measure_tool.escape(app):
         pass
     elif app.comparison.against == "photograph":
         app.comparison.stop()
@@ -209,20 +209,20 @@ COMMANDS: dict[str, Command] = {
         Command("save", "Save the picture", "Picture", ask_for_still, ("Ctrl+S",)),
         Command("copy-picture", "Copy the picture", "Picture", lambda app: app.filming.copy(app), ("Ctrl+I",)),
         Command("export-scene", "Export the scene", "Picture", _ask_to_export, ("Ctrl+E",)),
-        Command("measure", "Measure", "Ruler", lambda app: app.measuring.toggle(app), ("M",)),
-        Command("finish-line", "End the line", "Ruler", lambda app: app.measuring.finish(app), ("Enter",)),
+        Command("measure", "Measure", "Ruler", lambda app: app.measure_tool.toggle(app), ("M",)),
+        Command("finish-line", "End the line", "Ruler", lambda app: app.measure_tool.finish(app), ("Enter",)),
         Command(
             "remove-point",
             "Remove the last point",
             "Ruler",
-            lambda app: app.measuring.back(app),
+            lambda app: app.measure_tool.back(app),
             ("Backspace", "Delete"),
         ),
         Command(
             "copy-measurements",
             "Copy the measurements",
             "Ruler",
-            lambda app: app.measuring.copy(app),
+            lambda app: app.measure_tool.copy(app),
             ("Ctrl+Shift+C",),
         ),
         Command("bookmark", "Bookmark this view", "Bookmarks", lambda app: app.bookmarks.add(app), ("Ctrl+D",)),
@@ -263,7 +263,7 @@ COMMANDS: dict[str, Command] = {
         ),
         Command("save-measurements", "Save the measurements", "Ruler", ask_for_table),
         Command("film-bookmarks", "Film through the bookmarks", "Bookmarks", lambda app: app.bookmarks.film(app)),
-        Command("set-scale", "Set the scale", "Ruler", lambda app: app.measuring.set_scale(app)),
+        Command("set-scale", "Set the scale", "Ruler", lambda app: app.measure_tool.set_scale(app)),
         # answers to dialogs; no keys
         Command("make-again", "Make it again", "Window", lambda app: app.making.again(app), (), False),
         Command("stop-and-quit", "Stop and quit", "Window", lambda app: app.making.stop_and_quit(app), (), False),

@@ -109,9 +109,9 @@ def _mouse(app: App, box: layout.Box, under: _Under) -> None:
         _drag(app, box, dx, dy)
         app.touch()
     if hovered and imgui.is_mouse_double_clicked(LEFT):
-        if app.measuring.finish(app):
+        if app.measure_tool.finish(app):
             _hands.travelled = math.inf  # it is no click any more
-        elif not app.measuring.tool:
+        elif not app.measure_tool.tool:
             app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     if imgui.is_item_deactivated() and _hands.travelled < px(4):
         _click(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
@@ -143,9 +143,9 @@ def _click(app: App, x: float, y: float) -> None:
     if review is not None and review.picking and _hands.button == LEFT:
         app.making.pick_ground(app, x, y)
     elif _hands.holds == "mark" and _hands.under.mark is not None:
-        app.measuring.click_point(app, *_hands.under.mark)
-    elif app.measuring.tool and _hands.button == LEFT:
-        app.measuring.click(app, x, y)
+        app.measure_tool.click_point(app, *_hands.under.mark)
+    elif app.measure_tool.tool and _hands.button == LEFT:
+        app.measure_tool.click(app, x, y)
     elif _hands.under.shot is not None:
         page_photographs.stand_in(app, _hands.under.shot)
 
@@ -164,7 +164,7 @@ def _drag(app: App, box: layout.Box, dx: float, dy: float) -> None:
             app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, face, camera, moved))
     elif _hands.holds == "mark":
         if _hands.under.mark is not None and _hands.travelled >= px(4):
-            app.measuring.move_point(app, *_hands.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+            app.measure_tool.move_point(app, *_hands.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     else:
         sides = (LEFT, MIDDLE) if rig.bounded else (RIGHT, MIDDLE)
         if _hands.button in sides or (_hands.button == LEFT and io.key_shift):

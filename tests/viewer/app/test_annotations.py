@@ -24,7 +24,7 @@ from viewer.app.annotations import (
     file_for,
 )
 from viewer.app.application import App
-from viewer.app.measured import Words, angle, as_csv, as_text, lengths
+from viewer.app.measure_tool import LengthFormat, angle, as_csv, as_text, lengths
 
 LINE = Measurement("line", ((0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (3.0, 4.0, 2.0)))
 ANGLE = Measurement("angle", ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
@@ -40,10 +40,10 @@ def test_lengths_and_angles():
 
 
 def test_words_have_as_many_digits_as_voxels_are_worth(pack: Pack):
-    words = Words(replace(pack, voxel_size=0.02), Scale(1.0, "m"))
+    words = LengthFormat(replace(pack, voxel_size=0.02), Scale(1.0, "m"))
     assert words.length(1.23456) == "1.23 m" and words.measurement(LINE) == "7.00 m = 5.00 + 2.00"
-    assert Words(replace(pack, voxel_size=0.02), Scale(100.0, "cm")).length(1.23456) == "123 cm"
-    assert Words(pack, Scale()).measurement(ANGLE) == "45.0°"
+    assert LengthFormat(replace(pack, voxel_size=0.02), Scale(100.0, "cm")).length(1.23456) == "123 cm"
+    assert LengthFormat(pack, Scale()).measurement(ANGLE) == "45.0°"
 
 
 def test_a_scale_in_another_unit_is_the_same_length():

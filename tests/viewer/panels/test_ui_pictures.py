@@ -177,8 +177,8 @@ def test_measurements_look_as_before(ui, app, compare):
     app.interface.page = "measure"
     on_the_plate = ((-0.6, -0.64, 0.2), (0.0, -0.64, 0.6), (0.6, -0.64, 0.2))
     app.annotations.current = Annotations(measurements=(Measurement("line", on_the_plate), Measurement("angle", TURN)))
-    app.measuring.tool, app.measuring.selected = "line", 1
-    app.measuring.draft = ((-1.2, 0.6, 0.0), (-0.4, 0.6, 0.0))
+    app.measure_tool.tool, app.measure_tool.selected = "line", 1
+    app.measure_tool.draft = ((-1.2, 0.6, 0.0), (-0.4, 0.6, 0.0))
     compare(ui, "measure")
 
 

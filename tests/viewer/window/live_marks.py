@@ -36,15 +36,15 @@ def place_of(window: Window, point: tuple[float, float, float]) -> tuple[int, in
 def test_m_measures_between_clicks_and_the_result_is_on_the_clipboard(window, xdotool):
     app = window.app
     xdotool("mousemove", *place_of(window, (0.0, -0.25, 0.0)), "key", "m")
-    wait(window, lambda: app.measuring.tool == "line" and app.interface.page == "measure")
+    wait(window, lambda: app.measure_tool.tool == "line" and app.interface.page == "measure")
     app.scene.rig.frame()
     app.scene.rig.shown = app.scene.rig.goal
-    wait(window, lambda: app.measuring.cursor is not None)  # the ball
+    wait(window, lambda: app.measure_tool.cursor is not None)  # the ball
     for i, point in enumerate(((-0.15, -0.25, 0.0), (0.2, -0.1, 0.0), (0.0, -0.45, 0.0)), 1):
         xdotool("mousemove", *place_of(window, point), "click", 1)
-        wait(window, lambda i=i: len(app.measuring.draft) == i)
+        wait(window, lambda i=i: len(app.measure_tool.draft) == i)
     xdotool("key", "BackSpace")
-    wait(window, lambda: len(app.measuring.draft) == 2)
+    wait(window, lambda: len(app.measure_tool.draft) == 2)
     xdotool("key", "Return")
     wait(window, lambda: len(app.annotations.current.measurements) == 1)
     xdotool("key", "ctrl+shift+c")
@@ -59,7 +59,7 @@ def test_m_measures_between_clicks_and_the_result_is_on_the_clipboard(window, xd
     wait(window, lambda: app.annotations.current.measurements[0].points[0] != before)
     assert app.scene.rig.goal == goal
     xdotool("key", "Escape", "key", "ctrl+z")
-    wait(window, lambda: not app.measuring.tool and app.annotations.current.measurements[0].points[0] == before)
+    wait(window, lambda: not app.measure_tool.tool and app.annotations.current.measurements[0].points[0] == before)
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
@@ -82,10 +82,10 @@ def test_a_scale_is_typed_after_two_clicks(window, xdotool):
     app = window.app
     app.interface.page = "measure"
     press(window, xdotool, "Set by two points")
-    wait(window, lambda: app.measuring.tool == "scale")
+    wait(window, lambda: app.measure_tool.tool == "scale")
     for i, point in enumerate(((-0.15, -0.25, 0.0), (0.2, -0.1, 0.0)), 1):
         xdotool("mousemove", *place_of(window, point), "click", 1)
-        wait(window, lambda i=i: len(app.measuring.draft) == i)
+        wait(window, lambda i=i: len(app.measure_tool.draft) == i)
     press(window, xdotool, "##known")
     pump(window)
     xdotool("key", "ctrl+a", "type", "2.5")

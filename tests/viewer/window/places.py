@@ -131,11 +131,11 @@ def _measured(app: App, scenes: Scenes) -> None:
     points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
     measurements = tuple(Measurement(kind, points[:count]) for kind, count in (("line", 3), ("angle", 3), ("point", 1)))
     app.annotations.current = Annotations(Scale(2.0, "m"), measurements)
-    app.measuring.selected = 0
+    app.measure_tool.selected = 0
 
 
 def _scaling(app: App, scenes: Scenes) -> None:
-    app.measuring.tool, app.measuring.draft = "scale", ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0))
+    app.measure_tool.tool, app.measure_tool.draft = "scale", ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0))
 
 
 def _bookmarked(app: App, scenes: Scenes) -> None:

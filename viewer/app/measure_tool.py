@@ -1,21 +1,119 @@
-"""The ruler: points on the scene's surfaces, lengths between them, angles, and the scale that gives them a unit."""
+"""Measure tool: points on surfaces, lengths and angles between them, the scale; and their text and table (CSV)."""
 
 from __future__ import annotations
 
+import csv
+import io
 from dataclasses import dataclass, replace
-from math import dist
+from itertools import pairwise
+from math import acos, ceil, degrees, dist, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
+import numpy as np
+
 from console import UserError
 from console.atomic import write_file
-from viewer.app.annotations import LEAST_POINTS, MOST_ANNOTATIONS, MOST_POINTS, SCALES, Measurement, Point, Scale, Unit
-from viewer.app.measured import Words, as_csv, as_text
+from scenepack.pack import Pack
+from viewer.app.annotations import (
+    LEAST_POINTS,
+    MOST_ANNOTATIONS,
+    MOST_POINTS,
+    SCALES,
+    Annotations,
+    Measurement,
+    Point,
+    Scale,
+    Unit,
+)
 from viewer.app.pose import triple
 from viewer.app.surface import Hit, surface_at
 
 if TYPE_CHECKING:
     from viewer.app.application import App
+
+
+MOST_DECIMALS = 6
+WARPED_DECIMALS = 3  # in forward-facing packs, whose voxels are not of one size
+COLUMNS = (
+    "measurement", "kind", "point", "x", "y", "z", "scene_x", "scene_y", "scene_z", "length", "total", "angle_degrees", "unit",
+)  # fmt: skip
+
+
+def lengths(points: tuple[Point, ...]) -> list[float]:
+    """Length of each segment of a polyline, grid units."""
+    return [dist(a, b) for a, b in pairwise(points)]
+
+
+def angle(points: tuple[Point, ...]) -> float:
+    """Angle at the second of three points, degrees; 0 where two points are the same."""
+    a, b, c = (np.asarray(point, np.float64) for point in points)
+    one, two = a - b, c - b
+    size = float(np.linalg.norm(one) * np.linalg.norm(two))
+    return degrees(acos(float(np.clip(one @ two / size, -1.0, 1.0)))) if size > 0 else 0.0
+
+
+class LengthFormat:
+    """Formats lengths and points of one pack, with decimals down to half a voxel."""
+
+    def __init__(self, pack: Pack, scale: Scale) -> None:
+        self.pack, self.scale = pack, scale
+        error = 0.5 * pack.voxel_size * scale.factor
+        needed = WARPED_DECIMALS if pack.ndc else ceil(-log10(error))
+        self.decimals = min(max(needed, 0), MOST_DECIMALS)
+
+    def number(self, grid_units: float) -> str:
+        """A length without its unit."""
+        return f"{grid_units * self.scale.factor:.{self.decimals}f}"
+
+    def length(self, grid_units: float) -> str:
+        """A length with its unit."""
+        return f"{self.number(grid_units)} {self.scale.unit}".rstrip()
+
+    def place(self, point: Point) -> str:
+        """Coordinates in the grid's frame."""
+        return "  ".join(self.number(value) for value in point)
+
+    def in_scene(self, point: Point) -> Point:
+        """The same place in the frame of the scene's own cameras, unscaled."""
+        moved = np.asarray(self.pack.worldspace_T_opengl, np.float64) @ np.array([*point, 1.0])
+        return float(moved[0]), float(moved[1]), float(moved[2])
+
+    def measurement(self, measurement: Measurement) -> str:
+        """What it measures, in a line."""
+        if measurement.kind == "point":
+            return self.place(measurement.points[0])
+        if measurement.kind == "angle":
+            return f"{angle(measurement.points):.1f}°"
+        pieces = lengths(measurement.points)
+        parts = f" = {' + '.join(self.number(piece) for piece in pieces)}" if len(pieces) > 1 else ""
+        return self.length(sum(pieces)) + parts
+
+
+def as_text(pack: Pack, annotations: Annotations) -> str:
+    """All measurements, a line each; for the clipboard."""
+    words = LengthFormat(pack, annotations.scale)
+    return "\n".join(f"{m.kind} {i}: {words.measurement(m)}" for i, m in enumerate(annotations.measurements, 1))
+
+
+def as_csv(pack: Pack, annotations: Annotations) -> str:
+    """A table with a row for each point: x, y, z and lengths in `unit` (grid units where it is empty), scene_* unscaled."""
+    words, text = LengthFormat(pack, annotations.scale), io.StringIO()
+    factor, places = annotations.scale.factor, MOST_DECIMALS
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for i, measurement in enumerate(annotations.measurements, 1):
+        pieces = lengths(measurement.points) if measurement.kind == "line" else []
+        for j, point in enumerate(measurement.points):
+            where = [f"{value * factor:.{places}f}" for value in point]
+            scene = [f"{value:.{places}f}" for value in words.in_scene(point)]
+            last = j == len(measurement.points) - 1
+            length = f"{pieces[j - 1] * factor:.{places}f}" if pieces and j else ""
+            total = f"{sum(pieces) * factor:.{places}f}" if pieces and last else ""
+            turn = f"{angle(measurement.points):.4f}" if measurement.kind == "angle" and j == 1 else ""
+            table.writerow([i, measurement.kind, j + 1, *where, *scene, length, total, turn, annotations.scale.unit])
+    return text.getvalue()
+
 
 Tool = Literal["", "point", "line", "angle", "scale"]
 TOOLS: tuple[Tool, ...] = get_args(Tool)
@@ -23,30 +121,26 @@ PAGE = "measure"
 
 
 @dataclass
-class Measuring:
-    """tool: what a click in the picture places; "" leaves it to the camera. draft: points placed so far.
+class MeasureTool:
+    """State of the measure page, and what clicks in the picture do to it."""
 
-    selected: index of a measurement. shown: measurements stay in the picture while their page is closed. known, known_unit:
-    the length that the scale is set by, as it is being typed. cursor: what is under the mouse; None for nothing.
-    """
-
-    tool: Tool = ""
-    draft: tuple[Point, ...] = ()
-    selected: int | None = None
-    shown: bool = False
-    known: float = 1.0
+    tool: Tool = ""  # what a click places; "" leaves clicks to the camera
+    draft: tuple[Point, ...] = ()  # points placed so far
+    selected: int | None = None  # index of a measurement
+    shown: bool = False  # whether measurements stay in the picture while their page is closed
+    known: float = 1.0  # the length that the scale is set by, as it is typed
     known_unit: Unit = "m"
-    cursor: Hit | None = None
+    cursor: Hit | None = None  # the surface under the mouse; None for no surface
     _looked: tuple[object, ...] = ()
 
     def drop(self) -> None:
-        """Another scene is shown."""
+        """Forgets everything, because another scene is shown."""
         self.tool, self.draft, self.selected, self.cursor, self._looked = "", (), None, None, ()
 
-    # Looking
+    # The cursor
 
     def look_at(self, app: App, x: float, y: float) -> Hit | None:
-        """What is under a point of the viewport (window units from its corner), found once for each place and view."""
+        """The surface at (x, y) of the viewport (window units from its corner); found once for each point and view."""
         camera = app.viewport.camera
         if app.scene is None or camera is None:
             return None
@@ -68,13 +162,13 @@ class Measuring:
         return self.cursor
 
     def look_away(self) -> None:
-        """The mouse is elsewhere."""
+        """The mouse has left the picture."""
         self.cursor, self._looked = None, ()
 
     # Placing
 
     def choose(self, app: App, tool: Tool) -> None:
-        """Takes another tool; a draft of the last one is dropped."""
+        """Changes the tool and drops the draft of the last one."""
         if app.scene is None:
             return
         if self.draft:
@@ -83,7 +177,7 @@ class Measuring:
         app.touch()
 
     def toggle(self, app: App) -> None:
-        """Takes the ruler, with its page, or puts it away."""
+        """Starts measuring and opens the page, or stops."""
         self.choose(app, "" if self.tool else "line")
         if self.tool:
             app.interface.opens(PAGE)
@@ -129,7 +223,7 @@ class Measuring:
         return True
 
     def _keep(self, app: App) -> None:
-        """Makes the draft a measurement, in the same step to be undone as its last point."""
+        """Makes the draft a measurement; undone in one step with its last point."""
         annotations = app.annotations.current
         if self.tool in ("point", "line", "angle") and len(annotations.measurements) < MOST_ANNOTATIONS:
             self.selected = len(annotations.measurements)
@@ -208,9 +302,9 @@ class Measuring:
 
     # Out of the window
 
-    def words(self, app: App) -> Words | None:
-        """How lengths of the open pack are told."""
-        return None if app.scene is None else Words(app.scene.pack, app.annotations.current.scale)
+    def words(self, app: App) -> LengthFormat | None:
+        """The format of lengths in the open pack."""
+        return None if app.scene is None else LengthFormat(app.scene.pack, app.annotations.current.scale)
 
     def copy(self, app: App) -> None:
         """Puts all measurements on the clipboard, as text."""
