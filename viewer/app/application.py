@@ -42,8 +42,8 @@ from viewer.app.ray_costs import CostMeter
 from viewer.app.rig import FOVS, CameraRig
 from viewer.app.session import Sessions
 from viewer.app.shelf import Shelf, Shelved
-from viewer.app.so_far import SoFar
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
+from viewer.app.training_preview import TrainingPreview
 from viewer.app.view_pictures import ViewPictures
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution
@@ -141,23 +141,23 @@ class App:
         self.gallery.frusta = True
         self.touch()
 
-    def show_so_far(self, so_far: SoFar, path: Path, name: str) -> None:
+    def show_training_preview(self, training_preview: TrainingPreview, path: Path, name: str) -> None:
         """Shows what is trained so far of a scene that is being made. Where an earlier state of it is shown, or its points, the
         camera stays where the hands have put it."""
         before = self.scene
-        if before is not None and before.path == path and before.pack.ndc == so_far.pack.ndc:
+        if before is not None and before.path == path and before.pack.ndc == training_preview.pack.ndc:
             if self.filming.export is not None:
                 return  # a film is of one scene; the next state may be shown
             if self.canvas is not None:
                 with self.messages.noting_warnings(told=False):
-                    self.canvas.refine(so_far.pack)
-            before.pack, before.name = so_far.pack, name
-            before.rig.follow(rig_for(so_far.pack))
+                    self.canvas.refine(training_preview.pack)
+            before.pack, before.name = training_preview.pack, name
+            before.rig.follow(rig_for(training_preview.pack))
         else:
-            self.show(so_far.pack, path, name, whole=False)
+            self.show(training_preview.pack, path, name, whole=False)
             assert self.scene is not None
             self.scene.whole, self.scene.stays = True, False
-            self.annotations.open_pack(self, so_far.pack, None)  # the file does not last
+            self.annotations.open_pack(self, training_preview.pack, None)  # the file does not last
         self.touch()
 
     def undoable(self, rig: CameraRig) -> CameraRig:

@@ -22,7 +22,7 @@ from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan, Subject
 from viewer.app.rejected_photographs import RejectedPhotographs, rejected_photographs_of
 from viewer.app.review import Review, first_look
-from viewer.app.so_far import SoFar, SoFarFile
+from viewer.app.training_preview import TrainingPreview, TrainingPreviewFile
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -49,7 +49,7 @@ class Looking:
 class Making:
     """plan: what the dialog asks about. job: what runs. review: what waits to be trained. failed: what could not be made.
     quit_after: the program ends once the job has stopped. looking: the points of what is made are being read; look: they are
-    there. so_far: what is trained so far.
+    there. training_preview: what is trained so far.
     """
 
     plan: Plan | None = None
@@ -59,9 +59,9 @@ class Making:
     review: Review | None = None
     looking: Looking | None = None
     look: Look | None = None
-    so_far: SoFar | None = None
-    _so_far_file: SoFarFile | None = None
-    _so_far_offered: bool = False  # it took the place of the points, or of nothing, once
+    training_preview: TrainingPreview | None = None
+    _training_preview_file: TrainingPreviewFile | None = None
+    _training_preview_offered: bool = False  # it took the place of the points, or of nothing, once
     _looked: float = 0.0
     _surveyed: bool = False
     _left_told: int | None = None
@@ -137,8 +137,8 @@ class Making:
 
     def _begin(self, app: App, plan: Plan) -> None:
         self.job = MakeJob(plan, Child(plan.command(), plan.log))
-        self.so_far, self._so_far_offered = None, False
-        self._so_far_file = None if plan.poses_only else SoFarFile(plan.so_far)
+        self.training_preview, self._training_preview_offered = None, False
+        self._training_preview_file = None if plan.poses_only else TrainingPreviewFile(plan.preview_file)
         app.messages.log(f"making {plan.name}: {plan.typed()}")
         app.touch()
 
@@ -212,30 +212,32 @@ class Making:
         """Whether they are what is shown now."""
         return self.look is not None and app.scene is not None and app.scene.pack is self.look.pack
 
-    def show_so_far(self, app: App) -> None:
+    def show_training_preview(self, app: App) -> None:
         """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
-        if self.so_far is None or self.job is None:
+        if self.training_preview is None or self.job is None:
             return
         kept = None if self.so_far_shown(app) else self._kept_camera(app)
         plan = self.job.plan
-        app.show_so_far(self.so_far, plan.so_far, f"{plan.name}: {self.so_far.words}")
+        app.show_training_preview(
+            self.training_preview, plan.preview_file, f"{plan.name}: {self.training_preview.description}"
+        )
         if kept is not None:
             kept()
 
     def so_far_shown(self, app: App) -> bool:
         """Whether a state of what is being made is what is shown now."""
-        return self.job is not None and app.scene is not None and app.scene.path == self.job.plan.so_far
+        return self.job is not None and app.scene is not None and app.scene.path == self.job.plan.preview_file
 
     def _tick_so_far(self, app: App) -> None:
-        newer = None if self._so_far_file is None else self._so_far_file.look()
+        newer = None if self._training_preview_file is None else self._training_preview_file.poll()
         if newer is None:
             return
-        self.so_far = newer
-        first = not self._so_far_offered and (app.scene is None or self.points_shown(app))
+        self.training_preview = newer
+        first = not self._training_preview_offered and (app.scene is None or self.points_shown(app))
         if first or self.so_far_shown(app):
-            self._so_far_offered = True
+            self._training_preview_offered = True
             try:
-                self.show_so_far(app)
+                self.show_training_preview(app)
             except UserError as error:  # the card has no room for it
                 app.messages.log(f"the preview cannot be shown: {error}", "warning")
         app.touch()
@@ -342,7 +344,7 @@ class Making:
         if job.look():
             app.touch(2)
         if status is not None:
-            kept, self.job, self._so_far_file = self._kept_camera(app), None, None
+            kept, self.job, self._training_preview_file = self._kept_camera(app), None, None
             app.touch()
             self._ended(app, job, status, kept)
 

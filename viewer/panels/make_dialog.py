@@ -225,13 +225,15 @@ def _job_head(app: App, job: MakeJob, fonts: Fonts) -> None:
 def _so_far(app: App) -> None:
     """What is trained so far: shown, or to be shown."""
     making = app.making
-    if making.so_far is None:
+    if making.training_preview is None:
         return
     if making.so_far_shown(app):
-        hint(f"You see a {making.so_far.words}. It is small and coarse; a newer one takes its place by itself.")
+        hint(
+            f"You see a {making.training_preview.description}. It is small and coarse; a newer one takes its place by itself."
+        )
     else:
-        if imgui.button(f"{fa.ICON_FA_EYE}  Show the {making.so_far.words}", ImVec2(-1, px(28))):
-            making.show_so_far(app)
+        if imgui.button(f"{fa.ICON_FA_EYE}  Show the {making.training_preview.description}", ImVec2(-1, px(28))):
+            making.show_training_preview(app)
         tip("Fly around in what is trained so far")
 
 

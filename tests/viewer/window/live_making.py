@@ -125,7 +125,7 @@ def test_what_is_trained_so_far_is_flown_through_while_it_is_exchanged(opened, w
         box = app.viewport
         part = shown[round(box.y) : round(box.y + 0.5 * box.height), round(box.x) : round(box.x + box.width)]
         blank.append((part.min(axis=-1) < 200).mean())
-        return app.making.so_far.steps == 2400 and not app.canvas.pending
+        return app.making.training_preview.steps == 2400 and not app.canvas.pending
 
     live(window, exchanged)
     assert min(blank) > 0.5 * blank[0] > 0, "something is to be seen all the time"

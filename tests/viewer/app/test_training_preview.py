@@ -14,7 +14,7 @@ from tests.viewer.app.test_making import FAKE, ROOT, live
 from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.app.make_plan import PREVIEWS, Plan
-from viewer.app.so_far import SoFarFile
+from viewer.app.training_preview import TrainingPreviewFile
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def write(tmp_path, pack):
 
 
 def came(app: App, steps: int) -> bool:
-    return app.making.so_far is not None and app.making.so_far.steps == steps
+    return app.making.training_preview is not None and app.making.training_preview.steps == steps
 
 
 def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(training, write):
@@ -52,7 +52,7 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(traini
     write(1200)
     live(app, lambda: came(app, 1200))
     assert app.scene.name == "photographs: preview after 1,200 steps" and app.making.so_far_shown(app)
-    assert app.canvas.shown == [app.making.so_far.pack] and app.preferences.recent == []
+    assert app.canvas.shown == [app.making.training_preview.pack] and app.preferences.recent == []
 
 
 def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(training, write, tmp_path):
@@ -66,9 +66,9 @@ def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(t
     live(app, lambda: app.scene.rig.shown == app.scene.rig.goal)
     write(2400)
     live(app, lambda: came(app, 2400))
-    assert app.scene.name.endswith("2,400 steps") and app.scene.pack is app.making.so_far.pack
+    assert app.scene.name.endswith("2,400 steps") and app.scene.pack is app.making.training_preview.pack
     assert app.scene.rig.goal == app.scene.rig.shown == chosen
-    assert app.canvas.shown == [app.making.so_far.pack], "refined in place: nothing is blank in between"
+    assert app.canvas.shown == [app.making.training_preview.pack], "refined in place: nothing is blank in between"
     (tmp_path / "go").touch()
     live(app, lambda: app.making.job is None and app.loading is None)
     assert app.scene.path == tmp_path / "pack" and not app.messages.dialogs
@@ -93,7 +93,7 @@ def test_a_scene_that_is_open_is_not_taken_away(training, write, pack, pack_fold
     write(1200)
     live(app, lambda: came(app, 1200))
     assert app.scene.path == pack_folder and not app.making.so_far_shown(app)
-    app.making.show_so_far(app)
+    app.making.show_training_preview(app)
     assert app.making.so_far_shown(app)
     app.show(pack, pack_folder)
     write(2400)
@@ -108,25 +108,25 @@ def test_a_film_that_is_exported_is_of_one_state(training, write):
     shown = app.scene.pack
     app.filming.export = object()
     write(2400)
-    app.making._so_far_file.look()
-    until(lambda: not app.making._so_far_file._thread.is_alive())
+    app.making._training_preview_file.poll()
+    until(lambda: not app.making._training_preview_file._thread.is_alive())
     app.making.tick(app)
     app.filming.export = None
     assert came(app, 2400) and app.scene.pack is shown
 
 
 def test_a_file_that_cannot_be_read_is_passed_over_and_the_next_is_taken(tmp_path, write):
-    file = SoFarFile(tmp_path / "preview.zip")
-    assert file.look() is None
+    file = TrainingPreviewFile(tmp_path / "preview.zip")
+    assert file.poll() is None
     (tmp_path / "preview.zip").write_bytes(b"PK no pack")
-    assert file.look() is None
+    assert file.poll() is None
     until(lambda: not file._thread.is_alive())
-    assert file.look() is None
+    assert file.poll() is None
     (tmp_path / "preview.zip").unlink()
     write(300)
-    assert file.look() is None, "it is read in a thread"
+    assert file.poll() is None, "it is read in a thread"
     until(lambda: not file._thread.is_alive())
-    assert file.look().steps == 300 and file.look() is None
+    assert file.poll().steps == 300 and file.poll() is None
 
 
 def test_the_child_is_asked_for_it_and_a_person_who_types_the_command_is_not(tmp_path):

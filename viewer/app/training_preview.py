@@ -1,6 +1,6 @@
-"""What is trained so far, as a small pack that the child writes now and then (baker.baking.preview): read beside the window.
+"""Training preview: the small pack of the present state that the training process writes now and then (baker.baking.preview).
 
-The file is replaced by a rename, so that one that is being read stays whole.
+A thread reads it. The writer replaces the file by a rename, so a file that is being read stays whole.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ EVERY_S = 30  # what the child is asked for
 
 
 @dataclass(frozen=True)
-class SoFar:
-    """pack: the field after so many steps, of so many in all (0: not known)."""
+class TrainingPreview:
+    """The state of a training run as a pack."""
 
     pack: Pack
-    steps: int
-    of_steps: int
+    steps: int  # done
+    of_steps: int  # in all; 0 if unknown
 
     @property
     def words(self) -> str:
-        """What is shown, in words."""
+        """What is shown, for people."""
         return f"preview after {self.steps:,} steps"
 
 
-class SoFarFile:
-    """The file, and the thread that reads it. Ask `look` now and then."""
+class TrainingPreviewFile:
+    """Reads the file in a thread. Call `poll` now and then."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
         self._seen: tuple[int, int] | None = None  # inode and time of the file that was read last
-        self._read: SoFar | None = None
+        self._read: TrainingPreview | None = None
         self._thread: threading.Thread | None = None
 
-    def look(self) -> SoFar | None:
-        """What was read since this was asked last, if anything. Never waits: what is new on the disk is begun to be read."""
+    def poll(self) -> TrainingPreview | None:
+        """A preview that was read since the last call, if any. Never waits; starts to read a file that has changed."""
         if self._thread is not None and self._thread.is_alive():
             return None
         self._thread = None
@@ -67,6 +67,6 @@ class SoFarFile:
                 pack = load_pack(self.file)
             made: Any = pack.metadata.get("provenance")
             work_out_ahead(pack)
-            self._read = SoFar(pack, int(made["steps"]), int(made.get("of_steps", 0)))
+            self._read = TrainingPreview(pack, int(made["steps"]), int(made.get("of_steps", 0)))
         except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
             return
