@@ -23,7 +23,6 @@ from viewer.app.controllers import Controllers
 from viewer.app.exporting import Exporting
 from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
-from viewer.app.first_look import Look
 from viewer.app.forward_facing import rig_for
 from viewer.app.frame_stats import FrameStats
 from viewer.app.gallery import Gallery
@@ -42,6 +41,7 @@ from viewer.app.ray_costs import CostMeter
 from viewer.app.rig import FOVS, CameraRig
 from viewer.app.session import Sessions
 from viewer.app.shelf import Shelf, Shelved
+from viewer.app.sparse_preview import SparsePreview
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
 from viewer.app.training_preview import TrainingPreview
 from viewer.app.view_pictures import ViewPictures
@@ -131,13 +131,13 @@ class App:
             return None
         return Shelved(scene, self.settings.crop, self.settings.near, self.filming.path, self.annotations.current)
 
-    def show_look(self, look: Look, path: Path, name: str) -> None:
+    def show_sparse_preview(self, sparse_preview: SparsePreview, path: Path, name: str) -> None:
         """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
-        self.show(look.pack, path, name, whole=False)
+        self.show(sparse_preview.pack, path, name, whole=False)
         assert self.scene is not None
         self.scene.whole, self.scene.stays = True, False
-        self.annotations.open_pack(self, look.pack, None)
-        self.scene.rig.begin_at(look.overview())
+        self.annotations.open_pack(self, sparse_preview.pack, None)
+        self.scene.rig.begin_at(sparse_preview.overview())
         self.gallery.frusta = True
         self.touch()
 

@@ -1,7 +1,7 @@
-"""Making a scene from the window: a plan to decide on, then a child process that trains and bakes, then its pack opens.
+"""Making a scene from the window: the plan, the process that trains and bakes, the previews, and opening the pack.
 
-One at a time. The child is asked to stop and never torn down while it saves, unless the user is in a hurry: on a slow
-machine it may take minutes, for JAX has steps under way that must end first. The same plan goes on from there.
+One scene at a time. Stopping asks the process to save and to end, which may take minutes, because JAX first ends the steps that
+have begun. It is killed only on request. The same plan resumes from what is saved.
 """
 
 from __future__ import annotations
@@ -16,52 +16,48 @@ from console import UserError
 from training.scenes.scene import Direction
 from viewer.app.child import Child
 from viewer.app.files import FileRequest, existing_folder
-from viewer.app.first_look import FirstLook, Kind, Look
 from viewer.app.log import Dialog
 from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan, Subject
 from viewer.app.rejected_photographs import RejectedPhotographs, rejected_photographs_of
-from viewer.app.review import Review, first_look
+from viewer.app.review import Review, read_sparse_preview
+from viewer.app.sparse_preview import Kind, SparsePreview, SparsePreviewReader
 from viewer.app.training_preview import TrainingPreview, TrainingPreviewFile
 
 if TYPE_CHECKING:
     from viewer.app.application import App
 
-LOOKED_AT_EVERY_S = 0.2
-PARTING_S = 30.0  # for the child to save in, where the program ends in a way that leaves no window to wait in
+POLL_EVERY_S = 0.2
+PARTING_S = 30.0  # for the process to save, where the program ends and there is no window to wait in
 
 
 @dataclass
-class Looking:
-    """The points of a plan's scene while they are read. review: before its training begins. before: the review that this takes
-    the place of."""
+class SparsePreviewJob:
+    """Reads the sparse points of a plan's scene."""
 
     plan: Plan
-    review: bool = False
-    before: Review | None = None
-    first: FirstLook = field(init=False)
+    review: bool = False  # whether a review follows, before training
+    before: Review | None = None  # the review that the new one replaces
+    reader: SparsePreviewReader = field(init=False)
 
     def __post_init__(self) -> None:
-        self.first = first_look(self.plan)
+        self.reader = read_sparse_preview(self.plan)
 
 
 @dataclass
 class Making:
-    """plan: what the dialog asks about. job: what runs. review: what waits to be trained. failed: what could not be made.
-    quit_after: the program ends once the job has stopped. looking: the points of what is made are being read; look: they are
-    there. training_preview: what is trained so far.
-    """
+    """State of the make-a-scene workflow."""
 
-    plan: Plan | None = None
-    job: MakeJob | None = None
-    failed: Plan | None = None
-    quit_after: bool = False
-    review: Review | None = None
-    looking: Looking | None = None
-    look: Look | None = None
-    training_preview: TrainingPreview | None = None
+    plan: Plan | None = None  # shown in the dialog
+    job: MakeJob | None = None  # runs now
+    failed: Plan | None = None  # the last plan that failed
+    quit_after: bool = False  # whether the program ends once the job has stopped
+    review: Review | None = None  # waits for the user before training
+    reading: SparsePreviewJob | None = None  # reads the sparse points now
+    sparse_preview: SparsePreview | None = None  # the points that were read
+    training_preview: TrainingPreview | None = None  # the newest preview of the training
     _training_preview_file: TrainingPreviewFile | None = None
-    _training_preview_offered: bool = False  # it took the place of the points, or of nothing, once
+    _training_preview_offered: bool = False  # whether it was shown once without being asked for
     _looked: float = 0.0
     _surveyed: bool = False
     _left_told: int | None = None
@@ -69,7 +65,7 @@ class Making:
 
     def offer(self, app: App, subject: Subject, path: Path) -> None:
         """Asks whether, and how, a scene or a run shall be made into a pack."""
-        under_way = self.job or self.review or self.looking
+        under_way = self.job or self.review or self.reading
         if under_way is not None:
             text = f"{under_way.plan.name} is still being made. Wait for it or stop it, then try again."
             app.messages.dialogs.append(Dialog("One scene at a time", text))
@@ -91,7 +87,7 @@ class Making:
         """Whether something goes on that tick should look at now and then."""
         survey = None if self.plan is None else self.plan.survey
         waits = (
-            self.job is not None or self.looking is not None or self.review is not None or self._left_out is not None
+            self.job is not None or self.reading is not None or self.review is not None or self._left_out is not None
         )
         return waits or (survey is not None and (survey.busy or not self._surveyed))
 
@@ -131,9 +127,9 @@ class Making:
         plan.poses_only = plan.bare is not None and plan.attempt is None
         self._begin(app, plan)
         self._forget()
-        self.review = self.look = None
+        self.review = self.sparse_preview = None
         if plan.has_points and not plan.poses_only:
-            self.looking = Looking(plan)
+            self.reading = SparsePreviewJob(plan)
 
     def _begin(self, app: App, plan: Plan) -> None:
         self.job = MakeJob(plan, Child(plan.command(), plan.log))
@@ -197,20 +193,20 @@ class Making:
         """In the review: another direction is up; None for the cameras' own. The points are read again."""
         if self.review is not None:
             self._uncut(app)
-            self.looking = Looking(replace(self.review.plan, up=up), review=True, before=self.review)
+            self.reading = SparsePreviewJob(replace(self.review.plan, up=up), review=True, before=self.review)
             self.review = None
         app.touch()
 
     def show_points(self, app: App) -> None:
         """Shows the points and cameras of what is being made."""
         under_way = self.review or self.job
-        if self.look is not None and under_way is not None:
+        if self.sparse_preview is not None and under_way is not None:
             plan = under_way.plan
-            app.show_look(self.look, plan.pack, f"{plan.name}: camera poses")
+            app.show_sparse_preview(self.sparse_preview, plan.pack, f"{plan.name}: camera poses")
 
     def points_shown(self, app: App) -> bool:
         """Whether they are what is shown now."""
-        return self.look is not None and app.scene is not None and app.scene.pack is self.look.pack
+        return self.sparse_preview is not None and app.scene is not None and app.scene.pack is self.sparse_preview.pack
 
     def show_training_preview(self, app: App) -> None:
         """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
@@ -243,33 +239,33 @@ class Making:
         app.touch()
 
     def _tick_look(self, app: App) -> None:
-        looking, review = self.looking, self.review
-        if looking is not None and looking.first.finished:
-            self.looking = None
-            self._looked_at(app, looking)
+        reading, review = self.reading, self.review
+        if reading is not None and reading.reader.finished:
+            self.reading = None
+            self._take_sparse_preview(app, reading)
         elif review is not None and review.due:
             self.train(app)
         elif review is not None and review.seconds_left != self._left_told:
             self._left_told = review.seconds_left
             app.touch(1)
 
-    def _looked_at(self, app: App, looking: Looking) -> None:
-        before, self.look = self.look, looking.first.look
-        if looking.review:
-            if self.look is None:  # too few points to see anything
-                self._begin(app, replace(looking.plan, poses_only=False))
+    def _take_sparse_preview(self, app: App, reading: SparsePreviewJob) -> None:
+        before, self.sparse_preview = self.sparse_preview, reading.reader.result
+        if reading.review:
+            if self.sparse_preview is None:  # too few points to see anything
+                self._begin(app, replace(reading.plan, poses_only=False))
                 return
-            self._begin_review(looking, self.look)
+            self._begin_review(reading, self.sparse_preview)
         of_before = before is not None and app.scene is not None and app.scene.pack is before.pack
-        if self.look is not None and (app.scene is None or of_before):
+        if self.sparse_preview is not None and (app.scene is None or of_before):
             self.show_points(app)
         app.touch()
 
-    def _begin_review(self, looking: Looking, look: Look) -> None:
-        before = looking.before
+    def _begin_review(self, reading: SparsePreviewJob, sparse_preview: SparsePreview) -> None:
+        before = reading.before
         if before is None:
-            self._left_out = rejected_photographs_of(looking.plan.out)
-        self.review = Review(looking.plan, look, self._left_out if before is None else before.rejected)
+            self._left_out = rejected_photographs_of(reading.plan.out)
+        self.review = Review(reading.plan, sparse_preview, self._left_out if before is None else before.rejected)
         if before is not None:
             self.review.hold()
             self.review.kind = before.kind if before.kind in self.review.kinds else self.review.kind
@@ -337,7 +333,7 @@ class Making:
         self._tick_look(app)
         self._tick_so_far(app)
         job, now = self.job, time.monotonic()
-        if job is None or now - self._looked < LOOKED_AT_EVERY_S:
+        if job is None or now - self._looked < POLL_EVERY_S:
             return
         self._looked = now
         status = job.child.poll()
@@ -351,7 +347,7 @@ class Making:
     def _ended(self, app: App, job: MakeJob, status: int, kept: Callable[[], None] | None) -> None:
         name = job.plan.name
         if status == 0 and job.plan.poses_only:
-            self.looking = Looking(job.plan, review=True)
+            self.reading = SparsePreviewJob(job.plan, review=True)
         elif status == 0:
             app.messages.say(f"{name} is ready")
             app.open(job.plan.pack, then=kept)

@@ -1,6 +1,6 @@
-"""Photographs that no scene comes of: those without a camera pose and those that were set aside, why, and small pictures of them.
+"""Rejected photographs: those without a camera pose and those that were not used, with reasons and thumbnails.
 
-training.posing writes them down, beside the poses that it found or in the work that it could not end.
+training.posing writes the list beside the poses, or in its working folder if it failed.
 """
 
 from __future__ import annotations
@@ -17,15 +17,16 @@ from training.scenes.pictures import UNREADABLE, small_picture
 from viewer.app.files import POSED, REPORT
 
 UNFINISHED = Path("posing") / "left_out.json"
-CELL, MOST = 128, 24  # pixels of the longer side; later ones are told by name alone
+CELL, MOST = 128, 24  # pixels of the longer side; number of thumbnails
 Box = tuple[int, int, int, int]
 
 
 class RejectedPhotographs:
-    """why: the reason by the name that the user knows, in order. Pictures are read in a thread: poll `finished`.
+    """Reads the thumbnails in a thread: poll `finished`.
 
-    sheet: uint8 [CELL, width, 3], None before all are read. boxes: by name, x, y, width, height of its picture there; one that
-    cannot be read has none.
+    why: reason by name, in order.
+    sheet: uint8 [CELL, width, 3]; None before all are read.
+    boxes: x, y, width, height in the sheet by name; unreadable pictures have none.
     """
 
     def __init__(self, why: Mapping[str, str], files: Mapping[str, Path]) -> None:
@@ -57,7 +58,7 @@ class RejectedPhotographs:
 
 
 def rejected_photographs_of(out: Path) -> RejectedPhotographs | None:
-    """Those of the folder for the results; None where there are none, or nothing is known of them."""
+    """Those listed in the folder for the results; None if there is no list or it is empty."""
     for file in (out / POSED / REPORT, out / UNFINISHED):
         try:
             said = read_json_file(file)

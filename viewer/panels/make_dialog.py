@@ -190,7 +190,7 @@ def show_job(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -
         return
     with corner_card("##job", box):
         _job_head(app, job, fonts)
-        if app.making.look is not None and not app.making.points_shown(app):
+        if app.making.sparse_preview is not None and not app.making.points_shown(app):
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
                 app.making.show_points(app)
             tip("The scene that is open now is closed")

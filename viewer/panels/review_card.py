@@ -47,8 +47,11 @@ def _head(review: Review, fonts: Fonts) -> None:
             imgui.text_unformatted(fa.ICON_FA_CHECK)
         imgui.same_line(0, px(8))
         imgui.text_unformatted(review.plan.name)
-    look = review.look
-    hint(f"{look.photographs} photographs have a camera pose, with {len(look.points.places):,} points.", theme.MUTED)
+    sparse_preview = review.sparse_preview
+    hint(
+        f"{sparse_preview.photographs} photographs have a camera pose, with {len(sparse_preview.points.places):,} points.",
+        theme.MUTED,
+    )
 
 
 def _choices(app: App, review: Review, shown: bool) -> None:

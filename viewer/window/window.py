@@ -26,7 +26,7 @@ from viewer.app.children import end_processes
 from viewer.app.commands import run
 from viewer.app.controllers import ControllerState
 from viewer.app.keyboard import KeyPress
-from viewer.app.making import LOOKED_AT_EVERY_S
+from viewer.app.making import POLL_EVERY_S
 from viewer.app.presenting import awaited, unfinished
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.rendering.framebuffers import free_framebuffer
@@ -177,7 +177,7 @@ class Window:
         elif app.controllers.present:  # they wake nobody
             glfw.wait_events_timeout(CONTROLLERS_S)
         elif app.making.busy:
-            glfw.wait_events_timeout(LOOKED_AT_EVERY_S)
+            glfw.wait_events_timeout(POLL_EVERY_S)
         else:
             glfw.wait_events_timeout(0.4 if self.ui.typing else IDLE_WAIT_S)
             self._last = max(self._last, time.monotonic() - 1 / 60)

@@ -22,12 +22,12 @@ from viewer.app import make_plan
 from viewer.app import review as review_module
 from viewer.app.application import App
 from viewer.app.child import Child
-from viewer.app.first_look import FirstLook, Look
 from viewer.app.ground import normal_at
 from viewer.app.make_plan import Plan
 from viewer.app.projection import project
 from viewer.app.rejected_photographs import RejectedPhotographs
 from viewer.app.review import Review
+from viewer.app.sparse_preview import SparsePreview, SparsePreviewReader
 
 FAKE = Path(__file__).with_name("fake_make.py")
 
@@ -37,17 +37,17 @@ def posed(tmp_path_factory) -> Path:
     return write_colmap(tmp_path_factory.mktemp("first") / "scene", around(), ball(radius=1.0))
 
 
-def look_at(folder: Path, **options: bool) -> Look:
-    first = FirstLook(folder, **options)
+def look_at(folder: Path, **options: bool) -> SparsePreview:
+    first = SparsePreviewReader(folder, **options)
     until(lambda: first.finished)
-    assert first.look is not None
-    return first.look
+    assert first.result is not None
+    return first.result
 
 
 def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
-    look = look_at(posed)
-    pack, points = look.pack, sparse_points(look.scene)
-    assert len(points.places) == len(look.points.places) == 150 and look.photographs == 10
+    sparse_preview = look_at(posed)
+    pack, points = sparse_preview.pack, sparse_points(sparse_preview.scene)
+    assert len(points.places) == len(sparse_preview.points.places) == 150 and sparse_preview.photographs == 10
     grid_T_training = np.linalg.inv(pack.worldspace_T_opengl)
     places = points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
     voxels = np.floor((places - pack.min_xyz) / pack.voxel_size).astype(int)
@@ -62,24 +62,24 @@ def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
 
 @pytest.mark.parametrize(("poses", "kind"), [(around, "subject"), (side_by_side, "forward")])
 def test_the_kind_is_found_and_forward_facing_scenes_are_shown_as_seen_from_outside(poses, kind, tmp_path):
-    look = look_at(write_colmap(tmp_path / "scene", poses(), ball()))
-    assert look.kind == kind and not look.scene.ndc and not look.pack.ndc
+    sparse_preview = look_at(write_colmap(tmp_path / "scene", poses(), ball()))
+    assert sparse_preview.kind == kind and not sparse_preview.scene.ndc and not sparse_preview.pack.ndc
     as_it_is = look_at(tmp_path / "scene", spherify=True)
     assert as_it_is.kind in ("subject", "room")
 
 
 def reviewed(posed: Path) -> tuple[App, Review]:
     app = App(canvas=FakeCanvas())
-    app.making.look = look_at(posed)
-    app.making.review = Review(Plan("scene", posed, posed.parent / "out"), app.making.look)
+    app.making.sparse_preview = look_at(posed)
+    app.making.review = Review(Plan("scene", posed, posed.parent / "out"), app.making.sparse_preview)
     app.making.show_points(app)
     return app, app.making.review
 
 
 def test_the_box_that_was_dragged_is_trained_and_faces_that_were_not_stay_the_readers(posed):
     app, review = reviewed(posed)
-    given = review.look.scene.aabb
-    assert app.gallery.frusta and app.scene.pack is review.look.pack
+    given = review.sparse_preview.scene.aabb
+    assert app.gallery.frusta and app.scene.pack is review.sparse_preview.pack
     assert review.seconds_left is not None and review.decided(app.settings.crop).aabb is None
     review.show_box(app)
     assert review.seconds_left is None and review.decided(app.settings.crop).aabb is None  # seen, and left as it was
@@ -206,12 +206,12 @@ def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
 
     def leaning() -> float:
         """Degrees between the ground and what is level."""
-        places = app.making.look.points.places
-        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.look.eyes())
+        places = app.making.sparse_preview.points.places
+        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.sparse_preview.eyes())
         return float(np.degrees(np.arccos(min(normal[2], 1.0))))
 
     assert leaning() > 15
-    camera, places = app.camera(), review.look.places_in_grid()
+    camera, places = app.camera(), review.sparse_preview.places_in_grid()
     pixels, _ = project(camera, places)
     free = (np.abs(pixels - [265, 330]) < [150, 100]).all(-1)  # what no card covers
     at = pixels[free][np.argmin(np.linalg.norm(pixels[free] - pixels[free].mean(0), axis=-1))]

@@ -56,21 +56,21 @@ def test_a_click_on_the_ground_sets_up(opened, window, xdotool, tmp_path):
     from viewer.app.ground import normal_at
 
     app, folder = window.app, write_colmap(tmp_path / "scene", around(), tilted_ground())
-    app.making.look = look_at(folder)
-    review = app.making.review = Review(Plan("scene", folder, tmp_path / "out"), app.making.look)
+    app.making.sparse_preview = look_at(folder)
+    review = app.making.review = Review(Plan("scene", folder, tmp_path / "out"), app.making.sparse_preview)
     app.making.show_points(app)
     pump(window)
 
     def leaning() -> float:
         """Degrees between the ground and what is level."""
-        places = app.making.look.points.places
-        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.look.eyes())
+        places = app.making.sparse_preview.points.places
+        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.sparse_preview.eyes())
         return float(np.degrees(np.arccos(min(normal[2], 1.0))))
 
     def click_on_ground() -> None:
         """Clicks on a point of the ground that no card covers."""
         scale, box = app.viewport.pixels_per_unit, app.viewport
-        pixels, before = project(app.camera(), app.making.look.places_in_grid())
+        pixels, before = project(app.camera(), app.making.sparse_preview.places_in_grid())
         seen = pixels[before] / scale
         free = seen[
             (seen[:, 0] > 0.55 * box.width) & (seen[:, 0] < box.width - 60) & (abs(seen[:, 1] - 0.5 * box.height) < 150)

@@ -18,11 +18,11 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.exporting import Writing
 from viewer.app.files import FileRequest
-from viewer.app.first_look import Look
 from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan
 from viewer.app.review import Review
 from viewer.app.session import Seen, Session
+from viewer.app.sparse_preview import SparsePreview
 from viewer.panels.layout import PAGES
 
 
@@ -91,8 +91,8 @@ def _review(app: App, scenes: Scenes) -> None:
     boxes = {"subject": np.array([low, high]), "room": np.array([low, high])}
     scene = SimpleNamespace(splits={"train": range(4)}, aabb=boxes["subject"])
     points = SparsePoints(np.zeros((99, 3)), np.zeros((99, 3), np.uint8), np.ones(99))
-    app.making.look = Look(pack, scene, points, "forward", boxes)  # type: ignore[arg-type]
-    app.making.review = Review(scenes.plan, app.making.look)
+    app.making.sparse_preview = SparsePreview(pack, scene, points, "forward", boxes)  # type: ignore[arg-type]
+    app.making.review = Review(scenes.plan, app.making.sparse_preview)
     app.making.review.hold()
     app.making.choose_kind(app, "room")
 

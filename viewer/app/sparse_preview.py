@@ -1,7 +1,7 @@
-"""A first look at what is being made: the points and the cameras that were found, as a pack that is shown like any other.
+"""Sparse preview: the points and cameras of a scene that is being made, as a pack that is shown like any other.
 
-Each point is a voxel of its colour in a grid around the box that is trained. So the camera, the frusta of the photographs and
-the crop box work as they do on a finished pack.
+Each point is a voxel of its colour, in a grid around the box that is trained. So the camera, the frusta of the photographs and
+the crop box work as on a finished pack.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Kind = Literal["subject", "room", "forward"]
 
 
 @dataclass(frozen=True)
-class Look:
+class SparsePreview:
     """pack: the points and cameras. scene: read as seen from all around, which shows forward-facing ones best, too. points: in
     its training frame. kind: found from the poses. boxes: by kind, the box [2, 3] that fits it, training frame; a
     forward-facing scene has none.
@@ -77,8 +77,8 @@ class Look:
         return Pose(triple(middle), azimuth + ASIDE, ELEVATION, distance)
 
 
-class FirstLook:
-    """Reads the scene in a folder in a thread. Poll `finished`; then `look` is there, or None where there are no points.
+class SparsePreviewReader:
+    """Reads the scene in a folder in a thread. Poll `finished`; then `result` is set, or None if there are too few points.
 
     spherify, masks, up: as training.scenes.SceneOptions has them.
     """
@@ -87,8 +87,8 @@ class FirstLook:
         self, folder: Path, spherify: bool | None = None, masks: bool = False, up: Direction | None = None
     ) -> None:
         self.folder, self._spherify, self._masks, self._up = folder, spherify, masks, up
-        self.look: Look | None = None
-        self._thread = threading.Thread(target=self._run, name="snerg-first-look", daemon=True)
+        self.result: SparsePreview | None = None
+        self._thread = threading.Thread(target=self._run, name="snerg-sparse-preview", daemon=True)
         self._thread.start()
 
     @property
@@ -106,7 +106,7 @@ class FirstLook:
                 provenance = {"scene": str(self.folder.resolve()), "spherify": True, "masks": self._masks}
                 pack = points_pack(scene, points).with_metadata(provenance=provenance, cameras=cameras_of(scene))
                 kind, boxes = _kinds(scene, points)
-                self.look = Look(pack, scene, points, "forward" if forward else kind, boxes)
+                self.result = SparsePreview(pack, scene, points, "forward" if forward else kind, boxes)
         except Exception:  # the command that trains on the same folder says what is wrong with it
             return
 
