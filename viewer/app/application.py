@@ -31,6 +31,7 @@ from viewer.app.loading import Loading
 from viewer.app.log import Messages
 from viewer.app.making import Making
 from viewer.app.measure_tool import MeasureTool
+from viewer.app.open_packs import OpenPack, OpenPacks
 from viewer.app.open_prompt import OpenPrompt, looks_like_path, path_in
 from viewer.app.opening import Opening
 from viewer.app.path import CameraPath
@@ -40,7 +41,6 @@ from viewer.app.projection import ray_through
 from viewer.app.ray_costs import CostMeter
 from viewer.app.rig import FOVS, CameraRig
 from viewer.app.session import Sessions
-from viewer.app.shelf import Shelf, Shelved
 from viewer.app.sparse_preview import SparsePreview
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
 from viewer.app.training_preview import TrainingPreview
@@ -78,7 +78,7 @@ class App:
     controllers: Controllers = field(default_factory=Controllers)
     file_request: FileRequest | None = None
     open_prompt: OpenPrompt | None = None  # the question what to open
-    shelf: Shelf = field(default_factory=Shelf)  # the other packs that are open
+    open_packs: OpenPacks = field(default_factory=OpenPacks)  # the other packs that are open
     demo: Path | None = None  # the bundled pack, where there is one
     opening: Opening = field(default_factory=Opening)
     making: Making = field(default_factory=Making)
@@ -95,14 +95,14 @@ class App:
         """
         scene = OpenScene(path, name or name_of(path), pack, self.undoable(rig_for(pack)), whole)
         left = self.left_now()
-        self.turn_to(Shelved(scene, None, 0.0, CameraPath()), told=whole)
-        self.shelf.drop(path)
+        self.turn_to(OpenPack(scene, None, 0.0, CameraPath()), told=whole)
+        self.open_packs.drop(path)
         if left is not None and left.scene.path != path:
-            self.shelf.keep(self, left)
+            self.open_packs.keep(self, left)
         if whole:
             self.opened()
 
-    def turn_to(self, entry: Shelved, *, told: bool = True) -> None:
+    def turn_to(self, entry: OpenPack, *, told: bool = True) -> None:
         """Shows a pack with its camera, cuts and path. UserError, and nothing has changed, where the card refuses it."""
         pack = entry.scene.pack
         if self.canvas is not None:
@@ -124,12 +124,12 @@ class App:
         self.bookmarks.drop()
         self.touch()
 
-    def left_now(self) -> Shelved | None:
+    def left_now(self) -> OpenPack | None:
         """What is shown, to come back to; None where it does not stay open."""
         scene = self.scene
         if scene is None or not scene.whole or not scene.stays:
             return None
-        return Shelved(scene, self.settings.crop, self.settings.near, self.filming.path, self.annotations.current)
+        return OpenPack(scene, self.settings.crop, self.settings.near, self.filming.path, self.annotations.current)
 
     def show_sparse_preview(self, sparse_preview: SparsePreview, path: Path, name: str) -> None:
         """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
@@ -190,8 +190,8 @@ class App:
         self.annotations.close_pack()
         self.measure_tool.drop()
         self.bookmarks.drop()
-        if self.shelf.packs:
-            self.turn_to(self.shelf.packs.pop())
+        if self.open_packs.packs:
+            self.turn_to(self.open_packs.packs.pop())
         self.touch()
 
     def quit(self) -> None:

@@ -235,9 +235,9 @@ COMMANDS: dict[str, Command] = {
         Command("turntable", "Make a turntable", "Film", lambda app: app.filming.turntable(app), ("T",)),
         Command("open", "Open", "Window", ask_to_open, ("Ctrl+O",), False),
         Command("open-folder", "Open a folder", "Window", lambda app: browse(app, "folder"), ("Ctrl+Shift+O",), False),
-        Command("next-pack", "Next open pack", "Window", lambda app: app.shelf.switch(app, 1), ("Ctrl+Tab",)),
+        Command("next-pack", "Next open pack", "Window", lambda app: app.open_packs.switch(app, 1), ("Ctrl+Tab",)),
         Command(
-            "last-pack", "Previous open pack", "Window", lambda app: app.shelf.switch(app, -1), ("Ctrl+Shift+Tab",)
+            "last-pack", "Previous open pack", "Window", lambda app: app.open_packs.switch(app, -1), ("Ctrl+Shift+Tab",)
         ),
         Command("make", "Make a scene from photographs", "Window", ask_to_make, ("Ctrl+M",), False),
         Command("close", "Close the scene", "Window", lambda app: app.close(), ("Ctrl+W",)),

@@ -94,7 +94,9 @@ def session_of(app: App) -> Session | None:
     if scene is None or not scene.whole or not scene.stays or not scene.path.exists():
         return None
     first = seen(scene, app.settings.crop, app.settings.near, app.annotations.current)
-    others = (seen(each.scene, each.crop, each.near, each.annotations or Annotations()) for each in app.shelf.packs)
+    others = (
+        seen(each.scene, each.crop, each.near, each.annotations or Annotations()) for each in app.open_packs.packs
+    )
     compare, path = app.comparison, app.comparison.other_path
     against = (path.resolve(), compare.how) if compare.against == "pack" and path is not None else None
     return Session((first, *others), against, app.interface.page)

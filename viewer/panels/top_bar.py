@@ -103,25 +103,25 @@ def _entries(app: App) -> list[Entry]:
         for icon, command, title, keys, needs_scene in entries
         if app.scene is not None or not needs_scene
     ]
-    if app.scene is not None and app.shelf.packs:
-        title = f"{len(app.shelf.packs) + 1} packs are open"
-        ask = partial(setattr, app.shelf, "asked", True)
+    if app.scene is not None and app.open_packs.packs:
+        title = f"{len(app.open_packs.packs) + 1} packs are open"
+        ask = partial(setattr, app.open_packs, "show_list", True)
         shown.insert(0, Entry("top packs", fa.ICON_FA_LAYER_GROUP, title, ask, "Ctrl+Tab"))
     return shown
 
 
 def _packs(app: App) -> None:
     """The list of open packs, while it is wanted: a click shows one."""
-    if app.shelf.asked:
-        app.shelf.asked = False
+    if app.open_packs.show_list:
+        app.open_packs.show_list = False
         imgui.open_popup(PACKS)
     if not imgui.begin_popup(PACKS):
         return
     if app.scene is not None:
         imgui.menu_item(f"{fa.ICON_FA_CUBE}   {app.scene.name}##shown", "", True)
-    for i, entry in enumerate(app.shelf.packs):
+    for i, entry in enumerate(app.open_packs.packs):
         if imgui.menu_item(f"{fa.ICON_FA_CUBE}   {entry.scene.name}##{i}", "", False)[0]:
-            app.shelf.switch_to(app, entry)
+            app.open_packs.switch_to(app, entry)
             break
     imgui.separator()
     if imgui.menu_item(f"{fa.ICON_FA_XMARK}   Close this one", "Ctrl+W", False)[0]:

@@ -213,7 +213,7 @@ class Hour:
         if app.making.plan is not None:
             app.making.dismiss(app)
         app.messages.dialogs.clear()
-        app.shelf.packs.clear()
+        app.open_packs.packs.clear()
         app.close()
         app.interface.help_shown, app.interface.scale = False, 1.0
         app.interface.reset_layout()

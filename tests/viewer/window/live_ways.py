@@ -88,13 +88,13 @@ def test_ctrl_tab_goes_through_the_open_packs_and_ctrl_w_closes_one(window, xdot
     app = window.app
     for name in ("one", "two"):
         app.show(toy_pack(view_mlp=False), tmp_path / name)
-    first = app.shelf.packs[0].scene.name
+    first = app.open_packs.packs[0].scene.name
     xdotool("key", "ctrl+Tab")
     wait_until(window, lambda: app.scene.name == first)
     xdotool("key", "ctrl+shift+Tab")
     wait_until(window, lambda: app.scene.name == "two")
     xdotool("key", "ctrl+w")
-    wait_until(window, lambda: app.scene.name == "one" and len(app.shelf.packs) == 1)
+    wait_until(window, lambda: app.scene.name == "one" and len(app.open_packs.packs) == 1)
     assert app.interface.panels_shown and window.ctx.error == "GL_NO_ERROR"
 
 

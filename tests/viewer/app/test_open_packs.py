@@ -8,9 +8,9 @@ import pytest
 
 from console import UserError
 from tests.viewer.conftest import toy_pack
-from viewer.app import shelf as shelf_module
+from viewer.app import open_packs as open_packs_module
 from viewer.app.commands import run
-from viewer.app.shelf import MOST_PACKS, Shelf, Shelved, bytes_of
+from viewer.app.open_packs import MOST_PACKS, OpenPack, OpenPacks, bytes_of
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def three(app):
 
 
 def names(app) -> str:
-    return app.scene.name + "".join(entry.scene.name for entry in app.shelf.packs)
+    return app.scene.name + "".join(entry.scene.name for entry in app.open_packs.packs)
 
 
 def test_the_next_and_the_previous_pack_go_round(three):
@@ -64,7 +64,7 @@ def test_closing_shows_the_pack_before_and_then_the_start_page(three):
     run(three, "close")
     assert names(three) == "ba"
     run(three, "close"), run(three, "close")
-    assert three.scene is None and not three.shelf.packs
+    assert three.scene is None and not three.open_packs.packs
 
 
 def test_opening_a_pack_again_does_not_keep_the_old_one(three):
@@ -93,11 +93,11 @@ def test_what_the_card_refuses_changes_nothing(three, monkeypatch):
 
 def test_there_is_an_end_to_what_open_packs_take(three, monkeypatch):
     scene = three.scene
-    shelf = Shelf()
+    open_packs = OpenPacks()
     for i in range(MOST_PACKS + 3):
-        gone = shelf.add(Shelved(replace(scene, path=Path(f"/{i}"), name=str(i)), None, 0.0, three.filming.path))
-    assert len(shelf.packs) == MOST_PACKS and gone == ["2"]
-    monkeypatch.setattr(shelf_module, "MOST_BYTES", 2.5 * bytes_of(scene.pack))
-    shelf.add(Shelved(scene, None, 0.0, three.filming.path))
-    assert [entry.scene.name for entry in shelf.packs] == [str(MOST_PACKS + 2), "c"]
+        gone = open_packs.add(OpenPack(replace(scene, path=Path(f"/{i}"), name=str(i)), None, 0.0, three.filming.path))
+    assert len(open_packs.packs) == MOST_PACKS and gone == ["2"]
+    monkeypatch.setattr(open_packs_module, "MOST_BYTES", 2.5 * bytes_of(scene.pack))
+    open_packs.add(OpenPack(scene, None, 0.0, three.filming.path))
+    assert [entry.scene.name for entry in open_packs.packs] == [str(MOST_PACKS + 2), "c"]
     assert bytes_of(scene.pack) >= np.asarray(scene.pack.atlas_rgba).nbytes

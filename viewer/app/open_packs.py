@@ -1,6 +1,6 @@
-"""Packs that are open besides the one that is shown: each keeps its camera, its cuts and its path, and comes back at once.
+"""Open packs that are not shown now. Each keeps its camera, crop and camera path; switching to it reads nothing.
 
-They stay in the computer's memory; only the one that is shown is on the graphics card.
+They stay in main memory; only the pack that is shown is on the GPU.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 @dataclass(frozen=True, eq=False)
-class Shelved:
+class OpenPack:
     """An open pack that is not shown. crop, near: as in RenderSettings. path: its film's.
 
     annotations: of when it was left; None: as saved.
@@ -37,16 +37,16 @@ class Shelved:
 
 
 @dataclass
-class Shelf:
-    """packs: in the order in which Ctrl+Tab comes to them. asked: the list of them shall be shown."""
+class OpenPacks:
+    """The open packs that are not shown."""
 
-    packs: list[Shelved] = field(default_factory=list)
-    asked: bool = False
+    packs: list[OpenPack] = field(default_factory=list)  # in Ctrl+Tab's order
+    show_list: bool = False  # opens the pack menu in the next frame
 
-    def add(self, entry: Shelved, *, first: bool = False) -> list[str]:
-        """Keeps a pack; the names of those that there is no room for any more.
+    def add(self, entry: OpenPack, *, first: bool = False) -> list[str]:
+        """Adds a pack and closes others if there are too many. Returns the names of those that were closed.
 
-        first: as the next one, not as the last.
+        first: at the head of the order, not at its end.
         """
         self.drop(entry.scene.path)
         self.packs.insert(0 if first else len(self.packs), entry)
@@ -56,8 +56,8 @@ class Shelf:
             gone.append(oldest.scene.name)
         return gone
 
-    def keep(self, app: App, entry: Shelved, *, first: bool = False) -> None:
-        """Keeps a pack, and logs what had to go for it."""
+    def keep(self, app: App, entry: OpenPack, *, first: bool = False) -> None:
+        """Adds a pack and logs which others were closed for it."""
         for name in self.add(entry, first=first):
             app.messages.log(f"{name} is closed, for there is no room for more open packs")
 
@@ -68,8 +68,8 @@ class Shelf:
         else:
             app.messages.say("No other pack is open")
 
-    def switch_to(self, app: App, entry: Shelved, *, backwards: bool = False) -> None:
-        """Shows an open pack. backwards: the one that is left becomes the next one, not the last."""
+    def switch_to(self, app: App, entry: OpenPack, *, backwards: bool = False) -> None:
+        """Shows an open pack. backwards: the pack shown before becomes the first in the order, not the last."""
         if app.filming.export is not None:
             app.messages.say("An export is running: wait for it, or cancel it", "warning")
             return
@@ -83,15 +83,15 @@ class Shelf:
             self.keep(app, left, first=backwards)
 
     def drop(self, path: Path) -> None:
-        """Forgets the pack of a path, if it is there: it is being opened anew."""
+        """Removes the pack of `path`, if there is one, because it is opened again."""
         self.packs = [entry for entry in self.packs if entry.scene.path.resolve() != path.resolve()]
 
 
-def _bytes(entry: Shelved) -> int:
+def _bytes(entry: OpenPack) -> int:
     return bytes_of(entry.scene.pack)
 
 
 def bytes_of(pack: Pack) -> int:
-    """What a pack holds of the computer's memory."""
+    """Size of a pack in main memory."""
     features = pack.atlas_features
     return pack.atlas_rgba.nbytes + pack.atlas_indices.nbytes + (features.nbytes if features is not None else 0)
