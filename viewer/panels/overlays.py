@@ -8,8 +8,8 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.canvas_interface import CanvasInterface, Layer
+from viewer.app.frame import other_layers
 from viewer.app.pose import view_camera
-from viewer.app.presenting import other_layers
 from viewer.app.projection import BOX_EDGES, FRUSTUM_EDGES, box_points, frustum_points, project
 from viewer.panels import theme
 from viewer.panels.widgets import chip, chip_size, elided, font, px

@@ -11,7 +11,7 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app import crop
 from viewer.app.application import App
 from viewer.app.canvas_interface import CanvasInterface
-from viewer.app.presenting import present
+from viewer.app.frame import draw_frame
 from viewer.app.state import Viewport
 from viewer.panels import frusta, keys, layout, legend, overlays, page_photographs, ruler, start_page, theme
 from viewer.panels.axis_gizmo import AxisGizmo
@@ -29,7 +29,7 @@ def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts, gizmo
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
     app.viewport.camera = app.camera()
-    present(app, canvas)
+    draw_frame(app, canvas)
     flags = imgui.WindowFlags_.no_background  # the frame is cleared with that colour, and to fill it again takes time
     if app.scene is not None:
         flags |= imgui.WindowFlags_.no_scroll_with_mouse  # the wheel is the camera's

@@ -74,7 +74,7 @@ class Canvas:
         self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
         self.picture_gpu_ms: float | None = None  # likewise, by the card's own clock
         self.drawn_size = (0, 0)  # pixels of the picture that is shown
-        self.drawn: Drawn | None = None  # by this frame; see viewer.app.presenting
+        self.drawn: Drawn | None = None  # by this frame; see viewer.app.frame
 
     # CanvasInterface
 

@@ -25,9 +25,9 @@ from viewer.app.application import App
 from viewer.app.children import end_processes
 from viewer.app.commands import run
 from viewer.app.controllers import ControllerState
+from viewer.app.frame import is_waiting, unfinished
 from viewer.app.keyboard import KeyPress
 from viewer.app.making import POLL_EVERY_S
-from viewer.app.presenting import awaited, unfinished
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.rendering.framebuffers import free_framebuffer
 from viewer.rendering.gl_without_gil import finish
@@ -172,7 +172,7 @@ class Window:
         waits = not (app.wants_frame or self._touched or self.ui.hears or self.canvas.blending)
         if not waits:
             glfw.poll_events()
-        elif awaited(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
+        elif is_waiting(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
             glfw.wait_events_timeout(BUSY_WAIT_S)
         elif app.controllers.present:  # they wake nobody
             glfw.wait_events_timeout(CONTROLLERS_S)
@@ -264,7 +264,7 @@ class Window:
             self.app.touch(1)
             self.step()
         for _ in range(SETTLE_ROUNDS):
-            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming)
+            self._wait_while(lambda: is_waiting(self.app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming)
             for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
                 self.app.touch(1)
                 self.step()

@@ -1,7 +1,7 @@
-"""One frame's work on the picture, for the window and the offscreen interface: scene, comparison, figures.
+"""Draws one frame's picture, for the window and the offscreen UI: the scene, the comparison, and their figures.
 
-It is done while the panels are built (viewer.panels.viewport calls it), so that the picture, what it is compared with,
-and what is drawn over it are all of one camera, and lie where this frame's layout has them.
+viewer.panels.viewport calls it while it builds the panels, so that the picture, the comparison and the overlays show one camera
+and this frame's layout.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from viewer.rendering.settings import RenderSettings
 PHOTOGRAPH = "photograph"
 
 
-def present(app: App, canvas: CanvasInterface) -> None:
-    """Draws as much as one frame has time for, and notes it in canvas.drawn. Failures become dialogs."""
+def draw_frame(app: App, canvas: CanvasInterface) -> None:
+    """Draws as much as one frame has time for and sets canvas.drawn. A failure opens a dialog."""
     canvas.drawn = None
     try:
-        canvas.drawn = _present(app, canvas)
+        canvas.drawn = _draw(app, canvas)
     except UserError as error:  # e.g. no room for a picture of this size
         app.messages.fail("The picture cannot be drawn", error)
         app.settings = RenderSettings()
@@ -29,7 +29,7 @@ def present(app: App, canvas: CanvasInterface) -> None:
         app.touch()
 
 
-def _present(app: App, canvas: CanvasInterface) -> Drawn | None:
+def _draw(app: App, canvas: CanvasInterface) -> Drawn | None:
     settings = app.settings
     if (
         app.comparison.against == "photograph" and settings.backdrop is not None
@@ -63,7 +63,7 @@ def _present(app: App, canvas: CanvasInterface) -> Drawn | None:
 
 
 def _compared(app: App, canvas: CanvasInterface) -> tuple[Layer, Layer] | None:
-    """All of the picture, and all of what it is compared with; two packs are both quick until both are whole."""
+    """The picture and what it is compared with. Of two packs, quick pictures are compared until both full ones are done."""
     other = other_layers(app, canvas)
     if not other or not canvas.layers:
         return None
@@ -73,7 +73,7 @@ def _compared(app: App, canvas: CanvasInterface) -> tuple[Layer, Layer] | None:
 
 
 def other_layers(app: App, canvas: CanvasInterface) -> list[Layer]:
-    """What the picture is compared with, as layers; none where nothing is."""
+    """Layers of what the picture is compared with; empty without a comparison."""
     comparison = app.comparison
     if comparison.against == "pack" and canvas.other is not None:
         return canvas.other.layers
@@ -85,13 +85,13 @@ def other_layers(app: App, canvas: CanvasInterface) -> list[Layer]:
 
 
 def unfinished(app: App, canvas: CanvasInterface) -> bool:
-    """Whether a picture is not at its full resolution yet."""
+    """Whether the picture, or the one compared with, is not yet at full resolution."""
     comparing = app.comparison.against == "pack" and canvas.other is not None
     return canvas.pending or (comparing and canvas.other is not None and canvas.other.pending)
 
 
-def awaited(app: App) -> bool:
-    """Whether a thread is at work on something that will be seen."""
+def is_waiting(app: App) -> bool:
+    """Whether a thread works on something that will be shown."""
     thumbnails = app.gallery.thumbnails
     asked_about = app.making.plan is not None and app.making.busy
     preview = app.exporting.preview
