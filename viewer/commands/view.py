@@ -19,13 +19,12 @@ from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
 from viewer.app import annotations, desktop_entry, make_plan, preferences, session
 from viewer.app.application import App
-from viewer.app.carried_over import take_over
 from viewer.app.comparison import How
 from viewer.app.crash_log import CrashLog, default_folder, left_behind
 from viewer.app.files import kind_of, scene_around
 from viewer.app.forward_facing import rig_for
 from viewer.app.pose import pose_from_text
-from viewer.app.remembering import Keeper
+from viewer.app.preferences import PreferencesAutosave, apply_preferences
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
 from viewer.benchmark.flyover import fly_over
@@ -188,7 +187,7 @@ def _live(app: App, wishes: Startup, size: tuple[int, int] | None) -> int:
     file = preferences.default_file()
     crashed = left_behind(default_folder())
     with signals_ask(app.quit) as ended, _trail(app) as crash_log:
-        take_over(app, preferences.load(file))
+        apply_preferences(app, preferences.load(file))
         app.annotations.folder = annotations.default_folder()
         app.sessions.begin(session.default_file())
         with Window(app, Ui, size or app.preferences.window) as window:
@@ -196,7 +195,7 @@ def _live(app: App, wishes: Startup, size: tuple[int, int] | None) -> int:
             if crashed:
                 app.messages.say(f"The viewer ended unexpectedly the last time. Its log: {crashed[-1]}", "warning")
             wishes.begin(app)
-            _keep(app, window, Keeper(app, file, lambda: window.size, lambda: window.layout), crash_log)
+            _keep(app, window, PreferencesAutosave(app, file, lambda: window.size, lambda: window.layout), crash_log)
     if ended.signal == signal.SIGINT:
         raise KeyboardInterrupt
     return ended.status
@@ -221,11 +220,11 @@ def _trail(app: App) -> Iterator[CrashLog]:
     crash_log.end()
 
 
-def _keep(app: App, window: Window, keeper: Keeper, crash_log: CrashLog) -> None:
+def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: CrashLog) -> None:
     """Runs the window; whatever ends it, `keeper` has saved what is to be remembered."""
 
     def leave() -> None:
-        keeper.finish(window=False)
+        autosave.finish(window=False)
         app.sessions.finish(app)
         app.annotations.close_pack()
         app.making.end()
@@ -234,11 +233,11 @@ def _keep(app: App, window: Window, keeper: Keeper, crash_log: CrashLog) -> None
     if window.on_x11:
         on_lost_display(leave)
     try:
-        window.run(keeper.look)
+        window.run(autosave.poll)
     finally:
         app.sessions.finish(app)
         app.annotations.close_pack()
-        problem = keeper.finish()
+        problem = autosave.finish()
         if problem:
             with contextlib.suppress(OSError):  # the terminal may be gone
                 print(f"snerg-view: {problem}", file=sys.stderr)

@@ -12,9 +12,9 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
 from viewer.app import crop, preferences
 from viewer.app.application import App
-from viewer.app.carried_over import take_over, to_remember
 from viewer.app.files import kind_of
 from viewer.app.photographs import Photographs, psnr, shots_of
+from viewer.app.preferences import apply_preferences, current_preferences
 from viewer.app.projection import along_axis, project
 from viewer.app.state import name_of
 from viewer.rendering.camera import ViewCamera
@@ -186,9 +186,9 @@ def test_what_is_remembered_comes_back(tmp_path, pack_folder):
     app.set(background=(0.0, 0.0, 0.0))
     app.resolution.target_fps = 48.0
     app.interface.page = "film"
-    assert preferences.save(to_remember(app), file) is None
+    assert preferences.save(current_preferences(app), file) is None
     other = App()
-    take_over(other, preferences.load(file))
+    apply_preferences(other, preferences.load(file))
     assert other.settings.background == (0.0, 0.0, 0.0) and other.resolution.target_fps == 48.0
     assert other.interface.page == "film" and other.preferences.recent_packs() == [pack_folder.resolve()]
 

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from viewer.app import remembering
+from viewer.app import preferences
 from viewer.app.application import App
-from viewer.app.preferences import Preferences, load, opened_since, save
-from viewer.app.remembering import Keeper
+from viewer.app.preferences import Preferences, PreferencesAutosave, load, opened_since, save
 
 
 @pytest.fixture
@@ -20,56 +19,56 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def keeper(file: Path, monkeypatch: pytest.MonkeyPatch) -> Keeper:
-    monkeypatch.setattr(remembering, "LOOK_EVERY_S", 0.0)
-    return Keeper(App(), file, lambda: (640, 480), lambda: "a layout")
+def autosave(file: Path, monkeypatch: pytest.MonkeyPatch) -> PreferencesAutosave:
+    monkeypatch.setattr(preferences, "CHECK_EVERY_S", 0.0)
+    return PreferencesAutosave(App(), file, lambda: (640, 480), lambda: "a layout")
 
 
-def look_until(keeper: Keeper, condition) -> None:
+def poll_until(autosave: PreferencesAutosave, condition) -> None:
     end = time.monotonic() + 30
     while not condition():
         assert time.monotonic() < end
-        keeper.look()
+        autosave.poll()
         time.sleep(0.005)
 
 
-def test_a_change_is_saved_by_a_thread_once_it_has_stayed_for_a_look(keeper, file, monkeypatch):
+def test_a_change_is_saved_by_a_thread_once_it_has_stayed_for_a_look(autosave, file, monkeypatch):
     threads = []
-    monkeypatch.setattr(remembering, "save", lambda *words: threads.append(threading.current_thread()) or save(*words))
-    keeper.app.interface.page = "film"
-    keeper.look()  # sees it for the first time
+    monkeypatch.setattr(preferences, "save", lambda *words: threads.append(threading.current_thread()) or save(*words))
+    autosave.app.interface.page = "film"
+    autosave.poll()  # sees it for the first time
     assert not file.exists()
-    look_until(keeper, file.exists)
+    poll_until(autosave, file.exists)
     assert load(file).page == "film" and load(file).window == (640, 480) and load(file).layout == "a layout"
     assert threads and threading.main_thread() not in threads
-    look_until(keeper, lambda: keeper._writing is None)
+    poll_until(autosave, lambda: autosave._writing is None)
     count = len(threads)
     for _ in range(5):
-        keeper.look()
+        autosave.poll()
     assert len(threads) == count  # nothing changed since
 
 
-def test_what_goes_on_changing_is_saved_all_the_same(keeper, file, monkeypatch):
-    monkeypatch.setattr(remembering, "LONGEST_UNSAVED_S", 0.1)
+def test_what_goes_on_changing_is_saved_all_the_same(autosave, file, monkeypatch):
+    monkeypatch.setattr(preferences, "LONGEST_UNSAVED_S", 0.1)
     numbers = iter(range(100, 100_000))
-    keeper._size = lambda: (next(numbers), 480)  # as while its edge is dragged
-    look_until(keeper, file.exists)
+    autosave._size = lambda: (next(numbers), 480)  # as while its edge is dragged
+    poll_until(autosave, file.exists)
 
 
-def test_a_failure_is_told_once_and_the_next_change_is_tried_again(keeper, file):
+def test_a_failure_is_told_once_and_the_next_change_is_tried_again(autosave, file):
     file.parent.write_text("in the way")
-    app = keeper.app
+    app = autosave.app
     app.interface.page = "film"
-    look_until(keeper, lambda: app.messages.toast)
+    poll_until(autosave, lambda: app.messages.toast)
     assert "not saved" in app.messages.toast and len(app.messages.lines) == 1 and not app.messages.dialogs
     app.interface.page = "crop"
     for _ in range(20):
-        keeper.look()
+        autosave.poll()
         time.sleep(0.01)
-    assert len(app.messages.lines) == 1 and keeper.finish() is None
+    assert len(app.messages.lines) == 1 and autosave.finish() is None
     file.parent.unlink()
     app.interface.page = "log"
-    look_until(keeper, file.exists)
+    poll_until(autosave, file.exists)
     assert load(file).page == "log"
 
 
