@@ -194,6 +194,12 @@ class App:
             self.turn_to(self.open_packs.packs.pop())
         self.touch()
 
+    def end_processes(self) -> None:
+        """Ends the processes that make a scene, export one, and hold a picture for the clipboard."""
+        self.making.end()
+        self.exporting.end()
+        self.filming.copied_to.release()
+
     def quit(self) -> None:
         """Ends the program with the next turn of its loop, without a question."""
         self.quitting = True

@@ -22,7 +22,6 @@ from PIL import Image
 from console import UserError
 from console.streams import printable
 from viewer.app.application import App
-from viewer.app.children import end_processes
 from viewer.app.commands import run
 from viewer.app.controllers import ControllerState
 from viewer.app.frame import is_waiting, unfinished
@@ -313,7 +312,7 @@ class Window:
 
     def close(self) -> None:
         """Frees everything and closes the window."""
-        end_processes(self.app)
+        self.app.end_processes()
         self.app.canvas = None
         self.canvas.close()
         self._second.close()
