@@ -23,7 +23,7 @@ from viewer.app.controllers import Controllers
 from viewer.app.exporting import Exporting
 from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
-from viewer.app.forward_facing import rig_for
+from viewer.app.forward_facing import orbit_camera_for
 from viewer.app.frame_stats import FrameStats
 from viewer.app.gallery import Gallery
 from viewer.app.keyboard import Keyboard
@@ -34,12 +34,12 @@ from viewer.app.measure_tool import MeasureTool
 from viewer.app.open_packs import OpenPack, OpenPacks
 from viewer.app.open_prompt import OpenPrompt, looks_like_path, path_in
 from viewer.app.opening import Opening
+from viewer.app.orbit_camera import FOVS, OrbitCamera
 from viewer.app.path import CameraPath
 from viewer.app.pose import ortho_height_of, pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
 from viewer.app.projection import ray_through
 from viewer.app.ray_costs import CostMeter
-from viewer.app.rig import FOVS, CameraRig
 from viewer.app.session import Sessions
 from viewer.app.sparse_preview import SparsePreview
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
@@ -93,7 +93,7 @@ class App:
 
         whole: False where more of it is on its way.
         """
-        scene = OpenScene(path, name or name_of(path), pack, self.undoable(rig_for(pack)), whole)
+        scene = OpenScene(path, name or name_of(path), pack, self.undoable(orbit_camera_for(pack)), whole)
         left = self.left_now()
         self.turn_to(OpenPack(scene, None, 0.0, CameraPath()), told=whole)
         self.open_packs.drop(path)
@@ -152,7 +152,7 @@ class App:
                 with self.messages.noting_warnings(told=False):
                     self.canvas.refine(training_preview.pack)
             before.pack, before.name = training_preview.pack, name
-            before.rig.follow(rig_for(training_preview.pack))
+            before.rig.follow(orbit_camera_for(training_preview.pack))
         else:
             self.show(training_preview.pack, path, name, whole=False)
             assert self.scene is not None
@@ -160,7 +160,7 @@ class App:
             self.annotations.open_pack(self, training_preview.pack, None)  # the file does not last
         self.touch()
 
-    def undoable(self, rig: CameraRig) -> CameraRig:
+    def undoable(self, rig: OrbitCamera) -> OrbitCamera:
         """`rig`, with what is cut off and what is marked in its history as well."""
         rig.history.follow(
             lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])

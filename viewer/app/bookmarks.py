@@ -10,9 +10,9 @@ import numpy as np
 
 from console import UserError
 from viewer.app.annotations import MOST_ANNOTATIONS, Bookmark, named
+from viewer.app.orbit_camera import FOVS, OrbitCamera
 from viewer.app.path import CameraPath, Keyframe
 from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, triple
-from viewer.app.rig import FOVS, CameraRig
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 PAGE = "bookmarks"
 
 
-def bookmark_of(rig: CameraRig, fov: float, name: str) -> Bookmark:
+def bookmark_of(rig: OrbitCamera, fov: float, name: str) -> Bookmark:
     """The present view of a rig. fov: vertical, degrees. A photograph's camera is taken level, and without its lens."""
     pose = rig.shown
     if rig.held is not None:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from scenepack.pack import Pack
 from viewer.app.photographs import psnr
-from viewer.app.rig import fitted
+from viewer.app.pose import fitted
 from viewer.app.state import name_of
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from viewer.app.rig import CameraRig
+from viewer.app.orbit_camera import OrbitCamera
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -125,7 +125,7 @@ def shaped(value: float, dead_zone: float) -> float:
     return size * size if value > 0 else -size * size
 
 
-def _move_gamepad(rig: CameraRig, axes: Sequence[float], seconds: float) -> None:
+def _move_gamepad(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
     """Left stick: slide, or move while flying; right stick: turn, or look; triggers: away and closer, or down and up."""
     if rig.flying:
         rig.fly(axes[LEFT_X], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER], -axes[LEFT_Y], seconds)
@@ -136,7 +136,7 @@ def _move_gamepad(rig: CameraRig, axes: Sequence[float], seconds: float) -> None
         rig.orbit(-ORBIT_PER_S * seconds * axes[RIGHT_X], sign * -ORBIT_PER_S * seconds * axes[RIGHT_Y])
 
 
-def _move_mouse(rig: CameraRig, axes: Sequence[float], seconds: float) -> None:
+def _move_mouse(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
     """The cap is the camera while flying, else it holds the scene: pushed, tilted and turned, the scene follows."""
     if rig.flying:
         rig.fly(axes[PUSH_X], -axes[PUSH_Z], -axes[PUSH_Y], seconds)
@@ -147,7 +147,7 @@ def _move_mouse(rig: CameraRig, axes: Sequence[float], seconds: float) -> None:
         rig.orbit(sign * -ORBIT_PER_S * seconds * axes[TURN_Z], -ORBIT_PER_S * seconds * axes[TILT_X])
 
 
-def _slide(rig: CameraRig, right: float, up: float, closer: float, seconds: float) -> None:
+def _slide(rig: OrbitCamera, right: float, up: float, closer: float, seconds: float) -> None:
     """Moves the camera to the right, up and closer; -1 … 1 each."""
     if right or up:
         rig.pan(-PAN_PER_S * seconds * right, PAN_PER_S * seconds * up)

@@ -13,8 +13,7 @@ from viewer.app.export import Export, Layers, ToClipboard
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path
 from viewer.app.picture_clipboard import PictureClipboard
 from viewer.app.pictures import EXR, passes_for
-from viewer.app.pose import view_camera
-from viewer.app.rig import fitted
+from viewer.app.pose import fitted, view_camera
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import Mode
 

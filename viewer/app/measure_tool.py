@@ -302,7 +302,7 @@ class MeasureTool:
 
     # Out of the window
 
-    def words(self, app: App) -> LengthFormat | None:
+    def length_format(self, app: App) -> LengthFormat | None:
         """The format of lengths in the open pack."""
         return None if app.scene is None else LengthFormat(app.scene.pack, app.annotations.current.scale)
 

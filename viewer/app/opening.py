@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenepack.pack import Pack
-from viewer.app.forward_facing import rig_for
+from viewer.app.forward_facing import orbit_camera_for
 from viewer.app.loading import Loading
 from viewer.app.state import name_of
 
@@ -114,7 +114,7 @@ class Opening:
         elif app.scene is not None and not app.scene.whole:
             self._refine(app, pack)
             app.scene.whole = True
-            app.scene.rig = app.scene.rig.grown(app.undoable(rig_for(pack)))
+            app.scene.rig = app.scene.rig.grown(app.undoable(orbit_camera_for(pack)))
             app.opened()
         else:
             app.show(pack, path)

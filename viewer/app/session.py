@@ -33,8 +33,8 @@ from viewer.app.bookmarks import bookmark_of, pose_of
 from viewer.app.comparison import How
 from viewer.app.crop import Box
 from viewer.app.files import SESSION_SUFFIX
+from viewer.app.orbit_camera import OrbitCamera
 from viewer.app.pose import FARTHEST
-from viewer.app.rig import CameraRig
 from viewer.app.state import OpenScene
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ def _apply(app: App, seen: Seen) -> None:
     app.touch()
 
 
-def place(rig: CameraRig, view: Bookmark, *, orthographic: bool) -> None:
+def place(rig: OrbitCamera, view: Bookmark, *, orthographic: bool) -> None:
     """Puts a rig where a view is, at once."""
     rig.held, rig.fov = None, view.fov
     rig.table = replace(rig.table, up=view.up)

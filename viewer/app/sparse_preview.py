@@ -22,9 +22,9 @@ from training.scenes import Scene, load_scene
 from training.scenes.colmap import SparsePoints, sparse_points
 from training.scenes.scene import Direction, cameras_of
 from training.scenes.space import FARTHEST, HALF_SIDE, box_of_points, looks_inwards
+from viewer.app.orbit_camera import DEFAULT_FOV
 from viewer.app.photographs import shots_of
 from viewer.app.pose import Pose, Turntable, triple
-from viewer.app.rig import DEFAULT_FOV
 
 SIDE = 450  # voxels of the grid's longest side
 BLOCK_SIZE = 6  # data voxels: points are far apart, and a macroblock holds few

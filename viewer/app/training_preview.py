@@ -15,8 +15,8 @@ from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from viewer.app.loading import work_out_ahead
 
-FILE = "preview.zip"  # in the folder for the results; baker.baking.preview.NAME
-EVERY_S = 30  # what the child is asked for
+FILE = "preview.zip"  # in the folder for the results; equals baker.baking.preview.NAME
+EVERY_S = 30  # interval that the training process is asked for
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class TrainingPreview:
     of_steps: int  # in all; 0 if unknown
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """What is shown, for people."""
         return f"preview after {self.steps:,} steps"
 
@@ -56,7 +56,7 @@ class TrainingPreviewFile:
             return None
         if self._seen != (there.st_ino, there.st_mtime_ns):
             self._seen = there.st_ino, there.st_mtime_ns
-            self._thread = threading.Thread(target=self._run, name="snerg-so-far", daemon=True)
+            self._thread = threading.Thread(target=self._run, name="snerg-training-preview", daemon=True)
             self._thread.start()
         return None
 

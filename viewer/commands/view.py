@@ -22,7 +22,7 @@ from viewer.app.application import App
 from viewer.app.comparison import How
 from viewer.app.crash_log import CrashLog, default_folder, left_behind
 from viewer.app.files import kind_of, scene_around
-from viewer.app.forward_facing import rig_for
+from viewer.app.forward_facing import orbit_camera_for
 from viewer.app.pose import pose_from_text
 from viewer.app.preferences import PreferencesAutosave, apply_preferences
 from viewer.app.startup import Startup
@@ -255,7 +255,7 @@ def _render_instead(path: Path | None, settings: RenderSettings, reason: NoDispl
         raise UserError("is not a pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
     loaded = load_pack(chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
-    for written in fly_over(loaded, name_of(chosen), OUT, rig_for(loaded).fov, settings):
+    for written in fly_over(loaded, name_of(chosen), OUT, orbit_camera_for(loaded).fov, settings):
         print(written)
 
 

@@ -7,7 +7,7 @@ from tests.viewer.app.test_application import FakeCanvas
 from viewer.app.application import App
 from viewer.app.comparison import Comparison
 from viewer.app.filming import Filming
-from viewer.app.forward_facing import rig_for
+from viewer.app.forward_facing import orbit_camera_for
 from viewer.app.ray_costs import CostMeter
 from viewer.app.state import OpenScene, Viewport
 
@@ -19,7 +19,7 @@ class CountingCanvas(FakeCanvas):
 
 @pytest.fixture
 def app(pack, pack_folder) -> App:
-    scene = OpenScene(pack_folder, "toy", pack, rig_for(pack))
+    scene = OpenScene(pack_folder, "toy", pack, orbit_camera_for(pack))
     return App(canvas=CountingCanvas(), scene=scene, viewport=Viewport(width=64, height=48), frames_owed=0)
 
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from tests.viewer.conftest import toy_pack
 from viewer.app.commands import run
-from viewer.app.forward_facing import DISTANCES, PAN_LIMIT, TURN_LIMIT, ForwardFacingRig, rig_for
+from viewer.app.forward_facing import DISTANCES, PAN_LIMIT, TURN_LIMIT, ForwardFacingCamera, orbit_camera_for
+from viewer.app.orbit_camera import OrbitCamera
 from viewer.app.pose import shortest_turn, view_camera
 from viewer.app.projection import box_points
 from viewer.app.projection import project as projected
-from viewer.app.rig import CameraRig
 from viewer.rendering.camera import ViewCamera, content_box
 from viewer.rendering.framing import outline
 
@@ -45,8 +45,8 @@ def corners_of_voxels(pack) -> np.ndarray:
 
 
 @pytest.fixture
-def rig(pack) -> CameraRig:
-    return rig_for(pack)
+def rig(pack) -> OrbitCamera:
+    return orbit_camera_for(pack)
 
 
 def test_the_first_view_shows_all_of_the_content(rig, pack):
@@ -71,7 +71,7 @@ def test_dragging_to_the_right_turns_the_scene_to_the_right(rig):
 
 @given(dx=st.floats(-0.4, 0.4), dy=st.floats(-0.4, 0.4))
 def test_what_lies_at_the_pivots_depth_stays_under_the_cursor_while_it_is_slid(dx, dy):
-    rig = rig_for(toy_pack())
+    rig = orbit_camera_for(toy_pack())
     point = under(rig.camera(SIZE), 250, 200, rig.goal.distance)
     rig.pan(dx, dy)
     rig.shown = rig.goal
@@ -80,7 +80,7 @@ def test_what_lies_at_the_pivots_depth_stays_under_the_cursor_while_it_is_slid(d
 
 @given(x=st.floats(0, 800), y=st.floats(0, 600), notches=st.floats(-5, 5))
 def test_the_wheel_keeps_what_lies_under_the_cursor(x, y, notches):
-    rig = rig_for(toy_pack())
+    rig = orbit_camera_for(toy_pack())
     point = under(rig.camera(SIZE), x, y, rig.goal.distance)
     rig.dolly(notches, ((2 * x - 800) / 600, (600 - 2 * y) / 600))
     rig.shown = rig.goal
@@ -101,7 +101,7 @@ def test_damping_arrives_and_stops(rig):
 def test_damping_does_not_depend_on_the_frame_rate(pack):
     poses = []
     for rate in (30, 120):
-        rig = rig_for(pack)
+        rig = orbit_camera_for(pack)
         rig.orbit(0.5, 0.0)
         for _ in range(rate // 10):
             rig.update(1 / rate)
@@ -186,7 +186,7 @@ moves = st.lists(
 @settings(max_examples=40, deadline=None)
 @given(moves)
 def test_no_movement_leaves_the_bounds_of_a_forward_facing_pack(steps):
-    rig = ForwardFacingRig(toy_pack(ndc=True))
+    rig = ForwardFacingCamera(toy_pack(ndc=True))
     for name, a, b in steps:
         rig.dolly(5 * a) if name == "dolly" else getattr(rig, name)(a, b)
         rig.update(0.03)
@@ -198,7 +198,7 @@ def test_no_movement_leaves_the_bounds_of_a_forward_facing_pack(steps):
 
 
 def test_a_forward_facing_pack_is_first_seen_as_in_the_published_viewer(ndc_pack):
-    rig = rig_for(ndc_pack)
+    rig = orbit_camera_for(ndc_pack)
     assert rig.bounded
     np.testing.assert_allclose(rig.matrix[:3, 3], (0, 0, -0.25), atol=1e-12)
     training = ndc_pack.worldspace_T_opengl[:3, :3] @ rig.matrix[:3, :3]
@@ -206,7 +206,7 @@ def test_a_forward_facing_pack_is_first_seen_as_in_the_published_viewer(ndc_pack
 
 
 def test_sliding_a_forward_facing_pack_moves_the_picture_with_the_hand(ndc_pack):
-    rig = rig_for(ndc_pack)
+    rig = orbit_camera_for(ndc_pack)
     far = np.array([0.0, 0.0, 5.0])
     before = project(rig.camera(SIZE), far)
     rig.pan(0.1, 0.05)
@@ -218,7 +218,7 @@ def test_sliding_a_forward_facing_pack_moves_the_picture_with_the_hand(ndc_pack)
 @settings(max_examples=40, deadline=None)
 @given(moves)
 def test_no_movement_breaks_the_camera(steps):
-    rig = CameraRig(toy_pack())
+    rig = OrbitCamera(toy_pack())
     for name, a, b in steps:
         rig.dolly(5 * a, (b, a)) if name == "dolly" else getattr(rig, name)(a, b)
         rig.update(0.03)
@@ -240,7 +240,7 @@ def seen_from(pack, distance: float):
 
 def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them():
     pack = seen_from(toy_pack(), 0.6)
-    rig = CameraRig(pack)
+    rig = OrbitCamera(pack)
     expected = ViewCamera.orbit(pack, 50.0, 5.0, 0.6 * 0.5 * pack.voxel_size * max(pack.grid_size), 60.0, (40, 60))
     np.testing.assert_allclose(rig.camera((40, 60)).grid_T_camera, expected.grid_T_camera, atol=1e-6)
     assert rig.fov == pytest.approx(60.0)
@@ -248,15 +248,15 @@ def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them():
     rig.home()
     rig.shown = rig.goal
     np.testing.assert_allclose(rig.matrix, expected.grid_T_camera, atol=1e-6)
-    outside = CameraRig(seen_from(toy_pack(), 6.0))
-    np.testing.assert_allclose(outside.matrix, CameraRig(toy_pack()).matrix)
+    outside = OrbitCamera(seen_from(toy_pack(), 6.0))
+    np.testing.assert_allclose(outside.matrix, OrbitCamera(toy_pack()).matrix)
 
 
 @given(aspect=st.floats(0.3, 3.0), azimuth=st.floats(0, 360), elevation=st.floats(-60, 60), fov=st.floats(15, 80))
 @settings(deadline=None, max_examples=60)
 def test_the_whole_scene_is_seen_in_every_picture(aspect, azimuth, elevation, fov):
     pack = toy_pack()
-    rig = rig_for(pack)
+    rig = orbit_camera_for(pack)
     rig.shape(aspect)
     rig.fov = fov
     rig.look_along(azimuth, elevation)
@@ -294,7 +294,7 @@ def test_another_up_is_undone(rig):
 
 
 def test_the_first_view_is_filled_and_cuts_nothing_off():
-    rig = rig_for(toy_pack())
+    rig = orbit_camera_for(toy_pack())
     for aspect in (0.5, 1.0, 2.2):
         rig.shape(aspect)
         camera = rig.camera((round(600 * aspect), 600))

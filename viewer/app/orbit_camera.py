@@ -1,8 +1,8 @@
-"""The camera under the user's hands: turntable, pan, dolly and fly, with damping and undo.
+"""Orbit camera: turntable, pan, dolly and fly, with damping and undo.
 
-`goal` is where the hands want the camera, `shown` follows it smoothly, and `held` is an exact camera (a photograph's, a
-keyframe's) that is shown instead until the hands move again. Mouse distances are in units of the picture's height, y
-down, so that behaviour does not depend on resolution. Cursor positions are (x, y) in -1 … 1, y up, x scaled by aspect.
+`goal` is where the user wants the camera, `shown` follows it smoothly. `held` is an exact camera (of a photograph or a keyframe)
+that is shown instead until the user moves. Mouse distances are in units of the picture's height, y down, so that behaviour does
+not depend on resolution. Cursor positions are (x, y) in -1 … 1, y up, x scaled by aspect.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from math import exp, log, radians, tan
 import numpy as np
 
 from scenepack.pack import Pack
-from viewer.app.first_view import view_from_within
 from viewer.app.history import History
-from viewer.app.pose import MAX_ELEVATION, STEEP, Pose, Turntable, shortest_turn, triple, view_camera
+from viewer.app.photographs import shots_of
+from viewer.app.pose import MAX_ELEVATION, STEEP, Pose, Turntable, fitted, shortest_turn, triple, view_camera
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_distance, middle_of, outline
 
@@ -24,12 +24,13 @@ FOVS = (5.0, 150.0)  # the least and the most, degrees
 TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height
 DOLLY_STEP = 0.9  # of the distance, per notch of the wheel
 SETTLE_S = 0.07  # time constant of the damping
+MARGIN_WITHIN = 0.1  # of the content's diagonal: cameras this far outside the content still count as within
 HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the published viewer, a little aside
 
 
 @dataclass(frozen=True)
-class _Place:
-    """All of a rig that can be undone."""
+class _State:
+    """What undo restores."""
 
     goal: Pose
     held: ViewCamera | None
@@ -38,14 +39,14 @@ class _Place:
     orthographic: bool
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, _Place):
+        if not isinstance(other, _State):
             return NotImplemented
         same = (self.goal, self.fov, self.table) == (other.goal, other.fov, other.table)
         same = same and self.orthographic == other.orthographic
         return same and self.held is other.held  # cameras hold arrays, which are not compared
 
 
-class CameraRig:
+class OrbitCamera:
     """An orbiting and flying camera for a pack that can be walked around."""
 
     bounded = False  # forward-facing packs are only seen from about where they were photographed
@@ -71,7 +72,7 @@ class CameraRig:
         self.held: ViewCamera | None = None
         self._anchor_eye = False  # what the damping keeps straight: the eye's way (flying) or the pivot's
         self.history = History()
-        self.history.follow(self._place, self._return)
+        self.history.follow(self._state, self._return)
 
     def _pose_of(self, grid_T_camera: np.ndarray) -> Pose:
         return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
@@ -96,7 +97,7 @@ class CameraRig:
             self.shown = self.home_pose if self.shown == before else self.shown
             self.goal = self.home_pose
 
-    # What the picture is drawn with
+    # The present camera
 
     def camera(self, size: tuple[int, int], near: float = 0.0) -> ViewCamera:
         """The camera of this moment for a picture of `size` (width, height, pixels)."""
@@ -151,7 +152,7 @@ class CameraRig:
         self.shown = goal if off < 2e-4 and angles_off < 0.02 else pose
         return True
 
-    # What hands do
+    # Gestures
 
     def take_over(self) -> None:
         """Leaves a held camera, from exactly there (but level): the next movement starts from what is seen."""
@@ -220,14 +221,14 @@ class CameraRig:
         """Changes the flying speed, by a fifth per notch."""
         self.speed = float(np.clip(self.speed * 1.2**notches, 1e-3 * self.radius, 10.0 * self.radius))
 
-    def grown(self, finer: CameraRig) -> CameraRig:
+    def grown(self, finer: OrbitCamera) -> OrbitCamera:
         """The rig for a finer version of the same scene: `finer`, or this one where the hands have moved it already."""
         if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and self.history.empty:
             return finer
         self.follow(finer)
         return self
 
-    def follow(self, finer: CameraRig) -> None:
+    def follow(self, finer: OrbitCamera) -> None:
         """Takes over what `finer` knows of another version of the scene; the camera stays where it is."""
         self.middle, self.radius, self._outline = finer.middle, finer.radius, finer._outline
         self.all_of_it = finer.all_of_it
@@ -327,7 +328,7 @@ class CameraRig:
             pose = replace(pose, distance=distance).seen_from(grid_T_camera[:3, 3], self.table)
         self.goal = self.shown = self._bounded(pose)
 
-    def stand_as(self, other: CameraRig) -> None:
+    def stand_as(self, other: OrbitCamera) -> None:
         """Looks at once from where `other` does, a rig in another version of the scene."""
         self.remember()
         self.held, self.fov = None, other.fov
@@ -355,27 +356,32 @@ class CameraRig:
         """Marks the present camera as a place to come back to; call before each gesture."""
         self.history.remember()
 
-    def _place(self) -> _Place:
-        return _Place(self.goal, self.held, self.fov, self.table, self.orthographic)
+    def _state(self) -> _State:
+        return _State(self.goal, self.held, self.fov, self.table, self.orthographic)
 
-    def _return(self, place: _Place) -> None:
+    def _return(self, place: _State) -> None:
         if place.table != self.table:  # there is no way to glide from one up to another
             self.shown = place.goal
         self.goal, self.held, self.fov, self.table = place.goal, place.held, place.fov, place.table
         self.orthographic = place.orthographic
 
 
-def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera:
-    """A photograph's camera, lens and all, for a picture of another size and shape: all of it is seen, in the middle."""
-    width, height = size
-    scale = min(width / camera.width, height / camera.height)
-    return replace(
-        camera,
-        fx=camera.fx * scale,
-        fy=camera.fy * scale,
-        cx=0.5 * width + scale * (camera.cx - 0.5 * camera.width),
-        cy=0.5 * height + scale * (camera.cy - 0.5 * camera.height),
-        width=width,
-        height=height,
-        near=near,
-    )
+def view_from_within(pack: Pack) -> ViewCamera | None:
+    """The first view of a scene that surrounds its cameras, such as a room: its most central training photograph.
+
+    None if most photographs were taken from outside, or none is known.
+    """
+    views = [shot.view for shot in shots_of(pack) if shot.split == "train"]
+    if not views:
+        return None
+    low, high = content_box(pack)
+    margin = MARGIN_WITHIN * np.linalg.norm(high - low)
+    eyes = np.array([view.position for view in views])
+    within = np.all((eyes > low - margin) & (eyes < high + margin), axis=1).mean() >= 0.5
+    if pack.contraction is None and not within:
+        return None
+    backs = np.array([view.grid_T_camera[:3, 2] for view in views])
+    spread = max(float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean()), 1e-9)
+    distance = np.linalg.norm(eyes - np.median(eyes, axis=0), axis=1) / spread
+    turned = np.linalg.norm(backs - np.median(backs, axis=0), axis=1)
+    return views[int(np.argmin(distance + turned))]
