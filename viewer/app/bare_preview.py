@@ -48,7 +48,7 @@ class BarePreview(JsonSubprocess):
         self._told: object = None
         self._folder = temporary_folder("snerg-preview-")
         words = [str(source.path.resolve()), str(self._folder)]
-        super().__init__(MODULE, words, self._take, behind=lambda: shutil.rmtree(self._folder, ignore_errors=True))
+        super().__init__(MODULE, words, self._take, on_end=lambda: shutil.rmtree(self._folder, ignore_errors=True))
 
     def news(self) -> bool:
         """Whether more has arrived since this was asked last."""

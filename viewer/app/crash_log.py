@@ -1,7 +1,7 @@
-"""What a viewer did last, on disk while it runs: a file that is removed when it ends as it should, and else is its crash log.
+"""Crash log: a file that records what the viewer did last. A normal end removes it; after a crash it stays.
 
-It says which versions ran, which commands were given and what was logged, and takes Python's traceback, or faulthandler's where a
-driver or a library brings the process down. The next start finds such files whose process is gone, and says where they are.
+It holds versions, commands and messages, and Python's traceback, or faulthandler's where a driver or a library ends the
+process. The next start finds the files of processes that are gone and reports them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def default_folder() -> Path:
 
 
 class CrashLog:
-    """The file of this process. path: None where it cannot be written; then all is as it was without."""
+    """The file of this process. path: None if it cannot be written; then nothing is logged."""
 
     def __init__(self, folder: Path) -> None:
         self.path: Path | None = folder / f"{RUNNING}{os.getpid()}.log"
@@ -53,11 +53,11 @@ class CrashLog:
         self.add(versions())
 
     def add(self, text: str) -> None:
-        """Writes a line, and hands it to the system, which keeps it whatever becomes of this process."""
+        """Writes a line and flushes it, so that it outlasts the process."""
         if self._file is None or self._ended:
             return
         try:
-            if self._file.tell() > MOST_BYTES:  # a very long session: what matters is its end
+            if self._file.tell() > MOST_BYTES:  # after a long session only the end matters
                 self._file.seek(0)
                 self._file.truncate()
                 self._file.write(versions() + "\n…\n")
@@ -69,14 +69,14 @@ class CrashLog:
             return
 
     def end(self) -> None:
-        """The program ends as it should: nothing is left."""
+        """Removes the file, because the program ends normally."""
         self._close()
         if self.path is not None:
             with contextlib.suppress(OSError):
                 self.path.unlink()
 
     def crash(self, error: BaseException) -> Path | None:
-        """The program ends by a bug; its log, if there is one."""
+        """Logs the exception that ends the program; returns the file, if there is one."""
         self.add("".join(traceback.format_exception(error)))
         self._close()
         return self.path
@@ -90,7 +90,7 @@ class CrashLog:
 
 
 def versions() -> str:
-    """What runs here, for who reads a log."""
+    """Versions of Python, the system and the libraries."""
     lines = [f"snerg's viewer, started {time.strftime('%Y-%m-%d %H:%M:%S')}"]
     lines.append(f"Python {platform.python_version()}, {platform.platform()}")
     for package in PACKAGES:
@@ -102,7 +102,7 @@ def versions() -> str:
 
 
 def left_behind(folder: Path) -> list[Path]:
-    """Logs of viewers that ended without saying so, the newest last, which are crash logs from now on; none twice."""
+    """Renames the logs of viewers that crashed and returns them, the newest last. Each is returned once."""
     found = []
     for file in sorted(folder.glob(f"{RUNNING}*.log"), key=_changed):
         if _in_use(file):
@@ -111,7 +111,7 @@ def left_behind(folder: Path) -> list[Path]:
         crashed = file.with_name(f"{CRASHED}{when}-{file.stem.removeprefix(RUNNING)}.log")
         try:
             file.rename(crashed)
-        except OSError:  # another start was faster, or on Windows: it is in use
+        except OSError:  # another viewer was faster; or, on Windows, it is in use
             continue
         found.append(crashed)
     for old in sorted(folder.glob(f"{CRASHED}*.log"), key=_changed)[:-KEPT]:
@@ -128,7 +128,7 @@ def _changed(file: Path) -> float:
 
 
 def _in_use(file: Path) -> bool:
-    """Whether its viewer still runs, and holds it."""
+    """Whether the viewer that writes the file still runs."""
     if fcntl is None:
         return False
     try:

@@ -1,4 +1,4 @@
-"""Rolling frame times for plots and figures."""
+"""Frame statistics: times of the last frames, for plots and figures."""
 
 from __future__ import annotations
 
@@ -13,12 +13,10 @@ AVERAGED = 30  # frames, of the usual time and rate
 
 @dataclass(frozen=True)
 class FrameSummary:
-    """Milliseconds from frame to frame. mean: of the last `AVERAGED` frames, and fps, the rate that follows from it: these
-    two are shown wherever a frame time or a rate is. median, p95 and slowest: of all frames that are kept.
-    """
+    """Milliseconds from frame to frame. All of the UI shows `mean` and the `fps` that follows from it."""
 
-    mean: float = 0.0
-    median: float = 0.0
+    mean: float = 0.0  # of the last `AVERAGED` frames
+    median: float = 0.0  # this and the others: of all frames that are kept
     p95: float = 0.0
     slowest: float = 0.0
 
@@ -28,10 +26,10 @@ class FrameSummary:
 
 
 class FrameStats:
-    """The last `KEPT` drawn frames, in milliseconds.
+    """The last `KEPT` drawn frames, milliseconds.
 
-    scene_ms: what was drawn of the picture, by the wall clock. gpu_ms: the same by the card's own clock, NaN where that is
-    not to be trusted. frame_ms: from frame to frame while active.
+    scene_ms: drawing the picture, wall clock. gpu_ms: the same by the GPU's timer; NaN where it is unreliable.
+    frame_ms: from frame to frame while frames follow one another.
     """
 
     def __init__(self) -> None:
@@ -41,14 +39,14 @@ class FrameStats:
         self.drawn = 0
 
     def add(self, scene_ms: float, frame_ms: float, gpu_ms: float | None = None) -> None:
-        """One drawn frame."""
+        """Adds one drawn frame."""
         self.scene_ms.append(scene_ms)
         self.gpu_ms.append(float("nan") if gpu_ms is None else gpu_ms)
         self.frame_ms.append(frame_ms)
         self.drawn += 1
 
     def summary(self) -> FrameSummary:
-        """Its figures; zeros while nothing was drawn."""
+        """Statistics of the frames; zeros before the first."""
         if not self.frame_ms:
             return FrameSummary()
         times = np.asarray(self.frame_ms)

@@ -1,7 +1,7 @@
-"""One of our modules in a process of its own that tells what it finds in lines of JSON; a thread hears them.
+"""JSON subprocess: runs a module as a subprocess and calls back for each JSON line that it prints.
 
-The child holds our end of a pipe as its standard input, and ends when we close it or are gone. It is as polite as the commands
-that may be begun later (viewer.app.child), so that what it measures is what they will take.
+The subprocess has a pipe of ours as its standard input, and ends when the pipe is closed. Its priority is that of jobs
+(viewer.app.child), so that times it measures hold for them.
 """
 
 from __future__ import annotations
@@ -20,17 +20,18 @@ from viewer.app.child import POLITENESS
 
 
 class JsonSubprocess:
-    """`python -P -m module words`, from the moment this is made, and `hear` with each object that it prints, in a thread.
+    """Starts `python -P -m module words` at once. A thread calls `on_message` with each object that is printed.
 
-    before: called in that thread first; the process is begun when it returns. behind: called when all is over.
+    before: called in that thread before the process is started.
+    on_end: called in that thread at the end, whatever happened.
     """
 
     def __init__(
         self, module: str, words: Sequence[str], on_message: Callable[[Mapping[str, Any]], None], *,
-        before: Callable[[], object] = lambda: None, behind: Callable[[], object] = lambda: None,
+        before: Callable[[], object] = lambda: None, on_end: Callable[[], object] = lambda: None,
     ) -> None:  # fmt: skip
         self._command, self._on_message = module_command(module, *words), on_message
-        self._before, self._behind = before, behind
+        self._before, self._on_end = before, on_end
         self._process: subprocess.Popen[bytes] | None = None
         self._closed = False
         self._thread = threading.Thread(target=self._run, name=module, daemon=True)
@@ -38,15 +39,15 @@ class JsonSubprocess:
 
     @property
     def coming(self) -> bool:
-        """Whether more is on its way."""
+        """Whether the process still runs, so that more messages may come."""
         return self._thread.is_alive()
 
     def wait(self) -> None:
-        """Until there will be no more."""
+        """Waits for the end of the process."""
         self._thread.join()
 
     def close(self) -> None:
-        """Ends the process."""
+        """Kills the process."""
         self._closed = True
         if self._process is not None:
             self._process.kill()
@@ -57,14 +58,14 @@ class JsonSubprocess:
             if not self._closed:
                 self._listen()
         finally:
-            self._behind()
+            self._on_end()
 
     def _listen(self) -> None:
         self._process = process = subprocess.Popen(
             self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         )  # fmt: skip
-        if self._closed:  # while it was begun
+        if self._closed:  # closed while the process was being started
             process.kill()
         if sys.platform != "win32":
             with contextlib.suppress(OSError):
@@ -73,7 +74,7 @@ class JsonSubprocess:
         try:
             for line in process.stdout:
                 self._on_message(json.loads(line))
-        except (ValueError, KeyError, TypeError, AttributeError):  # it was ended within a line
+        except (ValueError, KeyError, TypeError, AttributeError):  # the process was killed amid a line
             pass
         finally:
             process.kill()

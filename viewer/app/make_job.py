@@ -1,4 +1,4 @@
-"""The child process that makes a scene, as the window sees it."""
+"""Make job: the process that makes a scene, with its progress for the window."""
 
 from __future__ import annotations
 
@@ -18,17 +18,14 @@ PICTURE_SIDE = 512  # pixels of the longer side, at most
 
 @dataclass
 class MakeJob:
-    """plan: what is being made. report: the child's last word on how far it is. figures: PSNR (dB) as training goes on.
-
-    picture: a held-out photograph and how it is rendered so far, side by side, uint8 [h, w, 3].
-    """
+    """A running or stopped job."""
 
     plan: Plan
     child: Child
     started: float = field(default_factory=time.monotonic)
-    report: Report | None = None
-    figures: list[float] = field(default_factory=list)
-    picture: np.ndarray | None = None
+    report: Report | None = None  # the last progress that the process reported
+    figures: list[float] = field(default_factory=list)  # PSNR (dB) during training
+    picture: np.ndarray | None = None  # a held-out photograph beside its rendering, uint8 [h, w, 3]
     _picture_time: float = 0.0
 
     @property
@@ -38,23 +35,23 @@ class MakeJob:
 
     @property
     def stage(self) -> int:
-        """0 nothing heard yet, else which of the plan's stages it is, from 1."""
+        """Number of the plan's stage, from 1; 0 before the first report."""
         if self.report is None:
             return 0
         name = {"poses": "Poses", "baking": "Baking"}.get(self.report.stage, "Training")
         return self.plan.stages.index(name) + 1 if name in self.plan.stages else 1
 
-    def look(self) -> bool:
-        """Takes in what the child has done since; True where there is something new to show."""
+    def poll(self) -> bool:
+        """Reads new progress; True if there is something new to show."""
         report = self.child.report()
         changed = report is not None and report != self.report
         if changed and report is not None:
             later, self.report = self.report is None or report.done != self.report.done, report
             if later and "psnr" in report.metrics:
                 self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
-        return self._look_at_picture() or changed
+        return self._read_picture() or changed
 
-    def _look_at_picture(self) -> bool:
+    def _read_picture(self) -> bool:
         file = self.plan.run / "validation" / "latest.png"
         try:
             changed = file.stat().st_mtime

@@ -144,7 +144,7 @@ class Making:
         if review is None:
             return
         # The crop box of another scene, opened in the meantime, is none of ours.
-        plan = review.decided(app.settings.crop if self.points_shown(app) else None)
+        plan = review.decided(app.settings.crop if self.sparse_preview_shown(app) else None)
         self._uncut(app)
         self.review = None
         try:
@@ -164,21 +164,21 @@ class Making:
         app.touch()
 
     def _uncut(self, app: App) -> None:
-        if self.points_shown(app):
+        if self.sparse_preview_shown(app):
             app.set(crop=None)
 
     def choose_kind(self, app: App, kind: Kind) -> None:
         """In the review: what the scene is taken for."""
         if self.review is not None and kind != self.review.kind:
             self.review.choose(kind)
-            if self.points_shown(app):
+            if self.sparse_preview_shown(app):
                 app.set(crop=self.review.box_in_grid())
         app.touch()
 
     def pick_ground(self, app: App, x: float, y: float) -> None:
         """In the review: the ground was clicked on at a point of the viewport (window units from its corner)."""
         review, camera = self.review, app.camera()
-        if review is None or camera is None or not self.points_shown(app):
+        if review is None or camera is None or not self.sparse_preview_shown(app):
             return
         review.hold()
         scale = app.viewport.pixels_per_unit
@@ -204,7 +204,7 @@ class Making:
             plan = under_way.plan
             app.show_sparse_preview(self.sparse_preview, plan.pack, f"{plan.name}: camera poses")
 
-    def points_shown(self, app: App) -> bool:
+    def sparse_preview_shown(self, app: App) -> bool:
         """Whether they are what is shown now."""
         return self.sparse_preview is not None and app.scene is not None and app.scene.pack is self.sparse_preview.pack
 
@@ -212,7 +212,7 @@ class Making:
         """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
         if self.training_preview is None or self.job is None:
             return
-        kept = None if self.so_far_shown(app) else self._kept_camera(app)
+        kept = None if self.training_preview_shown(app) else self._kept_camera(app)
         plan = self.job.plan
         app.show_training_preview(
             self.training_preview, plan.preview_file, f"{plan.name}: {self.training_preview.description}"
@@ -220,17 +220,17 @@ class Making:
         if kept is not None:
             kept()
 
-    def so_far_shown(self, app: App) -> bool:
+    def training_preview_shown(self, app: App) -> bool:
         """Whether a state of what is being made is what is shown now."""
         return self.job is not None and app.scene is not None and app.scene.path == self.job.plan.preview_file
 
-    def _tick_so_far(self, app: App) -> None:
+    def _tick_training_preview(self, app: App) -> None:
         newer = None if self._training_preview_file is None else self._training_preview_file.poll()
         if newer is None:
             return
         self.training_preview = newer
-        first = not self._training_preview_offered and (app.scene is None or self.points_shown(app))
-        if first or self.so_far_shown(app):
+        first = not self._training_preview_offered and (app.scene is None or self.sparse_preview_shown(app))
+        if first or self.training_preview_shown(app):
             self._training_preview_offered = True
             try:
                 self.show_training_preview(app)
@@ -273,7 +273,7 @@ class Making:
     def _kept_camera(self, app: App) -> Callable[[], None] | None:
         """What puts the camera where it is now among the points, or in what is trained so far, once something better is shown."""
         scene = app.scene
-        if scene is None or not (self.points_shown(app) or self.so_far_shown(app)):
+        if scene is None or not (self.sparse_preview_shown(app) or self.training_preview_shown(app)):
             return None
         rig = scene.rig
 
@@ -331,13 +331,13 @@ class Making:
             self._left_out = None
             app.touch()
         self._tick_look(app)
-        self._tick_so_far(app)
+        self._tick_training_preview(app)
         job, now = self.job, time.monotonic()
         if job is None or now - self._looked < POLL_EVERY_S:
             return
         self._looked = now
         status = job.child.poll()
-        if job.look():
+        if job.poll():
             app.touch(2)
         if status is not None:
             kept, self.job, self._training_preview_file = self._kept_camera(app), None, None

@@ -1,6 +1,6 @@
-"""Choosing what to open: one question for packs, scenes, runs and films, with what was opened lately and what lies at hand.
+"""Open prompt: the question what to open (packs, scenes, runs, films), with recent paths and suggestions.
 
-No imgui: viewer.panels.open_dialog draws it.
+viewer.panels.open_dialog draws it; this module does not know imgui.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ OPENABLE = (".zip", SESSION_SUFFIX, *FILMS)
 
 
 def path_in(text: str) -> Path | None:
-    """The path that a text names, as file managers and shells copy one, if it is there; None for any other text."""
+    """The existing path that a text names, as file managers and shells copy paths; None for any other text."""
     text = text.strip().splitlines()[0].strip() if text.strip() else ""
     if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"":
         text = text[1:-1]
@@ -33,7 +33,7 @@ def path_in(text: str) -> Path | None:
 
 
 def expanded(text: str) -> Path:
-    """The path, its ~ replaced by a home folder; as it is where that belongs to nobody, such as ~0."""
+    """The path with ~ replaced by the home folder; unchanged if there is no such user, as in ~0."""
     try:
         return Path(text).expanduser()
     except RuntimeError:
@@ -55,21 +55,19 @@ def _there(path: Path) -> bool:
 
 @dataclass
 class OpenPrompt:
-    """The question. other: for a pack to compare with. text: what is typed. picked: index of the line that Enter takes, None
-    for what is typed. problem: why that cannot be taken.
-    """
+    """State of the prompt."""
 
     recent: Sequence[Path]
-    other: bool = False
-    text: str = ""
-    picked: int | None = None
-    problem: str = ""
+    other: bool = False  # whether it asks for a pack to compare with
+    text: str = ""  # as typed
+    picked: int | None = None  # index of the suggestion that Enter opens; None: the typed path
+    problem: str = ""  # why the typed path cannot be opened
     _listed: tuple[str, list[Path]] | None = None
     _kinds: dict[Path, Kind] = field(default_factory=dict)
 
     @property
     def lines(self) -> list[Path]:
-        """What is offered below the text: recent paths that fit it, or what lies at the path that is typed."""
+        """Suggestions below the text: recent paths that match it, or entries of the folder that is typed."""
         if self._listed is None or self._listed[0] != self.text:
             self._listed = self.text, suggestions(self.text, self.recent)
         return self._listed[1]
@@ -89,13 +87,14 @@ class OpenPrompt:
             self.text, self.picked, self.problem = text, None, ""
 
     def step(self, by: int) -> None:
-        """To another line; up from the first one leads back to the text."""
+        """Moves the selection; up from the first suggestion returns to the text."""
         at = (-1 if self.picked is None else self.picked) + by
         self.picked = None if at < 0 else min(at, len(self.lines) - 1) if self.lines else None
 
     def take(self, line: int | None = None) -> Path | None:
-        """What is to be opened now: the line given, the one that is picked, or what is typed. None where the question stays:
-        a plain folder is looked into, and what is not there is said.
+        """The path to open: the given suggestion, the picked one, or the typed path.
+
+        None if the prompt stays open: it enters a plain folder, and sets `problem` for a path that does not exist.
         """
         picked = self.picked if line is None else line
         if picked is None and (named := path_in(self.text)) is not None:

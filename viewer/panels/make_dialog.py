@@ -190,11 +190,11 @@ def show_job(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -
         return
     with corner_card("##job", box):
         _job_head(app, job, fonts)
-        if app.making.sparse_preview is not None and not app.making.points_shown(app):
+        if app.making.sparse_preview is not None and not app.making.sparse_preview_shown(app):
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
                 app.making.show_points(app)
             tip("The scene that is open now is closed")
-        _so_far(app)
+        _training_preview(app)
         if job.picture is not None:
             _picture(canvas, job)
         if len(job.figures) > 2:
@@ -222,12 +222,12 @@ def _job_head(app: App, job: MakeJob, fonts: Fonts) -> None:
     tip("Stop without saving" if job.stopping else "Finished work is kept. Make the scene again to continue.")
 
 
-def _so_far(app: App) -> None:
+def _training_preview(app: App) -> None:
     """What is trained so far: shown, or to be shown."""
     making = app.making
     if making.training_preview is None:
         return
-    if making.so_far_shown(app):
+    if making.training_preview_shown(app):
         hint(
             f"You see a {making.training_preview.description}. It is small and coarse; a newer one takes its place by itself."
         )

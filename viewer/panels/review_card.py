@@ -31,7 +31,7 @@ def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> No
         _head(review, fonts)
         if review.rejected is not None:
             rejected_strip.show(canvas, review.rejected)
-        shown = app.making.points_shown(app)
+        shown = app.making.sparse_preview_shown(app)
         if not shown:
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):
                 review.hold()

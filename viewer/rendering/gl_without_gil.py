@@ -1,7 +1,7 @@
-"""OpenGL calls that take long, made without Python's lock, so that other threads go on meanwhile; moderngl holds it.
+"""OpenGL calls that take long, made without holding Python's global interpreter lock. moderngl holds it.
 
-A software rasteriser draws a picture while one waits for it, and with the lock held nobody else runs: a pack of 1000³ voxels
-was read in 31 s beside an orbiting camera, instead of 9.
+A software rasteriser draws while the caller waits. With the lock held no other thread runs: a pack of 1000³ voxels took 31 s to
+read beside an orbiting camera, instead of 9.
 """
 
 from __future__ import annotations

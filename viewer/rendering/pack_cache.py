@@ -1,4 +1,4 @@
-"""What is worked out once for a pack, by whoever asks first: the thread that reads it, so that no window waits."""
+"""Pack cache: weak per-pack memoisation. The thread that reads a pack computes first, so that no window waits."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from scenepack.pack import Pack
 T = TypeVar("T")
 
 
-def cached_per_pack(work_out: Callable[[Pack], T]) -> Callable[[Pack], T]:
-    """`work_out`, whose result is kept for as long as the pack is."""
-    known: dict[int, T] = {}
+def cached_per_pack(compute: Callable[[Pack], T]) -> Callable[[Pack], T]:
+    """Decorator: keeps the result of `compute` for as long as the pack lives."""
+    results: dict[int, T] = {}
 
-    @wraps(work_out)
-    def kept(pack: Pack) -> T:
+    @wraps(compute)
+    def cached(pack: Pack) -> T:
         key = id(pack)
-        if key not in known:
-            known[key] = work_out(pack)
-            weakref.finalize(pack, known.pop, key, None)
-        return known[key]
+        if key not in results:
+            results[key] = compute(pack)
+            weakref.finalize(pack, results.pop, key, None)
+        return results[key]
 
-    return kept
+    return cached

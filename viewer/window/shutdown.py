@@ -1,7 +1,7 @@
-"""Ends that do not come through the window: SIGTERM, SIGHUP, Ctrl-C in the terminal, and a display that goes away.
+"""Shutdown without the window: SIGTERM, SIGHUP, Ctrl-C in the terminal, and a lost display.
 
-They end the program like Quit: what is to be remembered is saved, and what is being made is asked to save. Nobody is
-asked, for nobody may be there to answer.
+They end the program like Quit: preferences are saved, and a running job is asked to save. No question is shown, because nobody
+may be there to answer.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from types import FrameType
 SIGNALED = 128  # exit status of a program that a signal ended: 128 + its number, as shells say it
 HUNG_UP = SIGNALED + 1  # SIGHUP's
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT", "SIGBREAK") if hasattr(signal, name)]
-_kept: list[object] = []  # a handler that C code may call at any time must not be collected
+_kept: list[object] = []  # keeps handlers for C code from garbage collection
 
 
 @dataclass
 class EndingSignal:
-    """signal: the number of the one that came, None while there was none."""
+    """signal: the number of the signal that ended the program; None before."""
 
     signal: int | None = None
 
     @property
     def status(self) -> int:
-        """The exit status that says so."""
+        """The exit status for this signal; 0 without one."""
         return SIGNALED + self.signal if self.signal is not None else 0
 
 
 @contextlib.contextmanager
 def signals_ask(ask: Callable[[], None]) -> Iterator[EndingSignal]:
-    """Within the block a signal that would end the program calls `ask`; the second one ends it at once."""
+    """Within the block, a signal that would end the program calls `ask`; a second one ends it at once."""
     ended = EndingSignal()
     before: dict[int, object] = {}
 

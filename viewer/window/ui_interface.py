@@ -1,4 +1,4 @@
-"""What the window needs of the panels. viewer.panels.ui implements it; the command that opens a window brings it along."""
+"""UI interface required by Window; implemented by viewer.panels.ui.Ui, which the command passes in."""
 
 from __future__ import annotations
 
@@ -12,14 +12,10 @@ from viewer.app.state import Clipboard
 
 
 class UiInterface(Protocol):
-    """All panels in one window. The window's OpenGL context must be current.
+    """All panels of one window. The window's OpenGL context must be current."""
 
-    keyboard: told of keys that go down and up. scale: how many times larger than usual they are drawn, 0 before the first
-    frame.
-    """
-
-    keyboard: Keyboard
-    scale: float
+    keyboard: Keyboard  # receives keys that go down and up
+    scale: float  # size of the panels, 1 is usual; 0 before the first frame
 
     @property
     def clipboard(self) -> Clipboard:
@@ -38,19 +34,19 @@ class UiInterface(Protocol):
         """Ctrl, Shift, Alt or Cmd goes down or up."""
 
     def frame(self, app: App, canvas: CanvasInterface, scale: float = 1.0) -> None:
-        """Builds the panels for this moment's state, with the picture on `canvas`, and hands the user's wishes to `app`."""
+        """Builds the panels for the present state, with the picture of `canvas`, and passes the user's input to `app`."""
 
     def draw(self) -> None:
         """Draws what `frame` prepared into the framebuffer that is bound."""
 
     @property
     def layout(self) -> str:
-        """Where the pages are docked, to be remembered."""
+        """Where the pages are docked, for the preferences."""
         ...
 
     @property
     def typing(self) -> bool:
-        """Whether a text field has the keyboard, so that its cursor must blink."""
+        """Whether a text field has the keyboard, so that frames must be drawn for its cursor."""
         ...
 
     @property
@@ -64,7 +60,7 @@ class UiInterface(Protocol):
         ...
 
     def release(self) -> None:
-        """Frees all that is theirs."""
+        """Frees textures and fonts."""
 
 
 MakeUi = Callable[[int], UiInterface]  # from the address of a GLFW window, whose events they listen to

@@ -148,13 +148,13 @@ def live(app: App, condition) -> None:
 def test_the_points_are_shown_and_training_begins_by_itself_after_a_while(bare):
     assert bare.making.job.plan.poses_only
     live(bare, lambda: bare.making.review is not None)
-    assert bare.making.job is None and bare.making.busy and bare.making.points_shown(bare)
+    assert bare.making.job is None and bare.making.busy and bare.making.sparse_preview_shown(bare)
     assert bare.scene.name == "shed: camera poses" and not bare.preferences.recent_packs()
     bare.drop([bare.making.review.plan.out / "scene"])  # one scene at a time
     assert bare.messages.dialogs and bare.making.plan is None
     bare.making.review.until = 0.0
     live(bare, lambda: bare.making.job is not None)
-    assert not bare.making.job.plan.poses_only and bare.making.review is None and bare.making.points_shown(bare)
+    assert not bare.making.job.plan.poses_only and bare.making.review is None and bare.making.sparse_preview_shown(bare)
 
 
 def test_who_touches_something_decides_when_training_begins(bare, monkeypatch):
@@ -173,9 +173,9 @@ def test_who_touches_something_decides_when_training_begins(bare, monkeypatch):
 def test_another_scene_that_is_open_stays_until_the_points_are_asked_for(bare, pack, pack_folder):
     bare.show(pack, pack_folder)
     live(bare, lambda: bare.making.review is not None)
-    assert bare.scene.pack is pack and not bare.making.points_shown(bare)
+    assert bare.scene.pack is pack and not bare.making.sparse_preview_shown(bare)
     bare.making.show_points(bare)
-    assert bare.making.points_shown(bare)
+    assert bare.making.sparse_preview_shown(bare)
 
 
 def tilted_ground() -> np.ndarray:
@@ -224,7 +224,7 @@ def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
     ui.click(box.x + at[0], box.y + at[1])
     live(app, lambda: app.making.review is not None and app.making.review is not review)
     again = app.making.review
-    assert leaning() < 3 and app.making.points_shown(app) and again.seconds_left is None
+    assert leaning() < 3 and app.making.sparse_preview_shown(app) and again.seconds_left is None
     words = again.decided(None).command()
     assert words[words.index("--up") + 1].count(",") == 2 and again.decided(None).aabb is None
     app.making.set_up(app, None)

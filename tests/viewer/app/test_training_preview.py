@@ -51,7 +51,7 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(traini
     assert app.scene is None
     write(1200)
     live(app, lambda: came(app, 1200))
-    assert app.scene.name == "photographs: preview after 1,200 steps" and app.making.so_far_shown(app)
+    assert app.scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
     assert app.canvas.shown == [app.making.training_preview.pack] and app.preferences.recent == []
 
 
@@ -92,9 +92,9 @@ def test_a_scene_that_is_open_is_not_taken_away(training, write, pack, pack_fold
     app.show(pack, pack_folder)
     write(1200)
     live(app, lambda: came(app, 1200))
-    assert app.scene.path == pack_folder and not app.making.so_far_shown(app)
+    assert app.scene.path == pack_folder and not app.making.training_preview_shown(app)
     app.making.show_training_preview(app)
-    assert app.making.so_far_shown(app)
+    assert app.making.training_preview_shown(app)
     app.show(pack, pack_folder)
     write(2400)
     live(app, lambda: came(app, 2400))

@@ -87,7 +87,7 @@ def test_a_click_on_the_ground_sets_up(opened, window, xdotool, tmp_path):
     assert review.picking and review.seconds_left is None
     click_on_ground()
     live(window, lambda: app.making.review is not None and app.making.review is not review)
-    assert leaning() < 3 and app.making.points_shown(app) and app.making.review.plan.up is not None
+    assert leaning() < 3 and app.making.sparse_preview_shown(app) and app.making.review.plan.up is not None
     press(opened, xdotool, "As it was")
     live(window, lambda: app.making.review is not None and app.making.review.plan.up is None)
     assert leaning() > 15
