@@ -1,9 +1,8 @@
-"""Pieces decoded in processes of their own, which are ended where a decoder needs more time or memory than the piece explains.
+"""Decoder sandbox: decodes pieces in subprocesses and kills those that need more time or memory than a piece explains.
 
-Films and pictures can ask a decoder for far more work than their bytes and their size tell: hidden frames, samples that share
-bytes, scans that repeat. No check before decoding finds all of that, and no thread can be stopped amid a library's loop. A
-process can: the one that asks for a pack gets an error, goes on, and may leave at any time.
-scenepack.decoding_process is the other side.
+Films and pictures can make a decoder do far more work than their size suggests: hidden frames, samples that share bytes, repeated
+scans. No check before decoding finds all of that, and a thread cannot be stopped inside a library. A subprocess can: the caller
+gets an error and goes on. scenepack.decoding_process is the code of the subprocess.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ import numpy as np
 
 from scenepack.codecs.base import CodecError, Shape
 
-PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # a decoder's time: so much, and more of it by the decoded bytes
-SPARE_BYTES, TIMES_DECODED = 1 << 30, 12  # its memory likewise: frames that it keeps, straight colours, copies
-START_S = 120.0  # on a machine that is busy with other things
-IDLE_S = 10.0  # processes that are asked for nothing more are ended
+PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # time limit of a decoder: PATIENCE_S + decoded bytes / BYTES_PER_S
+SPARE_BYTES, TIMES_DECODED = 1 << 30, 12  # memory limit: SPARE_BYTES + TIMES_DECODED · decoded bytes
+START_S = 120.0  # time limit of the start, on a busy machine
+IDLE_S = 10.0  # idle processes end after this time
 # One thread and few arenas each, for what is reserved counts as taken.
 LONGEST_LINE = 1 << 16
 PROGRAM = "from scenepack.decoding_process import serve; serve()"
@@ -37,7 +36,7 @@ _lock = threading.Lock()
 
 
 class Decoders:
-    """Decodes pieces until it is stopped, in several threads at once if they like. Stop it in any case."""
+    """Decodes pieces, from several threads at once, until stop(), which must be called."""
 
     def __init__(self) -> None:
         self._busy: set[_Process] = set()
@@ -46,9 +45,9 @@ class Decoders:
     def decode(
         self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
     ) -> Decoded:
-        """What `decode` of the codec of that name gives.
+        """Result of `decode` of the codec of that name.
 
-        CodecError also where it takes too long or too much memory, crashes, or is stopped.
+        CodecError also if it takes too long or too much memory, crashes, or is stopped.
         """
         if self._stopped:
             raise CodecError("decoding was stopped")
@@ -70,7 +69,7 @@ class Decoders:
         return answer
 
     def stop(self) -> None:
-        """Ends whatever is being decoded; who waits for it gets a CodecError."""
+        """Kills running decoders; their callers get a CodecError."""
         with _lock:
             self._stopped = True
             busy = list(self._busy)
@@ -80,7 +79,7 @@ class Decoders:
 
 
 def _taken() -> _Process | None:
-    """A process that is there already and has nothing to do."""
+    """An idle process, if there is one."""
     while True:
         with _lock:
             process = _idle.pop() if _idle else None
@@ -105,7 +104,7 @@ def _end_idle() -> None:
 
 
 class _Process:
-    """The asking side of one process."""
+    """The caller's side of one subprocess."""
 
     def __init__(self) -> None:
         # The same modules from the same places, whatever lies in the current folder.
@@ -130,7 +129,7 @@ class _Process:
     def ask(
         self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
     ) -> Decoded:
-        """What it decodes. CodecError where it cannot, or ends before it has."""
+        """The decoded piece. CodecError if decoding fails or the process ends."""
         decoded = 4 * int(np.prod(shape)) * (2 if features else 1)
         patience = PATIENCE_S + decoded / BYTES_PER_S
         question = {"codec": codec, "names": names, "sizes": [len(files[name]) for name in names], "shape": shape,
@@ -155,7 +154,7 @@ class _Process:
         return parts[0], parts[1] if features else None
 
     def end(self) -> None:
-        """At once, whatever it does. Safe from any thread, any number of times."""
+        """Kills the process. Safe from any thread, any number of times."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._in, self._out):  # whoever reads from it in another thread has met its end, or does now

@@ -1,8 +1,7 @@
-"""Values in coarse steps, counted in steps: a lossless codec predicts a value from its neighbours, and a mean of counts falls on
-a step as well. What is tuned in steps of 4 and 16 takes a tenth fewer bytes like this.
+"""Quantisation: values in coarse steps, stored as counts of steps, which a lossless codec predicts better.
 
-Colours, features, or alphas are in steps of s where each is a multiple of s, or as large as can be: min(n s, alpha), and min(n s,
-255) of alphas. The n are stored; besides, a reader needs only s.
+Colours, features or alphas are in steps of s if each is a multiple of s or its maximum: min(n s, alpha) for colours and features,
+min(n s, 255) for alphas. The counts n are stored, and s. Packs tuned in steps of 4 and 16 take a tenth fewer bytes.
 """
 
 from __future__ import annotations
@@ -12,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-MOST_STEP = 128  # beyond, there is all or nothing
+MOST_STEP = 128  # larger steps leave only zero and the maximum
 OPAQUE = 255
 
 
 class Steps(NamedTuple):
-    """Of colours, features and alphas, in units of 1/255."""
+    """Step sizes of colours, features and alphas, in units of 1/255."""
 
     colour: int = 1
     feature: int = 1
@@ -33,7 +32,7 @@ EXACT = Steps()
 
 
 def steps_of(rgba: np.ndarray, features: np.ndarray | None) -> Steps:
-    """The coarsest steps that premultiplied uint8 [D, H, W, 4] are in; 1 where they are in none."""
+    """The coarsest steps of premultiplied uint8 [D, H, W, 4]; 1 where there are none."""
     alpha = rgba[..., 3]
     of_features = 1 if features is None else _step(features, alpha)
     opaque = np.broadcast_to(np.uint8(OPAQUE), alpha.shape)
@@ -41,7 +40,7 @@ def steps_of(rgba: np.ndarray, features: np.ndarray | None) -> Steps:
 
 
 def to_counts(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> tuple[np.ndarray, np.ndarray | None]:
-    """rgba and features of a piece, in counts of steps."""
+    """rgba and features of a piece as counts of steps."""
     if (steps.colour, steps.alpha) != (1, 1):
         rgba = np.concatenate([_counts(rgba[..., :3], steps.colour), _counts(rgba[..., 3:], steps.alpha)], axis=-1)
     return rgba, features if features is None or steps.feature == 1 else _counts(features, steps.feature)
@@ -56,13 +55,13 @@ def from_counts(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> 
 
 
 def in_steps(values: np.ndarray, step: int, most: np.ndarray | int) -> np.ndarray:
-    """What is in steps below some bound, in steps below another: uint8, the same counts of steps, or `most`."""
+    """The same counts of steps under another maximum `most`: uint8."""
     return _times(_counts(values, step), step, most) if step > 1 else np.minimum(values, most)
 
 
 def _step(values: np.ndarray, most: np.ndarray) -> int:
     step = 0
-    for plane, bound in zip(values, most, strict=True):  # one by one, for counting takes eight bytes a value
+    for plane, bound in zip(values, most, strict=True):  # plane by plane, because counting takes eight bytes a value
         if np.any(plane > bound[..., None]):  # not premultiplied
             return 1
         used = bound > 0

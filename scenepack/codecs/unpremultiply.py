@@ -1,12 +1,12 @@
-"""Colours made easy for a lossy codec, and back: straight instead of premultiplied, smooth where nobody looks.
+"""Unpremultiply colours for a lossy codec, and premultiply them again; smooth them where they are hardly visible.
 
 Notation: c premultiplied colour or feature, a alpha, both 0 … 255; c̄ = c / a straight; ⟨·⟩ the mean over the 3³
 neighbours weighted 1 2 1 along each axis. What a renderer adds up is a·c̄, so an error in c̄ counts a / 255 times,
 and a codec, which cannot know that, spends most of its bits on the noise of nearly transparent voxels. Therefore
 - each voxel's c̄ is drawn towards its surroundings, the more the fainter it is:
   c̄ = (c + k·⟨c⟩/⟨a⟩) / (a + k), with k = `smoothing` in units of alpha: two thirds fewer bits at equal quality;
-- empty voxels, whose colour nobody sees, continue what is near, by means over 2³, 4³, … voxels ("pull-push"), so
-  that no edge is coded at the surface; and what is far from all content is plain grey.
+- empty voxels, whose colour is invisible, continue their neighbours by means over 2³, 4³, … voxels ("pull-push"), so
+  that no edge is coded at the surface; voxels far from all content are grey.
 All is done within cells of 16³ voxels, the unit of most codecs' own macroblocks: cells without content cost nothing.
 """
 

@@ -1,4 +1,4 @@
-"""From the grid to the frame in which a file shall be.
+"""Export frame: converts grid positions to the frame of an exported file.
 
 grid: the pack's OpenGL frame, y up (docs/format.md, "Coordinate frames"). world: the training frame, that of the poses.
 Both have the scene's own units. In a forward-facing pack positions are those before the NDC warp (NeRF, appendix C):
@@ -22,14 +22,14 @@ FARTHEST_NDC = 0.98  # z_ndc; beyond it, 100 near planes away, a voxel is deeper
 
 
 class ExportFrame:
-    """Takes grid positions (voxels) to `frame`, times `scale`."""
+    """Converts grid positions (voxels) to `frame`, scaled by `scale`."""
 
     def __init__(self, pack: Pack, frame: Frame = "grid", scale: float = 1.0) -> None:
         self.pack, self.scale = pack, scale
         self._training_T_grid = np.asarray(pack.worldspace_T_opengl, np.float64)
-        away = np.eye(4) if frame == "world" else np.linalg.inv(self._training_T_grid)
-        self._frame_T_grid = away @ self._training_T_grid
-        self._frame_T_training = away
+        frame_T_training = np.eye(4) if frame == "world" else np.linalg.inv(self._training_T_grid)
+        self._frame_T_grid = frame_T_training @ self._training_T_grid
+        self._frame_T_training = frame_T_training
 
     def near_enough(self, positions: np.ndarray) -> np.ndarray:
         """bool [n]: whether positions [n, 3] (x, y, z in voxels) are places of space, and not next to infinity."""
@@ -76,10 +76,8 @@ class ExportFrame:
 
     @property
     def mirrors(self) -> bool:
-        """Whether what runs counter-clockwise in the grid runs clockwise in the frame."""
-        if (
-            self.pack.ndc
-        ):  # the warp itself: its Jacobian's determinant has the sign of that of diag(1, 1, z_ndc's slope)
+        """Whether the conversion reverses orientation, so that triangles must be turned."""
+        if self.pack.ndc:  # measured on the warp itself
             probe = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + 0.5 * np.asarray(self.pack.grid_size)
             placed = self.points(probe)
             return bool(np.linalg.det(placed[1:] - placed[0]) < 0)

@@ -1,4 +1,4 @@
-"""What an export would look like: the same steps, in voxels so coarse that it takes a second or two, and nothing is written."""
+"""Export preview: the geometry of an export, in voxels so coarse that it takes a second or two. Nothing is written."""
 
 from __future__ import annotations
 
@@ -28,23 +28,20 @@ MOST_CELLS = 256  # along the longest side of the grid
 
 @dataclass(frozen=True, eq=False)
 class PreviewGeometry:
-    """vertices float32 [v, 3] in the grid frame (y up; of forward-facing packs before the warp). normals float32 [v, 3], zero
-    where there is none. colours uint8 [v, 3], sRGB. faces int32 [f, 3]; none of them: these are points. size: of a point, in
-    units of the grid frame. coarser: voxels a side that became one.
-    """
+    """Triangles or points of an export, in the grid frame (y up; in forward-facing packs before the warp)."""
 
-    vertices: np.ndarray
-    normals: np.ndarray
-    colours: np.ndarray
-    faces: np.ndarray
-    size: float
-    coarser: int
+    vertices: np.ndarray  # float32 [v, 3]
+    normals: np.ndarray  # float32 [v, 3]; zero if unknown
+    colours: np.ndarray  # uint8 [v, 3], sRGB
+    faces: np.ndarray  # int32 [f, 3]; empty: the vertices are points
+    size: float  # of a point, grid units
+    coarser: int  # voxels per side that were merged into one
 
 
 def preview_geometry(pack: Pack, export: Export, tell: Told = lambda share, note: None) -> PreviewGeometry:
-    """What `export` would write of the pack, whatever its frame and scale; tell: as for export_scene, and may raise.
+    """The geometry that `export` would write, in the grid frame. tell: as for export_scene; may raise.
 
-    UserError where nothing would be in it.
+    UserError if it would be empty.
     """
     check_export(export, pack)
     export_frame = ExportFrame(pack)
@@ -76,6 +73,6 @@ def preview_geometry(pack: Pack, export: Export, tell: Told = lambda share, note
 
 
 def coarseness(pack: Pack) -> int:
-    """The fewest voxels a side that must become one for a preview."""
+    """The fewest voxels per side that must be merged for a preview."""
     longest = max(pack.grid_size)
     return next((f for f in divisors(pack.block_size) if longest <= MOST_CELLS * f), pack.block_size)

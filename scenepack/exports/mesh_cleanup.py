@@ -1,6 +1,6 @@
-"""What a raw surface needs before it is of use: fewer floaters, a smoother skin, fewer triangles.
+"""Mesh cleanup: remove small components, smooth (Taubin), decimate.
 
-Sums over faces are taken in parts, and neighbours are kept once, so that memory stays a small multiple of the mesh's.
+Sums over faces are taken in parts, and neighbours are stored once, so that memory stays a small multiple of the mesh's.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from scipy.sparse.csgraph import connected_components
 
 from scenepack.exports.surface import Surface
 
-LAMBDA, MU = 0.5, -0.53  # Taubin 1995: a step that shrinks, and one that swells by a little more
-AT_ONCE = 1 << 20  # faces that are worked on at a time
-FLATTEST = 1e-3  # of the largest eigenvalue: directions in which quadrics say less are left to the mean
+LAMBDA, MU = 0.5, -0.53  # Taubin 1995: a shrinking step and a slightly larger growing step
+AT_ONCE = 1 << 20  # faces per part
+FLATTEST = 1e-3  # of the largest eigenvalue; along smaller ones the mean is used
 
 
 def without_floaters(surface: Surface, keep: str | float) -> Surface:

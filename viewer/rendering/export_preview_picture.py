@@ -1,4 +1,4 @@
-"""Pictures of what an export would write: triangles or points with their colours, lit from the camera (shaders/sketch.vert)."""
+"""Draws an export preview: triangles or points with their colours, lit from the camera (shaders/sketch.vert)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NEAREST = 1e-3  # of the farthest that is shown
 
 
 class ExportPreviewPicture:
-    """Draws a preview, which stays on the card until another one is drawn."""
+    """Draws preview geometry, which stays on the GPU until another is drawn."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
