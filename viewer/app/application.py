@@ -89,7 +89,7 @@ class App:
     # Opening
 
     def show(self, pack: Pack, path: Path, name: str | None = None, *, whole: bool = True) -> None:
-        """Shows a pack that was read. Raises UserError, with the old scene kept, where the card refuses it.
+        """Shows a pack that was read. UserError, with the old scene kept, if it does not fit on the GPU.
 
         whole: False where more of it is on its way.
         """
@@ -103,7 +103,7 @@ class App:
             self.opened()
 
     def turn_to(self, entry: OpenPack, *, told: bool = True) -> None:
-        """Shows a pack with its camera, cuts and path. UserError, and nothing has changed, where the card refuses it."""
+        """Shows a pack with its camera, crop and camera path. UserError, with nothing changed, if it does not fit on the GPU."""
         pack = entry.scene.pack
         if self.canvas is not None:
             with self.messages.noting_warnings(told=told):
@@ -125,7 +125,7 @@ class App:
         self.touch()
 
     def left_now(self) -> OpenPack | None:
-        """What is shown, to come back to; None where it does not stay open."""
+        """The shown pack as an entry of `open_packs`; None if it does not stay open."""
         scene = self.scene
         if scene is None or not scene.whole or not scene.stays:
             return None
@@ -142,8 +142,7 @@ class App:
         self.touch()
 
     def show_training_preview(self, training_preview: TrainingPreview, path: Path, name: str) -> None:
-        """Shows what is trained so far of a scene that is being made. Where an earlier state of it is shown, or its points, the
-        camera stays where the hands have put it."""
+        """Shows a preview of the training. If an earlier preview or the sparse points are shown, the camera stays."""
         before = self.scene
         if before is not None and before.path == path and before.pack.ndc == training_preview.pack.ndc:
             if self.filming.export is not None:
@@ -161,7 +160,7 @@ class App:
         self.touch()
 
     def undoable(self, rig: OrbitCamera) -> OrbitCamera:
-        """`rig`, with what is cut off and what is marked in its history as well."""
+        """Adds crop, near plane and annotations to the undo history of `rig`."""
         rig.history.follow(
             lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
         )
@@ -172,14 +171,14 @@ class App:
         self.annotations.current, self.measure_tool.draft = marked
 
     def opened(self) -> None:
-        """The whole pack is there: it is remembered, and told."""
+        """Records the pack as recent and logs it, because it is complete."""
         assert self.scene is not None
         if self.scene.path.exists():
             self.preferences.opened(self.scene.path)
         self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
 
     def close(self) -> None:
-        """Closes the pack that is shown: back to the one that was left last, or to the start page."""
+        """Closes the shown pack and shows the last one of `open_packs`, or the start page."""
         if self.filming.export is not None:
             self.filming.cancel(self)
         self.comparison.drop_other(self)
@@ -201,7 +200,7 @@ class App:
         self.filming.copied_to.release()
 
     def quit(self) -> None:
-        """Ends the program with the next turn of its loop, without a question."""
+        """Ends the program in the next turn of its loop, without a question."""
         self.quitting = True
 
     def open(
@@ -211,19 +210,19 @@ class App:
         other: bool = False,
         then: Callable[[], None] | None = None,
     ) -> None:
-        """Starts to read a pack; what comes of it shows itself in later ticks.
+        """Starts reading a pack in a thread; tick() delivers the result.
 
         other: to compare with it. then: called once it is shown.
         """
         self.opening.start(self, path, other=other, then=then)
 
     def compare_with(self, pack: Pack, path: Path) -> None:
-        """Compares with another pack under the same camera. UserError where the card has no room for both."""
+        """Compares with another pack under the same camera. UserError if both do not fit on the GPU."""
         self.comparison.with_pack(self, pack, path)
         self.gallery.chosen = None
 
     def drop(self, paths: list[Path]) -> None:
-        """Files were dropped on the window: a pack is opened; a scene or a run may be made into one."""
+        """Handles files dropped on the window: opens a pack or session; offers to make a scene or run into one."""
         if not paths:
             return
         try:
@@ -250,13 +249,13 @@ class App:
         return self.opening.loading
 
     def cancel_loading(self) -> None:
-        """Gives up reading; the scene that is open stays."""
+        """Stops reading; the open scene stays."""
         self.opening.cancel(self)
 
     # Each frame
 
     def tick(self, seconds: float) -> None:
-        """Time passes: cameras glide, threads report."""
+        """Advances cameras and films, and takes over what threads have done."""
         self.opening.tick(self)
         self.making.tick(self)
         self.exporting.tick(self)
@@ -310,14 +309,14 @@ class App:
             self.messages.say("The pose is on the clipboard")
 
     def paste_pose(self, text: str | None = None) -> None:
-        """Goes to a pose that was copied (or given as text). ValueError, told plainly, where it is none."""
+        """Goes to a pose from the clipboard (or `text`). ValueError if it is not a pose."""
         if self.scene is not None:
             text = self.clipboard.get() if text is None else text
             self.scene.rig.set_matrix(*pose_from_text(text), ortho_height_of(text))
             self.touch()
 
     def paste(self) -> None:
-        """Opens the path, or goes to the pose, that is on the clipboard. UserError or ValueError, told plainly, for the rest."""
+        """Opens the path or goes to the pose on the clipboard. UserError or ValueError for other text."""
         text = self.clipboard.get()
         path = path_in(text)
         if path is not None:
@@ -342,14 +341,14 @@ class App:
         self.set(backdrop=chosen, **({} if chosen is None else {"background": TRAINED}))
 
     def set_theme(self, theme: str) -> None:
-        """Another theme; what stands behind the scene goes with it."""
+        """Changes the theme, and the backdrop with it."""
         self.interface.theme = theme
         if self.settings.backdrop is not None:
             self.set_backdrop(self.settings.backdrop.style)
         self.touch()
 
     def cut(self, **fields: object) -> None:
-        """Changes what is cut off (settings crop and near), to be undone as one step."""
+        """Changes crop or near plane in one step that can be undone."""
         if self.scene is not None:
             self.scene.rig.remember()
         self.set(**fields)

@@ -1,4 +1,4 @@
-"""Views to come back to: saved, named and ordered with the marks of a scene, and flown through as a film."""
+"""Bookmarks: saved views of a scene, which can be named, ordered, visited and filmed."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Bookmarks:
     naming: str = ""
 
     def drop(self) -> None:
-        """Another scene is shown."""
+        """Forgets the selection, because another scene is shown."""
         self.selected, self.naming = None, ""
 
     def add(self, app: App) -> None:
@@ -75,7 +75,7 @@ class Bookmarks:
         app.touch()
 
     def step(self, app: App, by: int) -> None:
-        """Flies to the next saved view, or to the one before; round and round."""
+        """Flies to the next saved view, or to the previous one, cyclically."""
         count = len(app.annotations.current.bookmarks)
         if not count:
             app.messages.say("There are no bookmarks yet: Ctrl+D saves this view")
@@ -106,7 +106,7 @@ class Bookmarks:
         self.selected = to
 
     def remove(self, app: App, index: int) -> None:
-        """Takes a view out."""
+        """Removes a view."""
         app.annotations.change(app, app.annotations.current.with_bookmark(index, None))
         left = len(app.annotations.current.bookmarks)
         self.selected = min(index, left - 1) if left else None

@@ -1,4 +1,4 @@
-"""Looking at two things in one place: the picture against a photograph, or against another pack."""
+"""Comparison of the picture with a photograph, or with another pack."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Comparison:
         return None
 
     def tick(self, app: App, seconds: float) -> None:
-        """Time passes. Moving away from a photograph's place ends the comparison with it."""
+        """Advances flips; ends the comparison with a photograph once the camera moves."""
         if self.against == "photograph" and (app.scene is None or app.scene.rig.held is None):
             self.stop()
             app.touch()
@@ -93,7 +93,7 @@ class Comparison:
             app.touch(1 if side == self.other_side else 3)
 
     def box(self, app: App) -> tuple[float, float, float, float]:
-        """Where the photograph lies on the viewport: x0, y0, x1, y1 in 0 … 1 from the top left."""
+        """The photograph's box on the viewport: x0, y0, x1, y1 in 0 … 1 from the top left."""
         if self.against != "photograph" or self.pixels is None:
             return 0.0, 0.0, 1.0, 1.0
         width, height = app.viewport.pixels
@@ -103,7 +103,7 @@ class Comparison:
         return x, y, 1 - x, 1 - y
 
     def measure(self, app: App) -> None:
-        """Brings the PSNR against the photograph up to date; call while nothing moves."""
+        """Updates the PSNR against the photograph; call while nothing moves."""
         if self.against != "photograph" or self.pixels is None or app.canvas is None or app.scene is None:
             return
         held = app.scene.rig.held

@@ -1,4 +1,4 @@
-"""The photographs that the open pack was made from: which are listed, which one is chosen, and how they stand in the scene."""
+"""Gallery: the photographs that the open pack was made from, for the photographs page and the frusta."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Gallery:
     frusta_opacity: float = 0.9
 
     def scene_changed(self, pack: Pack) -> None:
-        """Another pack is shown: its photographs are others."""
+        """Takes over the photographs of another pack."""
         self.photographs = Photographs(pack)
         self.chosen, self.frusta, self.split_shown = None, False, ""
 
@@ -42,7 +42,7 @@ class Gallery:
         return [index for index, shot in enumerate(shots) if self.split_shown in ("", shot.split)]
 
     def stand_in(self, app: App, index: int) -> None:
-        """Puts the camera where a photograph was taken, and the photograph beside the picture if it can be read."""
+        """Moves the camera to a photograph's pose and compares with the photograph if it can be read."""
         if app.scene is None or self.photographs is None:
             return
         shot = self.photographs.shots[index]
@@ -56,7 +56,7 @@ class Gallery:
             app.comparison.with_photograph(self.photographs.pixels(index))
 
     def step(self, app: App, by: int) -> None:
-        """Stands in the next photograph of those that are shown, or in the one before."""
+        """Chooses the next listed photograph, or the previous one."""
         visible = self.visible()
         if not visible:
             return
@@ -65,7 +65,7 @@ class Gallery:
         self.stand_in(app, visible[place % len(visible)])
 
     def tick(self, app: App) -> None:
-        """Time passes: thumbnails are read while they are wanted, and drawn as they arrive."""
+        """Reads thumbnails while they are visible and redraws when they arrive."""
         thumbnails, photographs = self.thumbnails, self.photographs
         if thumbnails is not None:
             gone = app.scene is None or thumbnails.photographs is not photographs

@@ -1,4 +1,4 @@
-"""The way from a path to a scene that is shown: read beside the window, seen while it arrives, or told why not."""
+"""Opening a pack: a thread reads it, the window shows what has arrived, and failures are reported."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Opening:
     _preallocated_for: Loading | None = None
 
     def start(self, app: App, path: Path, *, other: bool = False, then: Then | None = None) -> None:
-        """Starts to read a pack; what comes of it shows itself in later ticks."""
+        """Starts reading a pack in a thread; tick() delivers the result."""
         self.cancel(app)
         self.loading, self.other, self.then = Loading(path), other, then
         app.touch()
 
     def cancel(self, app: App) -> None:
-        """Gives up reading; the scene that is open stays."""
+        """Stops reading; the open scene stays."""
         if self.loading is not None:
             self.loading.cancel()
             app.messages.log(f"{self.loading.path}: opening was cancelled")
@@ -48,7 +48,7 @@ class Opening:
             app.touch()
 
     def tick(self, app: App) -> None:
-        """What the thread that reads has to say: something to see, a pack, or why not."""
+        """Delivers what the thread has read: a partial pack, the whole pack, or an error."""
         loading = self.loading
         if loading is None:
             return
@@ -78,7 +78,7 @@ class Opening:
             app.touch()
 
     def _tell_notes(self, app: App, loading: Loading) -> None:
-        """Shows what was mended in a pack that is not quite as it should be: once, however often it is opened."""
+        """Reports repairs of an untidy pack once, however often it is opened."""
         notes = [note for note in dict.fromkeys(loading.notes) if (loading.path, note) not in self.told]
         self.told |= {(loading.path, note) for note in notes}
         if notes:
@@ -99,7 +99,7 @@ class Opening:
             self._preallocated_for = loading
 
     def _take_preview(self, app: App, loading: Loading) -> None:
-        """Shows what is there of a pack that is being read, unless a good scene is open: that stays until it is whole."""
+        """Shows the part that was read, unless a whole scene is open: that stays until the new one is complete."""
         pack = loading.preview
         if pack is None or self.other:
             return
@@ -131,7 +131,7 @@ class Opening:
 
     @staticmethod
     def _give_up_preallocation(app: App) -> None:
-        """What was not needed of it, after all."""
+        """Gives up what was preallocated and not used."""
         if app.canvas is not None:
             app.canvas.preallocate(None)
 

@@ -1,4 +1,4 @@
-"""What rays cost: how many samples they fetch and how many times they jump, counted while the picture rests.
+"""Ray costs: samples and jumps per ray, counted while the picture rests.
 
 Counted in a small picture of the same view, over the rays that hit something: those whose opacity exceeds one step of an
 8-bit channel.
@@ -56,11 +56,11 @@ class CostMeter:
     _measured: tuple[object, ...] = field(default=())
 
     def switch(self, on: bool) -> None:
-        """Begins or ends counting."""
+        """Starts or stops counting."""
         self.enabled, self.costs, self._measured = on, None, ()
 
     def measure(self, app: App) -> None:
-        """Brings the figures up to date; call while nothing moves. Costs nothing while switched off."""
+        """Updates the figures; call while nothing moves. Does nothing while counting is off."""
         camera = app.camera()
         if not self.enabled or camera is None or app.canvas is None or app.scene is None:
             return

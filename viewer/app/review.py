@@ -86,7 +86,7 @@ class Review:
         return composed(self.plan.up, normal)
 
     def box_in_grid(self) -> crop.Box | None:
-        """The box of the chosen kind, as far as the points' grid reaches; None of a forward-facing scene."""
+        """Crop box for the chosen kind of scene, clipped to the point grid; None if forward-facing."""
         box = self.sparse_preview.boxes.get(self.kind)
         return None if box is None else in_grid(self.sparse_preview.pack, box)
 

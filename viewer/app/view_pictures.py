@@ -1,4 +1,4 @@
-"""Small pictures of views of the open pack, for lists of bookmarks and keyframes: drawn one at a time, while nothing moves."""
+"""View pictures: thumbnails of bookmarks and keyframes, drawn one at a time while nothing moves."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Key = tuple[bytes, float]
 
 @dataclass
 class ViewPictures:
-    """pictures: uint8 [90, 144, 3], by what is seen. Those that nobody has asked for the longest go first."""
+    """pictures: uint8 [90, 144, 3] by view, least recently used first."""
 
     _pictures: OrderedDict[Key, np.ndarray] = field(default_factory=OrderedDict)
     _drawn_with: tuple[object, ...] = ()
     _drew: bool = False  # in this frame
 
     def clear(self, canvas: CanvasInterface | None) -> None:
-        """Another pack is shown."""
+        """Forgets the pictures, because another pack is shown."""
         for key in self._pictures:
             if canvas is not None:
                 canvas.drop_image(_name(key))
