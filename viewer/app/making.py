@@ -61,7 +61,7 @@ class Making:
     _looked: float = 0.0
     _surveyed: bool = False
     _left_told: int | None = None
-    _left_out: RejectedPhotographs | None = None  # photographs whose small pictures are being read
+    _rejected: RejectedPhotographs | None = None  # whose thumbnails are being read
 
     def offer(self, app: App, subject: Subject, path: Path) -> None:
         """Asks whether, and how, a scene or a run shall be made into a pack."""
@@ -87,7 +87,7 @@ class Making:
         """Whether something goes on that tick should look at now and then."""
         survey = None if self.plan is None else self.plan.survey
         waits = (
-            self.job is not None or self.reading is not None or self.review is not None or self._left_out is not None
+            self.job is not None or self.reading is not None or self.review is not None or self._rejected is not None
         )
         return waits or (survey is not None and (survey.busy or not self._surveyed))
 
@@ -264,8 +264,8 @@ class Making:
     def _begin_review(self, reading: SparsePreviewJob, sparse_preview: SparsePreview) -> None:
         before = reading.before
         if before is None:
-            self._left_out = rejected_photographs_of(reading.plan.out)
-        self.review = Review(reading.plan, sparse_preview, self._left_out if before is None else before.rejected)
+            self._rejected = rejected_photographs_of(reading.plan.out)
+        self.review = Review(reading.plan, sparse_preview, self._rejected if before is None else before.rejected)
         if before is not None:
             self.review.hold()
             self.review.kind = before.kind if before.kind in self.review.kinds else self.review.kind
@@ -327,8 +327,8 @@ class Making:
         if survey is not None and survey.finished and (not self._surveyed or survey.news()):
             self._surveyed = True
             app.touch()
-        if self._left_out is not None and self._left_out.finished:
-            self._left_out = None
+        if self._rejected is not None and self._rejected.finished:
+            self._rejected = None
             app.touch()
         self._tick_look(app)
         self._tick_training_preview(app)
@@ -355,9 +355,9 @@ class Making:
             app.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
-            self._left_out = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
+            self._rejected = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
             text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
             buttons = (("OK", ""), ("Try again", "make-again"))
-            app.messages.fail(f"{name} could not be made", text, buttons=buttons, rejected=self._left_out)
+            app.messages.fail(f"{name} could not be made", text, buttons=buttons, rejected=self._rejected)
         if self.quit_after:
             app.quitting = True

@@ -262,7 +262,7 @@ def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, of
     live(bare, lambda: bare.making.review is not None)
     review = bare.making.review
     assert_pictured(review.rejected)
-    live(bare, lambda: bare.making._left_out is None)
+    live(bare, lambda: bare.making._rejected is None)
     app = App(canvas=FakeCanvas())
     app.making.review = review
     review.hold()
