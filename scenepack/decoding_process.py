@@ -1,7 +1,7 @@
-"""The process that decodes for scenepack.codecs.apart, which starts and ends it.
+"""The decoding subprocess of scenepack.codecs.decoder_sandbox.
 
-It reads a line of JSON and the files' bytes from its standard input, says `{}` when it begins, and writes a line of JSON and the
-decoded bytes, whose number both sides know beforehand, to its standard output. It ends when its input does.
+It reads a line of JSON and the files' bytes from standard input and writes `{}` when it begins. It then writes a line of JSON and
+the decoded bytes, whose number both sides know, to standard output. It ends when its input ends.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is mended while a pack is opened, told in one line each (docs/format.md, "Untidy packs")."""
+"""Warnings about what the reader repairs in untidy packs (docs/format.md, "Untidy packs")."""
 
 from __future__ import annotations
 

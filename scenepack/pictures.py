@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from scenepack.codecs.apart import Decoders
 from scenepack.codecs.base import Shape, decoding
+from scenepack.codecs.decoder_sandbox import Decoders
 
 PICTURE = "picture"
 FORMATS = ("AVIF", "WEBP", "JPEG", "PNG")
@@ -67,7 +67,7 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
 
 
 class _Copies:
-    """Decodes a picture, in a process of its own (scenepack.codecs.apart): AVIF and JPEG can ask for endless work."""
+    """Decodes a picture, in a process of its own (scenepack.codecs.decoder_sandbox): AVIF and JPEG can ask for endless work."""
 
     name = PICTURE
 

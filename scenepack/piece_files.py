@@ -16,9 +16,9 @@ import numpy as np
 from console import UserError
 from scenepack.budget import require_memory
 from scenepack.codecs import CodecError, PieceCodec
-from scenepack.codecs.apart import Decoders
+from scenepack.codecs.decoder_sandbox import Decoders
 from scenepack.codecs.pieces import Piece, cut, follows_grid
-from scenepack.codecs.steps import EXACT, MOST_STEP, Steps, counted, steps_of, times
+from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, from_counts, steps_of, to_counts
 from scenepack.files import PackFiles
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
@@ -51,7 +51,7 @@ def encoding_jobs(
     def job(number: int, piece: Piece) -> Callable[[], list[tuple[str, bytes]]]:
         def encode() -> list[tuple[str, bytes]]:
             features = None if pack.atlas_features is None else piece.gather(pack.atlas_features)
-            rgba, features = counted(piece.gather(pack.atlas_rgba), features, Steps(*settings.get(STEPS, EXACT)))
+            rgba, features = to_counts(piece.gather(pack.atlas_rgba), features, Steps(*settings.get(STEPS, EXACT)))
             files = codec.encode(rgba, features, settings.get("quality", 0))
             return list(zip(codec.names(number, piece.shape, features is not None), files, strict=True))
 
@@ -110,7 +110,7 @@ class PieceFiles:
                 decoded = decoders.decode(self.codec.name, data, names, piece.shape, self.has_features)
             except CodecError as error:
                 raise self._undecodable(error.file or names[0], error) from error
-            decoded = times(*decoded, self._steps)
+            decoded = from_counts(*decoded, self._steps)
             for values, atlas in zip(decoded, (rgba, features), strict=True):
                 if values is not None and atlas is not None:
                     piece.scatter(values, atlas)

@@ -23,8 +23,8 @@ ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")] + sorted(
     ROOT.glob("docs/*.md")
 )
-ROOMS = ("console", "scenepack", "training", "baker", "viewer", "tools")
-FOLDERS = (*ROOMS, "shaders", "scripts", "tests", "docs", ".ci")
+PACKAGES = ("console", "scenepack", "training", "baker", "viewer", "tools")
+FOLDERS = (*PACKAGES, "shaders", "scripts", "tests", "docs", ".ci")
 MADE_LATER = {".venv", "out", "build", "dist", "failures"}  # by running things; .gitignore has them
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9]*(?:[.-][a-z0-9]+)*")
@@ -67,7 +67,7 @@ def anchors_of(document: Path) -> set[str]:
 def modules_run() -> dict[str, str]:
     """Module of each program that can be started: {"snerg-bake": "baker.commands.bake", …}."""
     named = {name for document in DOCUMENTS for name in re.findall(r"python -m ([\w.]+)", text_of(document))}
-    return MODULES | {f"python -m {name}": name for name in named if name.split(".")[0] in ROOMS}
+    return MODULES | {f"python -m {name}": name for name in named if name.split(".")[0] in PACKAGES}
 
 
 @cache
@@ -148,7 +148,7 @@ def test_paths_lead_somewhere(document: Path) -> None:
 @each_document
 def test_dotted_names_are_modules_or_what_they_define(document: Path) -> None:
     for span in [*spans_of(document), *blocks_of(document)]:
-        for name in re.findall(rf"(?<![\w/.-])(?:{'|'.join(ROOMS)})(?:\.[A-Za-z_]\w*)+(?![\w/])", span):
+        for name in re.findall(rf"(?<![\w/.-])(?:{'|'.join(PACKAGES)})(?:\.[A-Za-z_]\w*)+(?![\w/])", span):
             if name.endswith((".md", ".json", ".log", ".zip")):  # viewer.json is a file of settings
                 continue
             assert resolves(name), f"{document.name}: {name}"
@@ -229,14 +229,16 @@ def test_make_targets_and_extras_exist(document: Path) -> None:
 
 @each_document
 def test_variables_of_the_environment_are_read_somewhere(document: Path) -> None:
-    code = "".join(text_of(path) for folder in (*ROOMS, "tests") for path in (ROOT / folder).rglob("*.py"))
+    code = "".join(text_of(path) for folder in (*PACKAGES, "tests") for path in (ROOT / folder).rglob("*.py"))
     for name in set(re.findall(r"\bSNERG_[A-Z_]+\b", text_of(document))):
         assert f'"{name}"' in code, f"{document.name}: {name}"
 
 
 def test_code_cites_documents_and_sections_that_exist() -> None:
     """As in `docs/format.md, "Untidy packs"`; and no other document than those of this repository."""
-    files = [path for folder in (*ROOMS, "tests", "shaders") for path in (ROOT / folder).rglob("*") if path.is_file()]
+    files = [
+        path for folder in (*PACKAGES, "tests", "shaders") for path in (ROOT / folder).rglob("*") if path.is_file()
+    ]
     cited = 0
     for path in files:
         if path.suffix not in (".py", ".glsl", ".vert", ".frag") or path == Path(__file__):

@@ -25,7 +25,7 @@ from training.recorder import MetricsLog
 from training.run import read_description
 from training.scenes import load_scene
 from viewer.app import preferences
-from viewer.app.marks import marks_from_json
+from viewer.app.annotations import annotations_from_json
 from viewer.app.path import load_path
 from viewer.app.pose import pose_from_text
 from viewer.app.session import load_session
@@ -133,12 +133,16 @@ def test_settings_paths_poses_and_progress(tmp_path: Path) -> None:
     assert read_all(pose, file, lambda: pose_from_text(file.read_text()), ValueError) > 30
     view = {"name": "a", "eye": [0, 0, 1], "target": [0, 0, 0], "up": "y", "fov": 40.0}
     measured = [{"kind": "line", "points": [[0, 0, 0], [1, 0, 0]]}]
-    marks = {"scale": {"factor": 2.0, "unit": "m"}, "measurements": measured, "bookmarks": [view]}
+    annotations = {"scale": {"factor": 2.0, "unit": "m"}, "measurements": measured, "bookmarks": [view]}
     session = {"snerg_session": 1, "page": "view", "compare": {"path": "b", "how": "wipe"},
-               "packs": [{"path": "a", "camera": view, "crop": [[0, 0, 0], [1, 1, 1]], "near": 0.0, "marks": marks}]}  # fmt: skip
+               "packs": [{"path": "a", "camera": view, "crop": [[0, 0, 0], [1, 1, 1]], "near": 0.0,
+                          "marks": annotations}]}  # fmt: skip
     assert read_all(session, file, lambda: load_session(file)) > 300
-    no_json = read_all(marks, file, lambda: parse_json(file.read_text()), ValueError)
-    assert read_all(marks, file, lambda: marks_from_json(parse_json(file.read_text()), str), ValueError) == no_json
+    no_json = read_all(annotations, file, lambda: parse_json(file.read_text()), ValueError)
+    assert (
+        read_all(annotations, file, lambda: annotations_from_json(parse_json(file.read_text()), str), ValueError)
+        == no_json
+    )
     report = {"title": "t", "note": "", "done": 1, "total": 2, "seconds": 1, "begun": 0, "stage": "s",
               "metrics": {"psnr": 20}, "error": "", "bug": False}  # fmt: skip
     assert read_all(report, file, lambda: read_report(file)) == 0

@@ -14,7 +14,7 @@ from baker.tuning.joint_loop import JointConfig, joint_tune, lost_to_steps, show
 from baker.tuning.pruning import FIRM, TAU_WEIGHT, UNSEEN, Pruned, light_of, prune, thin
 from console import progress
 from console.progress import Progress
-from scenepack.codecs.steps import EXACT, Steps
+from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from baker.tuning.pruning import Light
 from scenepack.blocks import block_copy
-from scenepack.codecs.steps import Steps, in_steps
+from scenepack.codecs.quantisation import Steps, in_steps
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 

@@ -13,7 +13,7 @@ from baker.tuning.marcher import PackMarcher
 from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error
 from baker.tuning.tuner import Tuner
 from baker.view_mlp import to_params
-from scenepack.codecs.steps import EXACT, Steps
+from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 

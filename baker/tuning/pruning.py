@@ -26,7 +26,7 @@ import numpy as np
 from baker.tuning.marcher import PackMarcher
 from baker.tuning.sighting import lines_of_sight
 from scenepack.blocks import block_copy, fill_atlas
-from scenepack.codecs.steps import EXACT, Steps
+from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.dataset import RayDataset

@@ -33,7 +33,7 @@ from baker.tuning.gradients import CHUNK, LOG_DENSITY, gather_chunk, slope_chunk
 from baker.tuning.marcher import LISTED, PackMarcher, lines_of, room_for_samples
 from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error
 from baker.view_mlp import from_params, to_params
-from scenepack.codecs.steps import EXACT, Steps
+from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.layout import GridBox

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from scenepack.codecs.base import CodecError, Shape, cut_off, decoding
-from scenepack.codecs.straight import CELL, filled, padded, premultiplied, straight
+from scenepack.codecs.unpremultiply import CELL, filled, padded, premultiplied, unpremultiply
 
 CUBE = 2  # voxels a side that share a byte of the occupancy
 FIRST_SMOOTHING, SMOOTHED_FROM = 8.0, 75.0  # in units of alpha, at this quality and below; none at 100
@@ -23,7 +23,7 @@ _XZ = b"\xfd7zXZ\x00"
 class StreamCodec:
     """What h264 and avif share; see the module. straight: colours are stored straight, else premultiplied."""
 
-    straight: ClassVar[bool]
+    unpremultiply: ClassVar[bool]
     suffix: ClassVar[str]
 
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
@@ -44,9 +44,9 @@ class StreamCodec:
         k = FIRST_SMOOTHING * min(1.0, (100 - quality) / (100 - SMOOTHED_FROM))
 
         def colours(values: np.ndarray) -> np.ndarray:
-            return straight(values, alpha, k) if self.straight else padded(values, 0)
+            return unpremultiply(values, alpha, k) if self.unpremultiply else padded(values, 0)
 
-        grey = filled(alpha[..., None], alpha)[..., 0] if self.straight else padded(alpha, 0)
+        grey = filled(alpha[..., None], alpha)[..., 0] if self.unpremultiply else padded(alpha, 0)
         files = [pack_occupancy(alpha > 0), self.film(grey, "alpha", quality)]
         files.append(self.film(colours(rgba[..., :3]), "rgb", quality))
         if features is not None:
@@ -69,7 +69,7 @@ class StreamCodec:
         def colours(name: str, colour: bool) -> np.ndarray:
             with decoding(name):
                 values = self.frames(files[name], frames, colour=colour).reshape(*frames, -1)
-            if self.straight:
+            if self.unpremultiply:
                 return premultiplied(values, alpha)
             return np.minimum(values[:, :height, :width], alpha[..., None])
 

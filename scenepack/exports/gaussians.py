@@ -12,8 +12,8 @@ from functools import cache
 
 import numpy as np
 
+from scenepack.exports.export_frame import ExportFrame
 from scenepack.exports.field import Field
-from scenepack.exports.placing import Placing
 from scenepack.exports.ply import Column
 
 SIGMA = 0.5  # of a Gaussian, in voxels
@@ -42,15 +42,17 @@ def voxels_of(field: Field, least: float) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(places), np.concatenate(values)
 
 
-def gaussian_values(positions: np.ndarray, rgba: np.ndarray, field: Field, placing: Placing) -> list[np.ndarray]:
+def gaussian_values(
+    positions: np.ndarray, rgba: np.ndarray, field: Field, export_frame: ExportFrame
+) -> list[np.ndarray]:
     """What fills COLUMNS: position, no normal, colour, opacity before the sigmoid, logarithms of sizes, no rotation."""
     straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
     alphas, opacities = opacity_table()
     opacity = np.clip(np.interp(rgba[:, 3], alphas, opacities), 1e-3, MOST_OPACITY)[:, None]
     count = len(positions)
-    sizes = SIGMA * field.coarser * placing.sizes(positions)
+    sizes = SIGMA * field.coarser * export_frame.sizes(positions)
     return [
-        placing.points(positions),
+        export_frame.points(positions),
         np.zeros((count, 3)),
         (straight - 0.5) / SH_0,
         np.log(opacity / (1.0 - opacity)),

@@ -12,11 +12,11 @@ import numpy as np
 
 from console import UserError, not_written
 from console.atomic import write_file
+from scenepack.exports.export_frame import ExportFrame, Frame
 from scenepack.exports.field import Corners, Field
 from scenepack.exports.gaussians import COLUMNS, gaussian_values, voxels_of
 from scenepack.exports.glb import glb_parts
-from scenepack.exports.mending import decimated, face_areas, smoothed, vertex_normals, without_floaters
-from scenepack.exports.placing import Frame, Placing
+from scenepack.exports.mesh_cleanup import decimated, face_areas, smoothed, vertex_normals, without_floaters
 from scenepack.exports.ply import POINT, ply_parts
 from scenepack.exports.surface import Surface, extract
 from scenepack.pack import Pack
@@ -118,14 +118,14 @@ def export_scene(pack: Pack, file: Path, export: Export, tell: Told = lambda sha
     UserError where nothing would be in it, or it cannot be written.
     """
     check_export(export, pack)
-    placing = Placing(pack, export.frame, export.scale)
+    export_frame = ExportFrame(pack, export.frame, export.scale)
     field = Field(pack, 1, export.crop)
     tell(0.0, "counting")
     field = Field(pack, export.coarser or _coarseness(field, export), export.crop)
     if export.kind == "gaussians":
-        parts, written = _gaussians(field, export, placing, tell)
+        parts, written = _gaussians(field, export, export_frame, tell)
     else:
-        parts, written = _surface(field, export, placing, file, tell)
+        parts, written = _surface(field, export, export_frame, file, tell)
     tell(0.95, "writing")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -149,24 +149,26 @@ def _coarseness(field: Field, export: Export) -> int:
     return next((f for f in divisors(field.pack.block_size) if amount <= most * f**power), field.pack.block_size)
 
 
-def _gaussians(field: Field, export: Export, placing: Placing, tell: Told) -> tuple[list[bytes], Written]:
+def _gaussians(field: Field, export: Export, export_frame: ExportFrame, tell: Told) -> tuple[list[bytes], Written]:
     positions, rgba = voxels_of(field, LEAST_OPACITY)
-    near = placing.near_enough(positions)
+    near = export_frame.near_enough(positions)
     positions, rgba = positions[near], rgba[near]
     require_some(len(positions), export)
     tell(0.5, f"{len(positions):,} Gaussians")
-    values = gaussian_values(positions, rgba, field, placing)
+    values = gaussian_values(positions, rgba, field, export_frame)
     return ply_parts(COLUMNS, values), Written(len(positions), 0, field.coarser)
 
 
-def surface_of(field: Field, export: Export, placing: Placing, tell: Told = lambda share, note: None) -> Surface:
+def surface_of(
+    field: Field, export: Export, export_frame: ExportFrame, tell: Told = lambda share, note: None
+) -> Surface:
     """The surface without floaters, smoothed, in voxels of the pack's grid. UserError where nothing would be in it."""
     surface = extract(field, export.level, lambda share: tell(0.6 * share, "finding the surface"))
     tell(0.6, "removing floaters")
     surface = without_floaters(surface, export.keep)
-    near = placing.near_enough(surface.vertices)
+    near = export_frame.near_enough(surface.vertices)
     if export.kind == "mesh":
-        near &= placing.in_inner_cube(surface.vertices)
+        near &= export_frame.in_inner_cube(surface.vertices)
     if not near.all():
         surface = surface.only(np.all(near[surface.faces], axis=1))
     require_some(len(surface.faces), export)
@@ -174,17 +176,19 @@ def surface_of(field: Field, export: Export, placing: Placing, tell: Told = lamb
     return smoothed(surface, export.smooth)
 
 
-def _surface(field: Field, export: Export, placing: Placing, file: Path, tell: Told) -> tuple[list[bytes], Written]:
-    surface = surface_of(field, export, placing, tell)
+def _surface(
+    field: Field, export: Export, export_frame: ExportFrame, file: Path, tell: Told
+) -> tuple[list[bytes], Written]:
+    surface = surface_of(field, export, export_frame, tell)
     said = [f"frame {export.frame}, lengths times {export.scale:g}", "colours are diffuse, sRGB"]
     if export.kind == "points":
-        points, normals, colours = scattered(surface, export, placing)
+        points, normals, colours = scattered(surface, export, export_frame)
         return ply_parts(POINT, [points, normals, colours], comments=said), Written(len(points), 0, field.coarser)
     if export.faces is not None:
         tell(0.8, "removing triangles")
         surface = decimated(surface, export.faces)
     tell(0.9, f"{len(surface.faces):,} triangles")
-    surface = placed(surface, placing)
+    surface = placed(surface, export_frame)
     normals = vertex_normals(surface)
     written = Written(len(surface.vertices), len(surface.faces), field.coarser)
     if file.suffix.lower() == ".glb":
@@ -192,13 +196,13 @@ def _surface(field: Field, export: Export, placing: Placing, file: Path, tell: T
     return ply_parts(POINT, [surface.vertices, normals, surface.colours], surface.faces, said), written
 
 
-def placed(surface: Surface, placing: Placing) -> Surface:
+def placed(surface: Surface, export_frame: ExportFrame) -> Surface:
     """The surface in the frame in which the file shall be; faces are counter-clockwise from outside there, too."""
-    faces = surface.faces[:, ::-1] if placing.mirrors else surface.faces
-    return Surface(placing.points(surface.vertices).astype(np.float32), faces, surface.colours)
+    faces = surface.faces[:, ::-1] if export_frame.mirrors else surface.faces
+    return Surface(export_frame.points(surface.vertices).astype(np.float32), faces, surface.colours)
 
 
-def scattered(surface: Surface, export: Export, placing: Placing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scattered(surface: Surface, export: Export, export_frame: ExportFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points float32, normals float32 and colours uint8, [n, 3] each: evenly by area, one to a square of `spacing` voxels."""
     sums = np.cumsum(face_areas(surface)) / export.spacing**2
     count = max(int(sums[-1]), 1)
@@ -216,7 +220,7 @@ def scattered(surface: Surface, export: Export, placing: Placing) -> tuple[np.nd
     weights = np.stack([np.where(over, 1 - u, u), np.where(over, 1 - v, v)], axis=1)
     weights = np.concatenate([1 - weights.sum(axis=1, keepdims=True), weights], axis=1)[..., None]
     corners = surface.faces[chosen]
-    there = placed(surface, placing)
+    there = placed(surface, export_frame)
     points = (there.vertices[corners] * weights).sum(axis=1)
     normals = (vertex_normals(there)[corners] * weights).sum(axis=1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

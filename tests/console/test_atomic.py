@@ -80,7 +80,7 @@ def test_no_other_module_writes_aside_and_renames() -> None:
                     found.append(str(path.relative_to(ROOT)))
     assert set(found) == {
         "console/atomic.py",
-        "viewer/app/trail.py",
+        "viewer/app/crash_log.py",
     }  # the latter names a log that is complete, and writes none
 
 

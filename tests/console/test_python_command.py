@@ -12,10 +12,10 @@ import pytest
 
 from console import UserError
 from console.python_command import module_command
-from scenepack.codecs.apart import Decoders
 from scenepack.codecs.base import CodecError
+from scenepack.codecs.decoder_sandbox import Decoders
 from training.posing import child_process
-from viewer.app.telling import Telling
+from viewer.app.json_subprocess import JsonSubprocess
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("console", "scenepack", "training", "baker", "viewer")
@@ -45,7 +45,7 @@ def test_commands_that_are_started_do_not_run_modules_of_the_user(shadowed: Path
 
 def test_children_that_tell_what_they_find_do_not_run_modules_of_the_user(shadowed: Path) -> None:
     heard: list[object] = []
-    telling = Telling("training.speed", [], heard.append)
+    telling = JsonSubprocess("training.speed", [], heard.append)
     while not heard and telling.coming:
         pass
     telling.close()

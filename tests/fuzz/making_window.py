@@ -15,7 +15,7 @@ from viewer.commands import view
 
 
 def main(scene: Path, out: Path, steps: int, resolution: int) -> int:
-    start = view.take_over
+    start = view.apply_preferences
     plan = Plan("scene", scene, out, preset="tiny", steps=steps, resolution=resolution)
 
     def use(app: App, preferences) -> None:
@@ -24,7 +24,7 @@ def main(scene: Path, out: Path, steps: int, resolution: int) -> int:
         app.making.start(app)
         app.making.quit_after = True
 
-    view.take_over = use
+    view.apply_preferences = use
     status = view.main([])
     if status == 0 and not (out / "pack").is_dir():
         said = plan.log.read_text().splitlines() if plan.log.exists() else []

@@ -17,8 +17,8 @@ from scenepack.report import pack_facts, print_facts, print_findings
 from tests.fuzz.words import require_words
 from tests.scenepack.helpers import small_pack
 from viewer.app.files import kind_of, pack_in
-from viewer.app.first_view import view_from_within
-from viewer.app.forward_facing import rig_for
+from viewer.app.forward_facing import orbit_camera_for
+from viewer.app.orbit_camera import view_from_within
 from viewer.app.photographs import Photographs
 from viewer.rendering.skip_grid import skip_grid_of
 
@@ -51,7 +51,7 @@ def open_it(path: Path) -> None:
     for line in paper.file.getvalue().split("\n"):  # type: ignore[attr-defined]
         require_words(line)
     skip_grid_of(pack)
-    rig = rig_for(pack)
+    rig = orbit_camera_for(pack)
     if not np.isfinite(rig.matrix).all():
         raise AssertionError("the camera stands nowhere")
     view_from_within(pack)

@@ -12,7 +12,7 @@ from console import UserError
 from console.driven import Report, read_report
 from console.json_text import read_json_file
 from viewer.app import preferences
-from viewer.app.marks import Bookmark, Marks, Measurement, Scale, marks_from_json, marks_to_json
+from viewer.app.annotations import Annotations, Bookmark, Measurement, Scale, annotations_from_json, annotations_to_json
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path
 from viewer.app.pose import pose_from_text, pose_to_text
 from viewer.app.session import Seen, Session, load_session, save_session
@@ -20,7 +20,7 @@ from viewer.app.session import Seen, Session, load_session, save_session
 BASES = ("preferences", "path", "older-path", "pose", "progress", "session", "marks")
 FILE = "file.json"
 VIEW = Bookmark("The door", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0))
-MARKS = Marks(Scale(2.0, "m"), (Measurement("line", ((0.0,) * 3, (1.0, 2.0, 3.0))),), (VIEW,))
+ANNOTATIONS = Annotations(Scale(2.0, "m"), (Measurement("line", ((0.0,) * 3, (1.0, 2.0, 3.0))),), (VIEW,))
 MOST_SECONDS = 1e6
 
 
@@ -41,9 +41,11 @@ def write_base(name: str, folder: Path) -> None:
     elif name == "pose":
         file.write_text(pose_to_text(pose, 40.0))
     elif name == "session":
-        save_session(Session((Seen(folder / "pack", VIEW, crop=((0.0,) * 3, (1.0,) * 3), marks=MARKS),)), file)
+        save_session(
+            Session((Seen(folder / "pack", VIEW, crop=((0.0,) * 3, (1.0,) * 3), annotations=ANNOTATIONS),)), file
+        )
     elif name == "marks":
-        file.write_text(json.dumps(marks_to_json(MARKS)))
+        file.write_text(json.dumps(annotations_to_json(ANNOTATIONS)))
     else:
         report = Report("training", 1.0, 2.0, "PSNR", 3.0, "training", {"psnr": 20.0})
         file.write_text(json.dumps(dataclasses.asdict(report)))
@@ -72,10 +74,10 @@ def open_it(path: Path, base: str) -> None:
             raise AssertionError("it is another session when it is saved again")
     elif base == "marks":
         try:
-            marks = marks_from_json(read_json_file(file), lambda note: None)
+            annotations = annotations_from_json(read_json_file(file), lambda note: None)
         except (OSError, ValueError) as error:
             raise UserError(str(error)) from None
-        if marks_from_json(json.loads(json.dumps(marks_to_json(marks)))) != marks:
+        if annotations_from_json(json.loads(json.dumps(annotations_to_json(annotations)))) != annotations:
             raise AssertionError("what was taken is not taken again")
     elif base == "pose":
         try:

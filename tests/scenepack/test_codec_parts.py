@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenepack.codecs.straight import filled, premultiplied, straight
 from scenepack.codecs.streams import pack_occupancy, unpack_occupancy
+from scenepack.codecs.unpremultiply import filled, premultiplied, unpremultiply
 from scenepack.padding import restore_padding
 from tests.scenepack.random_packs import random_pack
 
@@ -29,11 +29,11 @@ def test_straight_colours_come_back_and_nothing_outshines_its_alpha() -> None:
     rng = np.random.default_rng(0)
     alpha = (rng.integers(0, 256, (9, 20, 33)) * (rng.random((9, 20, 33)) < 0.3)).astype(np.uint8)
     values = np.rint(rng.random((9, 20, 33, 3)) * alpha[..., None]).astype(np.uint8)
-    shown = straight(values, alpha, 0.0)
+    shown = unpremultiply(values, alpha, 0.0)
     assert shown.shape == (9, 32, 48, 3)
     back = premultiplied(shown, alpha)
     assert np.abs(back.astype(int) - values).max() <= 1
-    smooth = premultiplied(straight(values, alpha, 8.0), alpha)
+    smooth = premultiplied(unpremultiply(values, alpha, 8.0), alpha)
     assert np.all(smooth <= alpha[..., None]) and not smooth[alpha == 0].any()
     assert abs(smooth.sum() / values.sum() - 1) < 0.02, "smoothing moves colour about and loses none"
 
@@ -42,7 +42,7 @@ def test_empty_voxels_continue_what_is_near_them() -> None:
     alpha = np.zeros((16, 16, 32), np.uint8)
     alpha[3:6, 4:9, 2:5] = 90
     values = np.where(alpha > 0, 45, 0).astype(np.uint8)[..., None]
-    shown = straight(values, alpha, 8.0)
+    shown = unpremultiply(values, alpha, 8.0)
     assert np.all(shown[:, :, :16] == 128) and np.all(shown[:, :, 16:] == 128)  # 45 / 90, and grey where nothing is
     assert np.all(filled(alpha[..., None], alpha)[:, :, :16] == 90)
 

@@ -11,8 +11,8 @@ from imgui_bundle import ImVec2, imgui
 
 from tests.viewer.unseen import draw_unseen
 from viewer.app.application import App
+from viewer.app.frame import is_waiting, unfinished
 from viewer.app.keyboard import KeyPress
-from viewer.app.presenting import awaited, unfinished
 from viewer.panels.ui import Ui
 from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.window.canvas import Canvas
@@ -48,7 +48,7 @@ class OffscreenUi:
     ) -> None:
         self.ctx, self.app, self.canvas = ctx, app, Canvas(ctx)
         self.canvas.rest_s = self.canvas.blend_s = 0.0  # nobody waits here
-        app.stage = self.canvas
+        app.canvas = self.canvas
         self.ui = Ui()
         self.density, self.scale = density, scale
         self.framebuffer: moderngl.Framebuffer | None = None
@@ -99,7 +99,7 @@ class OffscreenUi:
         for _ in range(most):
             self.frame()
             if not unfinished(self.app, self.canvas) and not self.app.frames_owed and not self.ui.hears:
-                if not awaited(self.app):
+                if not is_waiting(self.app):
                     break
                 time.sleep(0.01)
         for _ in range(2):  # figures that were measured at rest reach the screen with the frame after

@@ -1,7 +1,7 @@
 """The viewer without its window: all state, and everything it can do.
 
 Panels read it and call it; the window calls `tick` once a frame and draws while `wants_frame`. What needs OpenGL (the
-picture itself) is behind `viewer.app.stage.Stage`, which viewer.window.canvas implements.
+picture itself) is behind `viewer.app.canvas_interface.CanvasInterface`, which viewer.window.canvas implements.
 """
 
 from __future__ import annotations
@@ -14,37 +14,36 @@ from pathlib import Path
 from console import UserError
 from scenepack.pack import Pack
 from viewer.app import crop
+from viewer.app.annotations import Annotations, AnnotationStore, Point
 from viewer.app.backdrops import TRAINED, backdrop
 from viewer.app.bookmarks import Bookmarks
-from viewer.app.choosing import Choosing, looks_like_path, path_in
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.comparison import Comparison
 from viewer.app.controllers import Controllers
 from viewer.app.exporting import Exporting
 from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.app.filming import Filming
-from viewer.app.first_look import Look
-from viewer.app.forward_facing import rig_for
+from viewer.app.forward_facing import orbit_camera_for
+from viewer.app.frame_stats import FrameStats
 from viewer.app.gallery import Gallery
 from viewer.app.keyboard import Keyboard
 from viewer.app.loading import Loading
 from viewer.app.log import Messages
 from viewer.app.making import Making
-from viewer.app.marking import Marking
-from viewer.app.marks import Marks, Point
-from viewer.app.measuring import Measuring
+from viewer.app.measure_tool import MeasureTool
+from viewer.app.open_packs import OpenPack, OpenPacks
+from viewer.app.open_prompt import OpenPrompt, looks_like_path, path_in
 from viewer.app.opening import Opening
+from viewer.app.orbit_camera import FOVS, OrbitCamera
 from viewer.app.path import CameraPath
 from viewer.app.pose import ortho_height_of, pose_from_text, pose_to_text
 from viewer.app.preferences import Preferences
 from viewer.app.projection import ray_through
 from viewer.app.ray_costs import CostMeter
-from viewer.app.rig import FOVS, CameraRig
 from viewer.app.session import Sessions
-from viewer.app.shelf import Shelf, Shelved
-from viewer.app.so_far import SoFar
-from viewer.app.stage import Stage
+from viewer.app.sparse_preview import SparsePreview
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
-from viewer.app.timing import FrameTimes
+from viewer.app.training_preview import TrainingPreview
 from viewer.app.view_pictures import ViewPictures
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution
@@ -55,11 +54,11 @@ from viewer.rendering.settings import RenderSettings
 class App:
     """State and commands; see viewer.app.commands for the list that keys and menus use."""
 
-    stage: Stage | None = None
+    canvas: CanvasInterface | None = None
     scene: OpenScene | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
     resolution: DynamicResolution = field(default_factory=DynamicResolution)
-    times: FrameTimes = field(default_factory=FrameTimes)
+    times: FrameStats = field(default_factory=FrameStats)
     costs: CostMeter = field(default_factory=CostMeter)
     crop_tool: crop.Tool = "faces"  # what the mouse does to the crop box
     messages: Messages = field(default_factory=Messages)
@@ -68,8 +67,8 @@ class App:
     filming: Filming = field(default_factory=Filming)
     comparison: Comparison = field(default_factory=Comparison)
     gallery: Gallery = field(default_factory=Gallery)
-    marking: Marking = field(default_factory=Marking)
-    measuring: Measuring = field(default_factory=Measuring)
+    annotations: AnnotationStore = field(default_factory=AnnotationStore)
+    measure_tool: MeasureTool = field(default_factory=MeasureTool)
     bookmarks: Bookmarks = field(default_factory=Bookmarks)
     views: ViewPictures = field(default_factory=ViewPictures)
     sessions: Sessions = field(default_factory=Sessions)
@@ -78,8 +77,8 @@ class App:
     keyboard: Keyboard = field(default_factory=Keyboard)
     controllers: Controllers = field(default_factory=Controllers)
     file_request: FileRequest | None = None
-    choosing: Choosing | None = None  # the question what to open
-    shelf: Shelf = field(default_factory=Shelf)  # the other packs that are open
+    open_prompt: OpenPrompt | None = None  # the question what to open
+    open_packs: OpenPacks = field(default_factory=OpenPacks)  # the other packs that are open
     demo: Path | None = None  # the bundled pack, where there is one
     opening: Opening = field(default_factory=Opening)
     making: Making = field(default_factory=Making)
@@ -90,25 +89,25 @@ class App:
     # Opening
 
     def show(self, pack: Pack, path: Path, name: str | None = None, *, whole: bool = True) -> None:
-        """Shows a pack that was read. Raises UserError, with the old scene kept, where the card refuses it.
+        """Shows a pack that was read. UserError, with the old scene kept, if it does not fit on the GPU.
 
         whole: False where more of it is on its way.
         """
-        scene = OpenScene(path, name or name_of(path), pack, self.undoable(rig_for(pack)), whole)
+        scene = OpenScene(path, name or name_of(path), pack, self.undoable(orbit_camera_for(pack)), whole)
         left = self.left_now()
-        self.turn_to(Shelved(scene, None, 0.0, CameraPath()), told=whole)
-        self.shelf.drop(path)
+        self.turn_to(OpenPack(scene, None, 0.0, CameraPath()), told=whole)
+        self.open_packs.drop(path)
         if left is not None and left.scene.path != path:
-            self.shelf.keep(self, left)
+            self.open_packs.keep(self, left)
         if whole:
             self.opened()
 
-    def turn_to(self, entry: Shelved, *, told: bool = True) -> None:
-        """Shows a pack with its camera, cuts and path. UserError, and nothing has changed, where the card refuses it."""
+    def turn_to(self, entry: OpenPack, *, told: bool = True) -> None:
+        """Shows a pack with its camera, crop and camera path. UserError, with nothing changed, if it does not fit on the GPU."""
         pack = entry.scene.pack
-        if self.stage is not None:
+        if self.canvas is not None:
             with self.messages.noting_warnings(told=told):
-                self.stage.show(pack)
+                self.canvas.show(pack)
         self.scene = entry.scene
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
             self.settings = replace(self.settings, mode="normal")
@@ -118,83 +117,90 @@ class App:
         self.filming = replace(self.filming.of_another_scene(), path=entry.path)
         self.comparison.stop()
         self.gallery.scene_changed(pack)
-        self.marking.take_up(self, pack, entry.scene.path if entry.scene.path.exists() else None, entry.marks)
-        self.measuring.drop()
+        self.annotations.open_pack(
+            self, pack, entry.scene.path if entry.scene.path.exists() else None, entry.annotations
+        )
+        self.measure_tool.drop()
         self.bookmarks.drop()
         self.touch()
 
-    def left_now(self) -> Shelved | None:
-        """What is shown, to come back to; None where it does not stay open."""
+    def left_now(self) -> OpenPack | None:
+        """The shown pack as an entry of `open_packs`; None if it does not stay open."""
         scene = self.scene
         if scene is None or not scene.whole or not scene.stays:
             return None
-        return Shelved(scene, self.settings.crop, self.settings.near, self.filming.path, self.marking.marks)
+        return OpenPack(scene, self.settings.crop, self.settings.near, self.filming.path, self.annotations.current)
 
-    def show_look(self, look: Look, path: Path, name: str) -> None:
+    def show_sparse_preview(self, sparse_preview: SparsePreview, path: Path, name: str) -> None:
         """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
-        self.show(look.pack, path, name, whole=False)
+        self.show(sparse_preview.pack, path, name, whole=False)
         assert self.scene is not None
         self.scene.whole, self.scene.stays = True, False
-        self.marking.take_up(self, look.pack, None)
-        self.scene.rig.begin_at(look.overview())
+        self.annotations.open_pack(self, sparse_preview.pack, None)
+        self.scene.rig.begin_at(sparse_preview.overview())
         self.gallery.frusta = True
         self.touch()
 
-    def show_so_far(self, so_far: SoFar, path: Path, name: str) -> None:
-        """Shows what is trained so far of a scene that is being made. Where an earlier state of it is shown, or its points, the
-        camera stays where the hands have put it."""
+    def show_training_preview(self, training_preview: TrainingPreview, path: Path, name: str) -> None:
+        """Shows a preview of the training. If an earlier preview or the sparse points are shown, the camera stays."""
         before = self.scene
-        if before is not None and before.path == path and before.pack.ndc == so_far.pack.ndc:
+        if before is not None and before.path == path and before.pack.ndc == training_preview.pack.ndc:
             if self.filming.export is not None:
                 return  # a film is of one scene; the next state may be shown
-            if self.stage is not None:
+            if self.canvas is not None:
                 with self.messages.noting_warnings(told=False):
-                    self.stage.refine(so_far.pack)
-            before.pack, before.name = so_far.pack, name
-            before.rig.follow(rig_for(so_far.pack))
+                    self.canvas.refine(training_preview.pack)
+            before.pack, before.name = training_preview.pack, name
+            before.rig.follow(orbit_camera_for(training_preview.pack))
         else:
-            self.show(so_far.pack, path, name, whole=False)
+            self.show(training_preview.pack, path, name, whole=False)
             assert self.scene is not None
             self.scene.whole, self.scene.stays = True, False
-            self.marking.take_up(self, so_far.pack, None)  # the file does not last
+            self.annotations.open_pack(self, training_preview.pack, None)  # the file does not last
         self.touch()
 
-    def undoable(self, rig: CameraRig) -> CameraRig:
-        """`rig`, with what is cut off and what is marked in its history as well."""
+    def undoable(self, rig: OrbitCamera) -> OrbitCamera:
+        """Adds crop, near plane and annotations to the undo history of `rig`."""
         rig.history.follow(
             lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
         )
-        rig.history.follow(lambda: (self.marking.marks, self.measuring.draft), self._mark)
+        rig.history.follow(lambda: (self.annotations.current, self.measure_tool.draft), self._restore_annotations)
         return rig
 
-    def _mark(self, marked: tuple[Marks, tuple[Point, ...]]) -> None:
-        self.marking.marks, self.measuring.draft = marked
+    def _restore_annotations(self, marked: tuple[Annotations, tuple[Point, ...]]) -> None:
+        self.annotations.current, self.measure_tool.draft = marked
 
     def opened(self) -> None:
-        """The whole pack is there: it is remembered, and told."""
+        """Records the pack as recent and logs it, because it is complete."""
         assert self.scene is not None
         if self.scene.path.exists():
             self.preferences.opened(self.scene.path)
         self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
 
     def close(self) -> None:
-        """Closes the pack that is shown: back to the one that was left last, or to the start page."""
+        """Closes the shown pack and shows the last one of `open_packs`, or the start page."""
         if self.filming.export is not None:
             self.filming.cancel(self)
         self.comparison.drop_other(self)
         self.comparison.stop()
-        if self.stage is not None:
-            self.stage.show(None)
+        if self.canvas is not None:
+            self.canvas.show(None)
         self.scene, self.filming = None, self.filming.of_another_scene()
-        self.marking.leave()
-        self.measuring.drop()
+        self.annotations.close_pack()
+        self.measure_tool.drop()
         self.bookmarks.drop()
-        if self.shelf.packs:
-            self.turn_to(self.shelf.packs.pop())
+        if self.open_packs.packs:
+            self.turn_to(self.open_packs.packs.pop())
         self.touch()
 
+    def end_processes(self) -> None:
+        """Ends the processes that make a scene, export one, and hold a picture for the clipboard."""
+        self.making.end()
+        self.exporting.end()
+        self.filming.copied_to.release()
+
     def quit(self) -> None:
-        """Ends the program with the next turn of its loop, without a question."""
+        """Ends the program in the next turn of its loop, without a question."""
         self.quitting = True
 
     def open(
@@ -204,19 +210,19 @@ class App:
         other: bool = False,
         then: Callable[[], None] | None = None,
     ) -> None:
-        """Starts to read a pack; what comes of it shows itself in later ticks.
+        """Starts reading a pack in a thread; tick() delivers the result.
 
         other: to compare with it. then: called once it is shown.
         """
         self.opening.start(self, path, other=other, then=then)
 
     def compare_with(self, pack: Pack, path: Path) -> None:
-        """Compares with another pack under the same camera. UserError where the card has no room for both."""
+        """Compares with another pack under the same camera. UserError if both do not fit on the GPU."""
         self.comparison.with_pack(self, pack, path)
         self.gallery.chosen = None
 
     def drop(self, paths: list[Path]) -> None:
-        """Files were dropped on the window: a pack is opened; a scene or a run may be made into one."""
+        """Handles files dropped on the window: opens a pack or session; offers to make a scene or run into one."""
         if not paths:
             return
         try:
@@ -243,13 +249,13 @@ class App:
         return self.opening.loading
 
     def cancel_loading(self) -> None:
-        """Gives up reading; the scene that is open stays."""
+        """Stops reading; the open scene stays."""
         self.opening.cancel(self)
 
     # Each frame
 
     def tick(self, seconds: float) -> None:
-        """Time passes: cameras glide, threads report."""
+        """Advances cameras and films, and takes over what threads have done."""
         self.opening.tick(self)
         self.making.tick(self)
         self.exporting.tick(self)
@@ -257,7 +263,7 @@ class App:
             self.touch(2)
         self.filming.tick(self, seconds)
         self.gallery.tick(self)
-        self.marking.tick(self)
+        self.annotations.tick(self)
         self.views.tick(self)
         self.sessions.tick(self)
         self.comparison.tick(self, seconds)
@@ -303,14 +309,14 @@ class App:
             self.messages.say("The pose is on the clipboard")
 
     def paste_pose(self, text: str | None = None) -> None:
-        """Goes to a pose that was copied (or given as text). ValueError, told plainly, where it is none."""
+        """Goes to a pose from the clipboard (or `text`). ValueError if it is not a pose."""
         if self.scene is not None:
             text = self.clipboard.get() if text is None else text
             self.scene.rig.set_matrix(*pose_from_text(text), ortho_height_of(text))
             self.touch()
 
     def paste(self) -> None:
-        """Opens the path, or goes to the pose, that is on the clipboard. UserError or ValueError, told plainly, for the rest."""
+        """Opens the path or goes to the pose on the clipboard. UserError or ValueError for other text."""
         text = self.clipboard.get()
         path = path_in(text)
         if path is not None:
@@ -335,14 +341,14 @@ class App:
         self.set(backdrop=chosen, **({} if chosen is None else {"background": TRAINED}))
 
     def set_theme(self, theme: str) -> None:
-        """Another theme; what stands behind the scene goes with it."""
+        """Changes the theme, and the backdrop with it."""
         self.interface.theme = theme
         if self.settings.backdrop is not None:
             self.set_backdrop(self.settings.backdrop.style)
         self.touch()
 
     def cut(self, **fields: object) -> None:
-        """Changes what is cut off (settings crop and near), to be undone as one step."""
+        """Changes crop or near plane in one step that can be undone."""
         if self.scene is not None:
             self.scene.rig.remember()
         self.set(**fields)
@@ -357,11 +363,11 @@ class App:
     def pivot_at(self, x: float, y: float) -> bool:
         """Makes the surface under a point of the viewport (window units from its corner) the pivot; False for none."""
         camera = self.camera()
-        if camera is None or self.stage is None or self.scene is None or self.scene.rig.bounded:
+        if camera is None or self.canvas is None or self.scene is None or self.scene.rig.bounded:
             return False
         scale = self.viewport.pixels_per_unit
         px, py = x * scale, y * scale
-        distance = self.stage.distance_at(camera, self.settings, px, py)
+        distance = self.canvas.distance_at(camera, self.settings, px, py)
         if distance is None:
             return False
         start, ray = ray_through(camera, px, py)

@@ -1,5 +1,6 @@
-"""Bare photographs or a film before anything is begun: small pictures, what would be set aside and why, and how long finding
-poses takes here. A child process looks at them (training.posing.preview), since a decoder may crash and COLMAP listens to nobody.
+"""Preview of photographs without poses, or of a film: thumbnails, rejected pictures, and an estimate of the time for poses.
+
+A child process (training.posing.preview) reads them, because a decoder may crash and COLMAP cannot be interrupted.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from PIL import Image
 from training.scenes.pictures import UNREADABLE
 from training.scenes.sources import Source
 from viewer.app.child import temporary_folder
-from viewer.app.telling import Telling
+from viewer.app.json_subprocess import JsonSubprocess
 
 CELL = 160  # pixels a side: no small picture is larger
 COLUMNS, ROWS = 16, 16  # of the sheet; later pictures are counted, and not shown
@@ -23,13 +24,16 @@ MODULE = "training.posing.preview"
 Box = tuple[int, int, int, int]
 
 
-class BarePreview(Telling):
-    """A look at `source`, from the moment this is made. Poll `news` from the main thread, and close it in the end.
+class BarePreview(JsonSubprocess):
+    """Starts to read `source` at once. Poll `news` from the main thread; close it in the end.
 
-    of_film: it is no photographs. count: pictures in all, of a film the frames that would be taken; None before it is known.
-    names: of those looked at, in order. sheet, boxes: their small pictures, as viewer.app.stage.Sheet has them. aside: why
-    pictures are not used, by name; None before it is known. seconds: an estimate by stage, None before there is one. error:
-    why it went no further.
+    of_film: whether the source is a film.
+    count: number of photographs, or of frames that would be used; None before it is known.
+    names: of the pictures read so far, in order.
+    sheet, boxes: their thumbnails; see viewer.app.canvas_interface.Sheet.
+    aside: reasons for rejected pictures, by name; None before they are known.
+    seconds: estimated time by stage; None before there is one.
+    error: why reading stopped early; "" if it did not.
     """
 
     def __init__(self, source: Source) -> None:
@@ -44,7 +48,7 @@ class BarePreview(Telling):
         self._told: object = None
         self._folder = temporary_folder("snerg-preview-")
         words = [str(source.path.resolve()), str(self._folder)]
-        super().__init__(MODULE, words, self._take, behind=lambda: shutil.rmtree(self._folder, ignore_errors=True))
+        super().__init__(MODULE, words, self._take, on_end=lambda: shutil.rmtree(self._folder, ignore_errors=True))
 
     def news(self) -> bool:
         """Whether more has arrived since this was asked last."""

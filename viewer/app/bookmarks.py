@@ -1,35 +1,26 @@
-"""Views to come back to: saved, named and ordered with the marks of a scene, and flown through as a film."""
+"""Bookmarks: saved views of a scene, which can be named, ordered, visited and filmed."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from console import UserError
-from viewer.app.filming import Filming
-from viewer.app.host import Host
-from viewer.app.marking import Marking
-from viewer.app.marks import MOST_MARKS, Bookmark, named
+from viewer.app.annotations import MOST_ANNOTATIONS, Bookmark, named
+from viewer.app.orbit_camera import FOVS, OrbitCamera
 from viewer.app.path import CameraPath, Keyframe
 from viewer.app.pose import MAX_ELEVATION, Pose, Turntable, triple
-from viewer.app.rig import FOVS, CameraRig
-from viewer.app.state import Interface
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 PAGE = "bookmarks"
 
 
-class BookmarksHost(Host, Protocol):
-    """Whose scene the views are of."""
-
-    marking: Marking
-    filming: Filming
-    interface: Interface
-
-
-def bookmark_of(rig: CameraRig, fov: float, name: str) -> Bookmark:
+def bookmark_of(rig: OrbitCamera, fov: float, name: str) -> Bookmark:
     """The present view of a rig. fov: vertical, degrees. A photograph's camera is taken level, and without its lens."""
     pose = rig.shown
     if rig.held is not None:
@@ -55,86 +46,88 @@ class Bookmarks:
     naming: str = ""
 
     def drop(self) -> None:
-        """Another scene is shown."""
+        """Forgets the selection, because another scene is shown."""
         self.selected, self.naming = None, ""
 
-    def add(self, host: BookmarksHost) -> None:
+    def add(self, app: App) -> None:
         """Saves the present view, behind the selected one."""
-        marks = host.marking.marks
-        if host.scene is None or len(marks.bookmarks) >= MOST_MARKS:
+        annotations = app.annotations.current
+        if app.scene is None or len(annotations.bookmarks) >= MOST_ANNOTATIONS:
             return
-        at = len(marks.bookmarks) if self.selected is None else min(self.selected + 1, len(marks.bookmarks))
-        view = bookmark_of(host.scene.rig, host.fov, _free_name(marks.bookmarks))
-        added = (*marks.bookmarks[:at], view, *marks.bookmarks[at:])
-        host.marking.change(host, replace(marks, bookmarks=added))
+        at = len(annotations.bookmarks) if self.selected is None else min(self.selected + 1, len(annotations.bookmarks))
+        view = bookmark_of(app.scene.rig, app.fov, _free_name(annotations.bookmarks))
+        added = (*annotations.bookmarks[:at], view, *annotations.bookmarks[at:])
+        app.annotations.change(app, replace(annotations, bookmarks=added))
         self.selected = at
-        host.messages.say(f"Bookmarked as “{view.name}”")
+        app.messages.say(f"Bookmarked as “{view.name}”")
 
-    def go(self, host: BookmarksHost, index: int) -> None:
+    def go(self, app: App, index: int) -> None:
         """Flies to a saved view."""
-        if host.scene is None or not 0 <= index < len(host.marking.marks.bookmarks):
+        if app.scene is None or not 0 <= index < len(app.annotations.current.bookmarks):
             return
-        view, rig = host.marking.marks.bookmarks[index], host.scene.rig
+        view, rig = app.annotations.current.bookmarks[index], app.scene.rig
         rig.remember()
         self.selected = index
         if view.up != rig.table.up:
             rig.set_up(view.up)
         rig.go(pose_of(view, rig.table), remember=False)
         rig.fov = min(max(view.fov, FOVS[0]), FOVS[1])
-        host.touch()
+        app.touch()
 
-    def step(self, host: BookmarksHost, by: int) -> None:
-        """Flies to the next saved view, or to the one before; round and round."""
-        count = len(host.marking.marks.bookmarks)
+    def step(self, app: App, by: int) -> None:
+        """Flies to the next saved view, or to the previous one, cyclically."""
+        count = len(app.annotations.current.bookmarks)
         if not count:
-            host.messages.say("There are no bookmarks yet: Ctrl+D saves this view")
+            app.messages.say("There are no bookmarks yet: Ctrl+D saves this view")
             return
         first = 0 if by > 0 else -1
-        self.go(host, (first if self.selected is None else self.selected + by) % count)
+        self.go(app, (first if self.selected is None else self.selected + by) % count)
         assert self.selected is not None
-        host.messages.say(host.marking.marks.bookmarks[self.selected].name)
+        app.messages.say(app.annotations.current.bookmarks[self.selected].name)
 
-    def give_name(self, host: BookmarksHost, index: int, name: str) -> None:
+    def give_name(self, app: App, index: int, name: str) -> None:
         """Gives a view another name."""
-        marks = host.marking.marks
-        host.marking.change(host, marks.with_bookmark(index, replace(marks.bookmarks[index], name=named(name))))
+        annotations = app.annotations.current
+        app.annotations.change(
+            app, annotations.with_bookmark(index, replace(annotations.bookmarks[index], name=named(name)))
+        )
 
-    def update(self, host: BookmarksHost, index: int) -> None:
+    def update(self, app: App, index: int) -> None:
         """Puts a saved view where the camera is now."""
-        marks = host.marking.marks
-        if host.scene is not None:
-            view = bookmark_of(host.scene.rig, host.fov, marks.bookmarks[index].name)
-            host.marking.change(host, marks.with_bookmark(index, view))
+        annotations = app.annotations.current
+        if app.scene is not None:
+            view = bookmark_of(app.scene.rig, app.fov, annotations.bookmarks[index].name)
+            app.annotations.change(app, annotations.with_bookmark(index, view))
 
-    def move(self, host: BookmarksHost, index: int, by: int) -> None:
+    def move(self, app: App, index: int, by: int) -> None:
         """Moves a view earlier (-1) or later (1)."""
-        to = min(max(index + by, 0), len(host.marking.marks.bookmarks) - 1)
-        host.marking.change(host, host.marking.marks.with_bookmark_moved(index, to))
+        to = min(max(index + by, 0), len(app.annotations.current.bookmarks) - 1)
+        app.annotations.change(app, app.annotations.current.with_bookmark_moved(index, to))
         self.selected = to
 
-    def remove(self, host: BookmarksHost, index: int) -> None:
-        """Takes a view out."""
-        host.marking.change(host, host.marking.marks.with_bookmark(index, None))
-        left = len(host.marking.marks.bookmarks)
+    def remove(self, app: App, index: int) -> None:
+        """Removes a view."""
+        app.annotations.change(app, app.annotations.current.with_bookmark(index, None))
+        left = len(app.annotations.current.bookmarks)
         self.selected = min(index, left - 1) if left else None
 
-    def film(self, host: BookmarksHost) -> None:
+    def film(self, app: App) -> None:
         """Makes the saved views, in their order, the keyframes of the camera path."""
-        views = host.marking.marks.bookmarks
-        if host.scene is None:
+        views = app.annotations.current.bookmarks
+        if app.scene is None:
             return
         if len(views) < 2:
             raise UserError("a film needs two views", remedy="bookmark some: Ctrl+D")
-        rig = host.scene.rig
+        rig = app.scene.rig
         keys = []
         for view in views:
             table = replace(rig.table, up=view.up)
             keys.append(Keyframe(pose_of(view, table).matrix(table), view.fov))
-        filming = host.filming
+        filming = app.filming
         filming.path, filming.selected, filming.time, filming.playing = CameraPath(keys), None, 0.0, False
-        host.interface.opens("film")
-        host.messages.say(f"A film of {filming.path.duration:.0f} seconds through {len(keys)} views")
-        host.touch()
+        app.interface.opens("film")
+        app.messages.say(f"A film of {filming.path.duration:.0f} seconds through {len(keys)} views")
+        app.touch()
 
 
 def _free_name(bookmarks: tuple[Bookmark, ...]) -> str:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 from viewer.app.application import App
-from viewer.app.choosing import OPENABLE, Choosing
 from viewer.app.files import SESSION_SUFFIX, FileRequest, pack_in
+from viewer.app.open_prompt import OPENABLE, OpenPrompt
 from viewer.rendering.settings import MODES
 
 STEP_DEGREES = 15.0  # of a key that turns
@@ -69,22 +69,22 @@ def _fly(app: App) -> None:
 
 def ask_to_open(app: App, *, other: bool = False) -> None:
     """Asks what to open. other: for a pack to compare with."""
-    app.choosing = Choosing(app.preferences.recent_packs(), other)
+    app.open_prompt = OpenPrompt(app.preferences.recent_packs(), other)
 
 
 def choose(app: App, line: int | None = None) -> None:
     """Takes what is chosen in that question: the line given, or what Enter takes."""
-    assert app.choosing is not None
-    path, other = app.choosing.take(line), app.choosing.other
+    assert app.open_prompt is not None
+    path, other = app.open_prompt.take(line), app.open_prompt.other
     if path is not None:
-        app.choosing = None
+        app.open_prompt = None
         _open(app, path, other)
     app.touch()
 
 
 def browse(app: App, kind: Literal["open", "folder"], *, other: bool = False) -> None:
     """Goes on with a file dialog: for a file, or for a folder."""
-    app.choosing = None
+    app.open_prompt = None
     title = "Compare with a pack" if other else "Open a pack, photographs, a film or a training run"
     suffixes = () if kind == "folder" else (".zip",) if other else OPENABLE
     app.file_request = FileRequest(title, kind, lambda path: _open(app, path, other), suffixes)
@@ -111,7 +111,7 @@ def ask_for_table(app: App) -> None:
     """Asks where to save the measurements."""
     name = f"{app.scene.name}-measurements.csv" if app.scene is not None else "measurements.csv"
     app.file_request = FileRequest(
-        "Save the measurements", "save", lambda path: app.measuring.save_table(app, path), (".csv",), name
+        "Save the measurements", "save", lambda path: app.measure_tool.save_table(app, path), (".csv",), name
     )
 
 
@@ -125,7 +125,7 @@ def ask_for_session(app: App) -> None:
 
 
 def _ask_to_export(app: App) -> None:
-    app.exporting.ask(app, app.marking.marks.scale.factor)
+    app.exporting.ask(app, app.annotations.current.scale.factor)
 
 
 def _escape(app: App) -> None:
@@ -140,7 +140,7 @@ def _escape(app: App) -> None:
         app.filming.cancel(app)
     elif app.loading is not None:
         app.cancel_loading()
-    elif app.measuring.escape(app):
+    elif app.measure_tool.escape(app):
         pass
     elif app.comparison.against == "photograph":
         app.comparison.stop()
@@ -209,20 +209,20 @@ COMMANDS: dict[str, Command] = {
         Command("save", "Save the picture", "Picture", ask_for_still, ("Ctrl+S",)),
         Command("copy-picture", "Copy the picture", "Picture", lambda app: app.filming.copy(app), ("Ctrl+I",)),
         Command("export-scene", "Export the scene", "Picture", _ask_to_export, ("Ctrl+E",)),
-        Command("measure", "Measure", "Ruler", lambda app: app.measuring.toggle(app), ("M",)),
-        Command("finish-line", "End the line", "Ruler", lambda app: app.measuring.finish(app), ("Enter",)),
+        Command("measure", "Measure", "Ruler", lambda app: app.measure_tool.toggle(app), ("M",)),
+        Command("finish-line", "End the line", "Ruler", lambda app: app.measure_tool.finish(app), ("Enter",)),
         Command(
             "remove-point",
             "Remove the last point",
             "Ruler",
-            lambda app: app.measuring.back(app),
+            lambda app: app.measure_tool.back(app),
             ("Backspace", "Delete"),
         ),
         Command(
             "copy-measurements",
             "Copy the measurements",
             "Ruler",
-            lambda app: app.measuring.copy(app),
+            lambda app: app.measure_tool.copy(app),
             ("Ctrl+Shift+C",),
         ),
         Command("bookmark", "Bookmark this view", "Bookmarks", lambda app: app.bookmarks.add(app), ("Ctrl+D",)),
@@ -235,9 +235,9 @@ COMMANDS: dict[str, Command] = {
         Command("turntable", "Make a turntable", "Film", lambda app: app.filming.turntable(app), ("T",)),
         Command("open", "Open", "Window", ask_to_open, ("Ctrl+O",), False),
         Command("open-folder", "Open a folder", "Window", lambda app: browse(app, "folder"), ("Ctrl+Shift+O",), False),
-        Command("next-pack", "Next open pack", "Window", lambda app: app.shelf.switch(app, 1), ("Ctrl+Tab",)),
+        Command("next-pack", "Next open pack", "Window", lambda app: app.open_packs.switch(app, 1), ("Ctrl+Tab",)),
         Command(
-            "last-pack", "Previous open pack", "Window", lambda app: app.shelf.switch(app, -1), ("Ctrl+Shift+Tab",)
+            "last-pack", "Previous open pack", "Window", lambda app: app.open_packs.switch(app, -1), ("Ctrl+Shift+Tab",)
         ),
         Command("make", "Make a scene from photographs", "Window", ask_to_make, ("Ctrl+M",), False),
         Command("close", "Close the scene", "Window", lambda app: app.close(), ("Ctrl+W",)),
@@ -263,7 +263,7 @@ COMMANDS: dict[str, Command] = {
         ),
         Command("save-measurements", "Save the measurements", "Ruler", ask_for_table),
         Command("film-bookmarks", "Film through the bookmarks", "Bookmarks", lambda app: app.bookmarks.film(app)),
-        Command("set-scale", "Set the scale", "Ruler", lambda app: app.measuring.set_scale(app)),
+        Command("set-scale", "Set the scale", "Ruler", lambda app: app.measure_tool.set_scale(app)),
         # answers to dialogs; no keys
         Command("make-again", "Make it again", "Window", lambda app: app.making.again(app), (), False),
         Command("stop-and-quit", "Stop and quit", "Window", lambda app: app.making.stop_and_quit(app), (), False),
@@ -276,7 +276,7 @@ def run(app: App, name: str) -> bool:
     command = COMMANDS[name]
     if not command.enabled(app):
         return False
-    app.messages.trail(f"command {name}")
+    app.messages.crash_log(f"command {name}")
     try:
         command.action(app)
     except Exception as error:  # the program goes on

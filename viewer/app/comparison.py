@@ -1,19 +1,21 @@
-"""Looking at two things in one place: the picture against a photograph, or against another pack."""
+"""Comparison of the picture with a photograph, or with another pack."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from PIL import Image
 
 from scenepack.pack import Pack
-from viewer.app.host import Host
 from viewer.app.photographs import psnr
-from viewer.app.rig import fitted
+from viewer.app.pose import fitted
 from viewer.app.state import name_of
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 Against = Literal["", "photograph", "pack"]
 How = Literal["wipe", "flip", "difference"]
@@ -49,74 +51,74 @@ class Comparison:
         """Compares with a photograph, uint8 [h, w, 3], for as long as its camera is held."""
         self.against, self.pixels, self.psnr_db, self._measured = "photograph", pixels, None, ()
 
-    def with_pack(self, host: Host, pack: Pack, path: Path) -> None:
+    def with_pack(self, app: App, pack: Pack, path: Path) -> None:
         """Compares with another pack under the same camera. UserError where the card has no room for both."""
-        if host.stage is not None:
-            with host.messages.noting_warnings():
-                host.stage.show_other(pack)
+        if app.canvas is not None:
+            with app.messages.noting_warnings():
+                app.canvas.show_other(pack)
         self.other, self.other_path = pack, path
         self.against, self.pixels, self.psnr_db = "pack", None, None
-        host.touch()
+        app.touch()
 
-    def drop_other(self, host: Host) -> None:
+    def drop_other(self, app: App) -> None:
         """Ends the comparison with another pack."""
-        if host.stage is not None:
-            host.stage.show_other(None)
+        if app.canvas is not None:
+            app.canvas.show_other(None)
         self.other = self.other_path = None
         if self.against == "pack":
             self.stop()
-        host.touch()
+        app.touch()
 
     @property
     def other_side(self) -> bool:
         """Whether a flip shows the other picture at this moment."""
         return int(self.clock / FLIP_S) % 2 == 1
 
-    def sides(self, host: Host) -> tuple[str, str] | None:
+    def sides(self, app: App) -> tuple[str, str] | None:
         """What is seen left and right of a wipe's edge, and in turn; None while nothing is compared."""
         if self.against == "photograph" and self.pixels is not None:
             return "Rendered", "Photograph"
-        if self.against == "pack" and self.other_path is not None and host.scene is not None:
-            return host.scene.name, name_of(self.other_path)
+        if self.against == "pack" and self.other_path is not None and app.scene is not None:
+            return app.scene.name, name_of(self.other_path)
         return None
 
-    def tick(self, host: Host, seconds: float) -> None:
-        """Time passes. Moving away from a photograph's place ends the comparison with it."""
-        if self.against == "photograph" and (host.scene is None or host.scene.rig.held is None):
+    def tick(self, app: App, seconds: float) -> None:
+        """Advances flips; ends the comparison with a photograph once the camera moves."""
+        if self.against == "photograph" and (app.scene is None or app.scene.rig.held is None):
             self.stop()
-            host.touch()
+            app.touch()
         if self.against and self.how == "flip":
             side = self.other_side
             self.clock += seconds
-            host.touch(1 if side == self.other_side else 3)
+            app.touch(1 if side == self.other_side else 3)
 
-    def box(self, host: Host) -> tuple[float, float, float, float]:
-        """Where the photograph lies on the viewport: x0, y0, x1, y1 in 0 … 1 from the top left."""
+    def box(self, app: App) -> tuple[float, float, float, float]:
+        """The photograph's box on the viewport: x0, y0, x1, y1 in 0 … 1 from the top left."""
         if self.against != "photograph" or self.pixels is None:
             return 0.0, 0.0, 1.0, 1.0
-        width, height = host.viewport.pixels
+        width, height = app.viewport.pixels
         h, w = self.pixels.shape[:2]
         scale = min(width / w, height / h)
         x, y = 0.5 * (1 - scale * w / width), 0.5 * (1 - scale * h / height)
         return x, y, 1 - x, 1 - y
 
-    def measure(self, host: Host) -> None:
-        """Brings the PSNR against the photograph up to date; call while nothing moves."""
-        if self.against != "photograph" or self.pixels is None or host.stage is None or host.scene is None:
+    def measure(self, app: App) -> None:
+        """Updates the PSNR against the photograph; call while nothing moves."""
+        if self.against != "photograph" or self.pixels is None or app.canvas is None or app.scene is None:
             return
-        held = host.scene.rig.held
-        key = (host.settings, id(held))
+        held = app.scene.rig.held
+        key = (app.settings, id(held))
         if held is None or key == self._measured:
             return
         self._measured = key
         h, w = self.pixels.shape[:2]
-        speed = host.resolution.pixels_per_ms or 1000.0
+        speed = app.resolution.pixels_per_ms or 1000.0
         scale = min(1.0, (PSNR_BUDGET_MS * speed / (w * h)) ** 0.5)
         size = max(1, round(w * scale)), max(1, round(h * scale))
         photograph = self.pixels
         if size != (w, h):
             photograph = np.asarray(Image.fromarray(photograph).resize(size, Image.Resampling.BOX))
-        plain = replace(host.settings, backdrop=None)  # as photographs are
-        picture = host.stage.snapshot(fitted(held, size, host.settings.near), plain)
+        plain = replace(app.settings, backdrop=None)  # as photographs are
+        picture = app.canvas.snapshot(fitted(held, size, app.settings.near), plain)
         self.psnr_db, self.psnr_size = psnr(picture, photograph), size
-        host.touch()
+        app.touch()

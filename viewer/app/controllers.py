@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING
 
-from viewer.app.host import Host
-from viewer.app.rig import CameraRig
+from viewer.app.orbit_camera import OrbitCamera
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 # GLFW's gamepad layout
 LEFT_X, LEFT_Y, RIGHT_X, RIGHT_Y, LEFT_TRIGGER, RIGHT_TRIGGER = range(6)
@@ -59,10 +61,6 @@ class ControllerState:
         return (self.gamepad or self.mouse) and len(self.axes) >= 6
 
 
-class ControllerHost(Host, Protocol):
-    """What buttons are pressed on."""
-
-
 Run = Callable[[str], object]
 
 
@@ -80,14 +78,14 @@ class Controllers:
         """Whether there is one, so that it must be looked at often."""
         return any(state.usable for state in self.states)
 
-    def update(self, host: ControllerHost, states: Sequence[ControllerState], seconds: float, run: Run) -> None:
+    def update(self, app: App, states: Sequence[ControllerState], seconds: float, run: Run) -> None:
         """Applies what the devices say for `seconds`. run: runs a command by its id."""
         self.states = states
         pressed = [command for state in states if state.usable for command in self._pressed(state)]
         self._down = {state.name: state.buttons for state in states}
         for command in pressed:
             run(command)
-        rig = host.scene.rig if host.scene is not None else None
+        rig = app.scene.rig if app.scene is not None else None
         moves = [self._axes(state) for state in states if state.usable] if rig is not None else []
         moving = any(any(axes) for axes in moves)
         if moving and not self._moving and rig is not None:  # the whole way is one step to be undone
@@ -97,7 +95,7 @@ class Controllers:
             return
         for state, axes in zip((state for state in states if state.usable), moves, strict=True):
             (_move_gamepad if state.gamepad else _move_mouse)(rig, axes, seconds)
-        host.touch()
+        app.touch()
 
     def _pressed(self, state: ControllerState) -> list[str]:
         """The commands of the buttons that went down since the last time."""
@@ -127,7 +125,7 @@ def shaped(value: float, dead_zone: float) -> float:
     return size * size if value > 0 else -size * size
 
 
-def _move_gamepad(rig: CameraRig, axes: Sequence[float], seconds: float) -> None:
+def _move_gamepad(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
     """Left stick: slide, or move while flying; right stick: turn, or look; triggers: away and closer, or down and up."""
     if rig.flying:
         rig.fly(axes[LEFT_X], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER], -axes[LEFT_Y], seconds)
@@ -138,7 +136,7 @@ def _move_gamepad(rig: CameraRig, axes: Sequence[float], seconds: float) -> None
         rig.orbit(-ORBIT_PER_S * seconds * axes[RIGHT_X], sign * -ORBIT_PER_S * seconds * axes[RIGHT_Y])
 
 
-def _move_mouse(rig: CameraRig, axes: Sequence[float], seconds: float) -> None:
+def _move_mouse(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
     """The cap is the camera while flying, else it holds the scene: pushed, tilted and turned, the scene follows."""
     if rig.flying:
         rig.fly(axes[PUSH_X], -axes[PUSH_Z], -axes[PUSH_Y], seconds)
@@ -149,7 +147,7 @@ def _move_mouse(rig: CameraRig, axes: Sequence[float], seconds: float) -> None:
         rig.orbit(sign * -ORBIT_PER_S * seconds * axes[TURN_Z], -ORBIT_PER_S * seconds * axes[TILT_X])
 
 
-def _slide(rig: CameraRig, right: float, up: float, closer: float, seconds: float) -> None:
+def _slide(rig: OrbitCamera, right: float, up: float, closer: float, seconds: float) -> None:
     """Moves the camera to the right, up and closer; -1 … 1 each."""
     if right or up:
         rig.pan(-PAN_PER_S * seconds * right, PAN_PER_S * seconds * up)

@@ -35,7 +35,7 @@ CENTRES = (
 
 @dataclass(frozen=True)
 class Layers:
-    """Several pictures of one view. raw: draws those with floats; see Stage.raw. pack: what is drawn."""
+    """Several pictures of one view. raw: draws those with floats; see CanvasInterface.raw. pack: what is drawn."""
 
     passes: list[Pass]
     raw: Snapshot

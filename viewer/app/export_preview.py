@@ -10,8 +10,8 @@ from console import UserError
 from scenepack.pack import Pack
 
 if TYPE_CHECKING:  # SciPy is loaded once it is needed
+    from scenepack.exports.export_preview import PreviewGeometry
     from scenepack.exports.scene import Export
-    from scenepack.exports.sketch import Sketch
 
 SETTLED_S = 0.25  # without a change, before it is begun: sliders pass through many values
 
@@ -21,10 +21,10 @@ class _Superseded(Exception):
 
 
 class ExportPreview:
-    """sketch: the newest one, also while another is made; None before the first. error: why there is none of what is wanted."""
+    """geometry: the newest one, also while another is made; None before the first. error: why there is none of what is wanted."""
 
     def __init__(self) -> None:
-        self.sketch: Sketch | None = None
+        self.geometry: PreviewGeometry | None = None
         self.error = ""
         self._wanted: tuple[int, Export] | None = None
         self._changed, self._begun = 0.0, True
@@ -34,7 +34,7 @@ class ExportPreview:
 
     @property
     def working(self) -> bool:
-        """Whether another sketch is wanted and not there yet."""
+        """Whether another preview is wanted and not there yet."""
         return not self._begun or (self._thread is not None and self._thread.is_alive())
 
     @property
@@ -48,7 +48,7 @@ class ExportPreview:
         if wanted != self._wanted:
             self._wanted, self._changed, self._begun = wanted, time.monotonic(), False
         busy = self._thread is not None and self._thread.is_alive()  # it ends at its next word
-        first = self.sketch is None and not self.error
+        first = self.geometry is None and not self.error
         if not self._begun and not busy and (first or time.monotonic() - self._changed >= SETTLED_S):
             self._begun, self._share = True, 0.0
             self._thread = threading.Thread(
@@ -58,7 +58,7 @@ class ExportPreview:
 
     def news(self) -> bool:
         """Whether there is something else to show since this was asked last."""
-        state = (self.sketch, self.error, self.working, round(50 * self._share))
+        state = (self.geometry, self.error, self.working, round(50 * self._share))
         told, self._told = self._told, state
         return told != state
 
@@ -67,7 +67,7 @@ class ExportPreview:
         self._wanted = None
 
     def _make(self, pack: Pack, wanted: tuple[int, Export]) -> None:
-        from scenepack.exports.sketch import sketched
+        from scenepack.exports.export_preview import preview_geometry
 
         def tell(share: float, note: str) -> None:
             if self._wanted != wanted:
@@ -75,9 +75,9 @@ class ExportPreview:
             self._share = share
 
         try:
-            made = sketched(pack, wanted[1], tell)
+            made = preview_geometry(pack, wanted[1], tell)
             tell(1.0, "")
-            self.sketch, self.error = made, ""
+            self.geometry, self.error = made, ""
         except _Superseded:
             pass
         except (UserError, MemoryError) as error:

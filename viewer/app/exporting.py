@@ -6,7 +6,7 @@ import shutil
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 from console import UserError
 from console.driven import Report
@@ -14,10 +14,10 @@ from console.python_command import module_command
 from viewer.app.child import Child, temporary_folder
 from viewer.app.export_preview import ExportPreview
 from viewer.app.files import FileRequest, kind_of
-from viewer.app.host import Host
 
 if TYPE_CHECKING:
     from scenepack.exports.scene import Export
+    from viewer.app.application import App
 
 Kind = Literal["mesh", "points", "gaussians"]
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -28,12 +28,6 @@ SPACINGS: dict[str, float] = {"Dense": 0.5, "Usual": 1.0, "Sparse": 2.0}  # of p
 KEPT: dict[str, str] = {"All": "all", "Large": "0.001", "Largest": "largest"}  # components of the surface
 LEVELS = (0.02, 0.9)  # of opacity, that the slider has
 LOOKED_AT_EVERY_S, PARTING_S = 0.1, 5.0
-
-
-class ExportHost(Host, Protocol):
-    """What an export asks of the program around it: a path from the user as well."""
-
-    file_request: FileRequest | None
 
 
 @dataclass
@@ -109,17 +103,17 @@ class Exporting:
     writing: Writing | None = None
     _looked: float = 0.0
 
-    def ask(self, host: Host, scale: float = 1.0) -> None:
+    def ask(self, app: App, scale: float = 1.0) -> None:
         """Opens the dialog. scale: units that were set, per unit of the grid.
 
         UserError where the scene is no pack on disk, or something is being written.
         """
         if self.writing is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
-        if host.scene is None:
+        if app.scene is None:
             return
-        if kind_of(host.scene.path) != "pack":
-            raise UserError("is not a pack on disk", where=host.scene.path, remedy="open a pack, then export it")
+        if kind_of(app.scene.path) != "pack":
+            raise UserError("is not a pack on disk", where=app.scene.path, remedy="open a pack, then export it")
         self.plan = replace(self.plan, crop=True, scale=scale)
         self.asking, self.preview = True, ExportPreview()
 
@@ -130,19 +124,19 @@ class Exporting:
             self.preview.close()
         self.preview = None
 
-    def choose_file(self, host: ExportHost) -> None:
+    def choose_file(self, app: App) -> None:
         """Asks where to write, then begins."""
-        assert host.scene is not None
+        assert app.scene is not None
         self.dismiss()
         suffixes = SUFFIXES[self.plan.kind]
-        name = f"{host.scene.name}-{self.plan.kind}{suffixes[0]}"
-        host.file_request = FileRequest("Export the scene", "save", lambda path: self.begin(host, path), suffixes, name)
+        name = f"{app.scene.name}-{self.plan.kind}{suffixes[0]}"
+        app.file_request = FileRequest("Export the scene", "save", lambda path: self.begin(app, path), suffixes, name)
 
-    def begin(self, host: Host, file: Path) -> None:
+    def begin(self, app: App, file: Path) -> None:
         """Starts to write `file` in a process of its own. UserError where it cannot be started."""
-        if host.scene is None:
+        if app.scene is None:
             return
-        words = self.plan.arguments(host.scene.path.resolve(), file.absolute(), host.settings.crop)
+        words = self.plan.arguments(app.scene.path.resolve(), file.absolute(), app.settings.crop)
         folder = temporary_folder("snerg-export-")
         try:
             child = Child(module_command("baker.commands.pack", *words), folder / "log.txt")
@@ -150,7 +144,7 @@ class Exporting:
             shutil.rmtree(folder, ignore_errors=True)
             raise
         self.writing = Writing(child, file, folder)
-        host.touch()
+        app.touch()
 
     def cancel(self) -> None:
         """Asks the process to end; nothing of the file is left."""
@@ -164,28 +158,28 @@ class Exporting:
             self.writing.child.end(PARTING_S)
             self._forget(self.writing)
 
-    def tick(self, host: Host) -> None:
+    def tick(self, app: App) -> None:
         """Time passes: looks at what the process is doing, and at the preview."""
-        if self.preview is not None and host.scene is not None:
-            self.preview.follow(host.scene.pack, self.plan.export(host.settings.crop))
+        if self.preview is not None and app.scene is not None:
+            self.preview.follow(app.scene.pack, self.plan.export(app.settings.crop))
             if self.preview.news():
-                host.touch(1)
+                app.touch(1)
         writing, now = self.writing, time.monotonic()
         if writing is None or now - self._looked < LOOKED_AT_EVERY_S:
             return
         self._looked = now
-        host.touch(1)
+        app.touch(1)
         status = writing.child.poll()
         writing.report = writing.child.report() or writing.report
         if status is None:
             return
         self._forget(writing)
         if status == 0:
-            host.messages.say(f"Saved {writing.file}")
+            app.messages.say(f"Saved {writing.file}")
         elif writing.child.stopping:
-            host.messages.say("The export was cancelled")
+            app.messages.say("The export was cancelled")
         else:
-            host.messages.fail(f"{writing.file.name} was not written", said(writing.child))
+            app.messages.fail(f"{writing.file.name} was not written", said(writing.child))
 
     def _forget(self, writing: Writing) -> None:
         self.writing = None

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from console import UserError
 from viewer.app.export import Export, Layers, ToClipboard
-from viewer.app.host import Host
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path
 from viewer.app.picture_clipboard import PictureClipboard
 from viewer.app.pictures import EXR, passes_for
-from viewer.app.pose import view_camera
-from viewer.app.rig import fitted
+from viewer.app.pose import fitted, view_camera
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import Mode
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 Size = tuple[int, int]  # width, height in pixels
 
@@ -74,18 +76,18 @@ class Filming:
             copying=self.copying,
         )
 
-    def add(self, host: Host) -> None:
+    def add(self, app: App) -> None:
         """Makes the present view a keyframe, after the selected one."""
-        if host.scene is not None:
-            rig = host.scene.rig
-            fov = host.fov
+        if app.scene is not None:
+            rig = app.scene.rig
+            fov = app.fov
             self.selected = self.path.insert(Keyframe(rig.matrix.copy(), fov), self.selected)
-            host.messages.say(f"Keyframe {self.selected + 1} of {len(self.path.keyframes)}")
+            app.messages.say(f"Keyframe {self.selected + 1} of {len(self.path.keyframes)}")
 
-    def update(self, host: Host, index: int) -> None:
+    def update(self, app: App, index: int) -> None:
         """Puts a keyframe where the camera is now."""
-        if host.scene is not None:
-            self.path.replace(index, grid_T_camera=host.scene.rig.matrix.copy(), fov=host.fov)
+        if app.scene is not None:
+            self.path.replace(index, grid_T_camera=app.scene.rig.matrix.copy(), fov=app.fov)
 
     def remove(self, index: int) -> None:
         """Takes a keyframe out."""
@@ -97,30 +99,30 @@ class Filming:
         """Moves a keyframe earlier or later."""
         self.selected = self.path.move(index, by)
 
-    def select(self, host: Host, index: int) -> None:
+    def select(self, app: App, index: int) -> None:
         """Shows a keyframe's view."""
         self.selected = index
-        self.show(host, self.path.start_of(index))
+        self.show(app, self.path.start_of(index))
 
-    def show(self, host: Host, seconds: float) -> None:
+    def show(self, app: App, seconds: float) -> None:
         """Shows the view at a time of the path."""
-        if host.scene is None or not self.path.keyframes:
+        if app.scene is None or not self.path.keyframes:
             return
         self.time = min(max(seconds, 0.0), max(self.path.duration, 0.0))
         matrix, fov = self.path.at(self.time)
-        host.scene.rig.hold(view_camera(matrix, fov, host.viewport.pixels))
-        host.touch()
+        app.scene.rig.hold(view_camera(matrix, fov, app.viewport.pixels))
+        app.touch()
 
-    def play(self, host: Host) -> None:
+    def play(self, app: App) -> None:
         """Starts or stops playing; from the start again where the end was reached."""
         self.playing = not self.playing and len(self.path.keyframes) > 1
         if self.playing:
-            if host.scene is not None:
-                host.scene.rig.remember()
+            if app.scene is not None:
+                app.scene.rig.remember()
             if self.time >= self.path.duration - 1e-6:
                 self.time = 0.0
 
-    def tick(self, host: Host, seconds: float) -> None:
+    def tick(self, app: App, seconds: float) -> None:
         """Time passes."""
         if self.playing:
             self.time += seconds
@@ -129,21 +131,21 @@ class Filming:
                     self.time %= max(self.path.duration, 1e-9)
                 else:
                     self.time, self.playing = self.path.duration, False
-            self.show(host, self.time)
+            self.show(app, self.time)
         if self.export is not None:
-            self._step(host)
-            host.touch(2)
+            self._step(app)
+            app.touch(2)
         if self.copying:
-            self._see_copy(host)
-            host.touch(2)
+            self._see_copy(app)
+            app.touch(2)
 
-    def turntable(self, host: Host) -> None:
+    def turntable(self, app: App) -> None:
         """A closed path once around the scene, at the height and distance that the camera has now; from the first view, at
         the distance from which all sides are seen whole.
         """
-        if host.scene is None:
+        if app.scene is None:
             return
-        rig = host.scene.rig
+        rig = app.scene.rig
         rig.take_over()
         if rig.bounded:
             raise UserError("a turntable does not work with a forward-facing pack")
@@ -156,100 +158,100 @@ class Filming:
             pose = replace(pose, azimuth=rig.goal.azimuth + turn)
             keys.append(Keyframe(pose.matrix(rig.table), rig.fov, 1.0))
         self.path, self.selected, self.time = CameraPath(keys, closed=True), None, 0.0
-        host.messages.say("A turntable of 8 seconds")
+        app.messages.say("A turntable of 8 seconds")
 
     # Files
 
-    def save(self, host: Host, file: Path) -> None:
+    def save(self, app: App, file: Path) -> None:
         """Writes the path as nerfstudio's camera-path JSON."""
-        if host.scene is not None:
-            save_path(self.path, file, host.scene.pack.worldspace_T_opengl, self.size, self.fps)
-            host.messages.say(f"Saved {file}")
+        if app.scene is not None:
+            save_path(self.path, file, app.scene.pack.worldspace_T_opengl, self.size, self.fps)
+            app.messages.say(f"Saved {file}")
 
-    def load(self, host: Host, file: Path) -> None:
+    def load(self, app: App, file: Path) -> None:
         """Reads such a file; the path that was there stays where it cannot be read."""
-        if host.scene is not None:
-            self.path = load_path(file, host.scene.pack.worldspace_T_opengl)
+        if app.scene is not None:
+            self.path = load_path(file, app.scene.pack.worldspace_T_opengl)
             self.selected, self.time, self.playing = None, 0.0, False
-            host.messages.say(f"{len(self.path.keyframes)} keyframes from {file.name}")
+            app.messages.say(f"{len(self.path.keyframes)} keyframes from {file.name}")
 
-    def still(self, host: Host, target: Path, camera: ViewCamera | None = None) -> None:
+    def still(self, app: App, target: Path, camera: ViewCamera | None = None) -> None:
         """Starts to write a camera's view, by default the present one at `size`."""
-        seen = host.camera() if camera is None else None
+        seen = app.camera() if camera is None else None
         if seen is not None:
             camera = _reshaped(seen, self.size)
         if camera is not None:
-            self._start(host, [camera], target, still=True)
+            self._start(app, [camera], target, still=True)
 
-    def copy(self, host: Host) -> None:
+    def copy(self, app: App) -> None:
         """Starts to put the picture of this moment, at the viewport's size, on the clipboard."""
-        camera = host.camera()
+        camera = app.camera()
         if camera is not None:
-            self._start(host, [camera], COPY)
+            self._start(app, [camera], COPY)
 
-    def film(self, host: Host, target: Path) -> None:
+    def film(self, app: App, target: Path) -> None:
         """Starts to write the path: an .mp4, or a folder of PNGs."""
         if not self.path.keyframes:
             raise UserError("the path has no keyframes yet", remedy="add some, or make a turntable")
-        near = host.settings.near
+        near = app.settings.near
         cameras = [view_camera(matrix, fov, self.size, near) for matrix, fov in self.path.sample(self.fps)]
-        self._start(host, cameras, target)
+        self._start(app, cameras, target)
 
-    def _start(self, host: Host, cameras: list[ViewCamera], target: Path, *, still: bool = False) -> None:
+    def _start(self, app: App, cameras: list[ViewCamera], target: Path, *, still: bool = False) -> None:
         if self.export is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
-        if host.stage is None or host.scene is None:
+        if app.canvas is None or app.scene is None:
             return
-        if not host.scene.whole:
+        if not app.scene.whole:
             raise UserError("the scene is still being read", remedy="wait until it is complete")
-        side = max(host.resolution.tile_side() // self.samples, SMALLEST_TILE)
-        settings = replace(host.settings, samples=self.samples)
+        side = max(app.resolution.tile_side() // self.samples, SMALLEST_TILE)
+        settings = replace(app.settings, samples=self.samples)
         layers, sink = None, None
         exr = target.suffix.lower() == EXR
         if still and (exr or self.besides or self.transparent):
             modes = tuple(dict.fromkeys((settings.mode, *self.besides)))
             passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
-            layers = Layers(passes, host.stage.raw, host.scene.pack)
+            layers = Layers(passes, app.canvas.raw, app.scene.pack)
         elif target is COPY:
             sink = ToClipboard(self._hand_over)
-        self.export = Export(cameras, settings, target, host.stage.snapshot, self.fps, side, layers, sink)
+        self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, sink)
         self.playing = False
-        host.touch()
+        app.touch()
 
-    def _step(self, host: Host) -> None:
+    def _step(self, app: App) -> None:
         assert self.export is not None
         export = self.export
         try:
             export.step(STEP_S)
         except Exception as error:  # a full disk: a dialog, and the program goes on
             self.export = None
-            host.messages.fail("The export stopped", error)
+            app.messages.fail("The export stopped", error)
             return
         if export.finished:
             self.export = None
             if export.target is not COPY:
-                host.messages.say(f"Saved {export.target}")
+                app.messages.say(f"Saved {export.target}")
 
     def _hand_over(self, picture: np.ndarray) -> None:
         self.copied_to.begin(picture)
         self.copying = True
 
-    def _see_copy(self, host: Host) -> None:
+    def _see_copy(self, app: App) -> None:
         """Tells once the picture that is on its way to the clipboard is there, or why it is not."""
         try:
             if not self.copied_to.answered():
                 return
-            host.messages.say("The picture is on the clipboard")
+            app.messages.say("The picture is on the clipboard")
         except UserError as error:
-            host.messages.fail("The picture is not on the clipboard", error)
+            app.messages.fail("The picture is not on the clipboard", error)
         self.copying = False
 
-    def cancel(self, host: Host) -> None:
+    def cancel(self, app: App) -> None:
         """Stops the export; nothing of it is left on disk."""
         if self.export is not None:
             self.export.cancel()
             self.export = None
-            host.messages.say("The export was cancelled")
+            app.messages.say("The export was cancelled")
 
 
 def _reshaped(camera: ViewCamera, size: tuple[int, int]) -> ViewCamera:

@@ -13,8 +13,8 @@ import numpy as np
 
 from console import UserError
 from scenepack.pack import Pack
+from viewer.app.orbit_camera import OrbitCamera
 from viewer.app.pose import Pose, shortest_turn
-from viewer.app.rig import CameraRig
 from viewer.rendering.ray_frame import ndc_fov
 
 AHEAD = 180.0  # azimuth: the grid frame's z is mirrored, so the scene lies towards +z
@@ -25,7 +25,7 @@ TURN_LIMIT = 20.0  # degrees
 PAN_PER_HEIGHT = 1.2  # units for a drag over the whole height at the start distance; content is far behind the pivot
 
 
-class ForwardFacingRig(CameraRig):
+class ForwardFacingCamera(OrbitCamera):
     """A camera that keeps to the bounds within which a forward-facing pack looks right."""
 
     bounded = True
@@ -82,6 +82,6 @@ class ForwardFacingRig(CameraRig):
             raise UserError("a forward-facing scene has no orthographic view")
 
 
-def rig_for(pack: Pack) -> CameraRig:
+def orbit_camera_for(pack: Pack) -> OrbitCamera:
     """The rig that suits `pack`."""
-    return ForwardFacingRig(pack) if pack.ndc else CameraRig(pack)
+    return ForwardFacingCamera(pack) if pack.ndc else OrbitCamera(pack)

@@ -1,23 +1,16 @@
-"""The photographs that the open pack was made from: which are listed, which one is chosen, and how they stand in the scene."""
+"""Gallery: the photographs that the open pack was made from, for the photographs page and the frusta."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from scenepack.pack import Pack
-from viewer.app.comparison import Comparison
-from viewer.app.host import Host
 from viewer.app.photographs import Photographs
-from viewer.app.state import Interface
 from viewer.app.thumbnails import Thumbnails
 
-
-class GalleryHost(Host, Protocol):
-    """What standing in a photograph is about: the picture is compared with it."""
-
-    comparison: Comparison
-    interface: Interface
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 
 @dataclass
@@ -39,7 +32,7 @@ class Gallery:
     frusta_opacity: float = 0.9
 
     def scene_changed(self, pack: Pack) -> None:
-        """Another pack is shown: its photographs are others."""
+        """Takes over the photographs of another pack."""
         self.photographs = Photographs(pack)
         self.chosen, self.frusta, self.split_shown = None, False, ""
 
@@ -48,40 +41,40 @@ class Gallery:
         shots = self.photographs.shots if self.photographs is not None else []
         return [index for index, shot in enumerate(shots) if self.split_shown in ("", shot.split)]
 
-    def stand_in(self, host: GalleryHost, index: int) -> None:
-        """Puts the camera where a photograph was taken, and the photograph beside the picture if it can be read."""
-        if host.scene is None or self.photographs is None:
+    def stand_in(self, app: App, index: int) -> None:
+        """Moves the camera to a photograph's pose and compares with the photograph if it can be read."""
+        if app.scene is None or self.photographs is None:
             return
         shot = self.photographs.shots[index]
-        host.scene.rig.hold(shot.view, remember=True)
+        app.scene.rig.hold(shot.view, remember=True)
         if self.split_shown not in ("", shot.split):
             self.split_shown = ""
         self.chosen, self.reveal = index, True
-        host.comparison.stop()
-        host.touch()
+        app.comparison.stop()
+        app.touch()
         if self.photographs.has_picture(index):  # else its place is all there is to see
-            host.comparison.with_photograph(self.photographs.pixels(index))
+            app.comparison.with_photograph(self.photographs.pixels(index))
 
-    def step(self, host: GalleryHost, by: int) -> None:
-        """Stands in the next photograph of those that are shown, or in the one before."""
+    def step(self, app: App, by: int) -> None:
+        """Chooses the next listed photograph, or the previous one."""
         visible = self.visible()
         if not visible:
             return
         first = 0 if by > 0 else -1
         place = visible.index(self.chosen) + by if self.chosen in visible else first
-        self.stand_in(host, visible[place % len(visible)])
+        self.stand_in(app, visible[place % len(visible)])
 
-    def tick(self, host: GalleryHost) -> None:
-        """Time passes: thumbnails are read while they are wanted, and drawn as they arrive."""
+    def tick(self, app: App) -> None:
+        """Reads thumbnails while they are visible and redraws when they arrive."""
         thumbnails, photographs = self.thumbnails, self.photographs
         if thumbnails is not None:
-            gone = host.scene is None or thumbnails.photographs is not photographs
+            gone = app.scene is None or thumbnails.photographs is not photographs
             if gone or thumbnails.folder != thumbnails.photographs.folder:
                 thumbnails.cancel()
                 self.thumbnails = thumbnails = None
         if thumbnails is None:
-            wanted = self.frusta or host.interface.shows("photographs")
-            if wanted and host.scene is not None and photographs is not None and photographs.any_pictures:
+            wanted = self.frusta or app.interface.shows("photographs")
+            if wanted and app.scene is not None and photographs is not None and photographs.any_pictures:
                 self.thumbnails = Thumbnails(photographs)
         elif thumbnails.news():
-            host.touch(1)
+            app.touch(1)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from console import Notice, UserError, refusal
-from viewer.app.left_out import LeftOut
+from viewer.app.rejected_photographs import RejectedPhotographs
 
 KEPT_LINES = 500
 TOAST_S, READING_S, LONGEST_TOAST_S = 4.0, 0.05, 20.0  # at least; more for each letter of a warning; at most
@@ -35,7 +35,7 @@ class LogLine:
 class Dialog:
     """A message to be answered. details: the whole story, for those who want it. buttons: labels and command ids.
 
-    failed: what was wanted did not come about; False where it is only good to know. left_out: photographs that are shown with it.
+    failed: what was wanted did not come about; False where it is only good to know. rejected: photographs that are shown with it.
     """
 
     title: str
@@ -43,7 +43,7 @@ class Dialog:
     details: str = ""
     buttons: tuple[tuple[str, str], ...] = (("OK", ""),)
     failed: bool = True
-    left_out: LeftOut | None = None
+    rejected: RejectedPhotographs | None = None
 
 
 @dataclass
@@ -55,13 +55,13 @@ class Messages:
     toast: str = ""
     toast_level: str = "info"
     toast_until: float = 0.0  # time.monotonic()
-    trail: Callable[[str], object] = lambda text: None  # where all of it, and what was done, is written down at once
+    crash_log: Callable[[str], object] = lambda text: None  # writes messages and commands to the crash log at once
     _toast_told: str = ""
 
     def log(self, text: str, level: str = "info") -> None:
         """Adds a line to the log."""
         self.lines.append(LogLine(level, " ".join(text.split()), time.time()))
-        self.trail(f"{level}: {text}")
+        self.crash_log(f"{level}: {text}")
 
     def say(self, text: str, level: str = "info") -> None:
         """Shows `text` for a few seconds, and logs it."""
@@ -85,7 +85,7 @@ class Messages:
         error: BaseException | str,
         details: str = "",
         buttons: tuple[tuple[str, str], ...] = (("OK", ""),),
-        left_out: LeftOut | None = None,
+        rejected: RejectedPhotographs | None = None,
     ) -> None:
         """Opens a dialog, and logs it. A bug of ours is told as one, with its traceback in the log."""
         text = error if isinstance(error, str) else in_plain_words(error)
@@ -93,7 +93,7 @@ class Messages:
         if isinstance(error, BaseException) and text.startswith(BUG):
             for line in traceback.format_exception(error):
                 self.log(line, "error")
-        self.dialogs.append(Dialog(title, text, details, buttons, left_out=left_out))
+        self.dialogs.append(Dialog(title, text, details, buttons, rejected=rejected))
 
     @contextmanager
     def noting_warnings(self, *, told: bool = True) -> Iterator[None]:

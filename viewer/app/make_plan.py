@@ -27,8 +27,8 @@ from training.scenes.scene import Box, Direction
 from training.scenes.sources import FEWEST, Source, find_source, is_film
 from viewer.app.bare_preview import BarePreview
 from viewer.app.files import POSED, REPORT, found_poses, why_not_writable
-from viewer.app.so_far import EVERY_S, FILE
 from viewer.app.time_needed import TimeNeeded
+from viewer.app.training_preview import EVERY_S, FILE
 
 Subject = Literal["scene", "run"]
 OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
@@ -299,7 +299,7 @@ class Plan:
         return self.out / "pack" if self.subject == "scene" else self.out
 
     @property
-    def so_far(self) -> Path:
+    def preview_file(self) -> Path:
         """Where the child keeps what is trained so far."""
         return self.out / FILE
 

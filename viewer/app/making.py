@@ -1,7 +1,7 @@
-"""Making a scene from the window: a plan to decide on, then a child process that trains and bakes, then its pack opens.
+"""Making a scene from the window: the plan, the process that trains and bakes, the previews, and opening the pack.
 
-One at a time. The child is asked to stop and never torn down while it saves, unless the user is in a hurry: on a slow
-machine it may take minutes, for JAX has steps under way that must end first. The same plan goes on from there.
+One scene at a time. Stopping asks the process to save and to end, which may take minutes, because JAX first ends the steps that
+have begun. It is killed only on request. The same plan resumes from what is saved.
 """
 
 from __future__ import annotations
@@ -10,117 +10,84 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from console import UserError
 from training.scenes.scene import Direction
 from viewer.app.child import Child
 from viewer.app.files import FileRequest, existing_folder
-from viewer.app.first_look import FirstLook, Kind, Look
-from viewer.app.host import Teller
-from viewer.app.job import Job
-from viewer.app.left_out import LeftOut, left_out_of
 from viewer.app.log import Dialog
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan, Subject
-from viewer.app.review import Review, first_look
-from viewer.app.so_far import SoFar, SoFarFile
-from viewer.app.state import Clipboard, OpenScene, Viewport
-from viewer.rendering.camera import ViewCamera
-from viewer.rendering.settings import RenderSettings
+from viewer.app.rejected_photographs import RejectedPhotographs, rejected_photographs_of
+from viewer.app.review import Review, read_sparse_preview
+from viewer.app.sparse_preview import Kind, SparsePreview, SparsePreviewReader
+from viewer.app.training_preview import TrainingPreview, TrainingPreviewFile
 
-LOOKED_AT_EVERY_S = 0.2
-PARTING_S = 30.0  # for the child to save in, where the program ends in a way that leaves no window to wait in
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
-
-class MakingHost(Teller, Protocol):
-    """What a child process and the questions around it ask of the program."""
-
-    clipboard: Clipboard
-    file_request: FileRequest | None
-    quitting: bool
-
-    settings: RenderSettings
-    scene: OpenScene | None
-    viewport: Viewport
-
-    def camera(self) -> ViewCamera | None:
-        """The camera of this moment."""
-        ...
-
-    def set(self, **fields: object) -> None:
-        """Changes render settings."""
-
-    def open(self, path: Path, *, then: Callable[[], None] | None = None) -> None:
-        """Starts to read a pack. then: called once it is shown."""
-
-    def show_look(self, look: Look, path: Path, name: str) -> None:
-        """Shows points and cameras."""
-
-    def show_so_far(self, so_far: SoFar, path: Path, name: str) -> None:
-        """Shows what is trained so far."""
+POLL_EVERY_S = 0.2
+PARTING_S = 30.0  # for the process to save, where the program ends and there is no window to wait in
 
 
 @dataclass
-class Looking:
-    """The points of a plan's scene while they are read. review: before its training begins. before: the review that this takes
-    the place of."""
+class SparsePreviewJob:
+    """Reads the sparse points of a plan's scene."""
 
     plan: Plan
-    review: bool = False
-    before: Review | None = None
-    first: FirstLook = field(init=False)
+    review: bool = False  # whether a review follows, before training
+    before: Review | None = None  # the review that the new one replaces
+    reader: SparsePreviewReader = field(init=False)
 
     def __post_init__(self) -> None:
-        self.first = first_look(self.plan)
+        self.reader = read_sparse_preview(self.plan)
 
 
 @dataclass
 class Making:
-    """plan: what the dialog asks about. job: what runs. review: what waits to be trained. failed: what could not be made.
-    quit_after: the program ends once the job has stopped. looking: the points of what is made are being read; look: they are
-    there. so_far: what is trained so far.
-    """
+    """State of the make-a-scene workflow."""
 
-    plan: Plan | None = None
-    job: Job | None = None
-    failed: Plan | None = None
-    quit_after: bool = False
-    review: Review | None = None
-    looking: Looking | None = None
-    look: Look | None = None
-    so_far: SoFar | None = None
-    _so_far_file: SoFarFile | None = None
-    _so_far_offered: bool = False  # it took the place of the points, or of nothing, once
+    plan: Plan | None = None  # shown in the dialog
+    job: MakeJob | None = None  # runs now
+    failed: Plan | None = None  # the last plan that failed
+    quit_after: bool = False  # whether the program ends once the job has stopped
+    review: Review | None = None  # waits for the user before training
+    reading: SparsePreviewJob | None = None  # reads the sparse points now
+    sparse_preview: SparsePreview | None = None  # the points that were read
+    training_preview: TrainingPreview | None = None  # the newest preview of the training
+    _training_preview_file: TrainingPreviewFile | None = None
+    _training_preview_offered: bool = False  # whether it was shown once without being asked for
     _looked: float = 0.0
     _surveyed: bool = False
     _left_told: int | None = None
-    _left_out: LeftOut | None = None  # photographs whose small pictures are being read
+    _rejected: RejectedPhotographs | None = None  # whose thumbnails are being read
 
-    def offer(self, host: MakingHost, subject: Subject, path: Path) -> None:
+    def offer(self, app: App, subject: Subject, path: Path) -> None:
         """Asks whether, and how, a scene or a run shall be made into a pack."""
-        under_way = self.job or self.review or self.looking
+        under_way = self.job or self.review or self.reading
         if under_way is not None:
             text = f"{under_way.plan.name} is still being made. Wait for it or stop it, then try again."
-            host.messages.dialogs.append(Dialog("One scene at a time", text))
+            app.messages.dialogs.append(Dialog("One scene at a time", text))
             return
         plan = Plan.of(subject, path)
         self._forget()
         self.plan, self._surveyed = plan, False
-        host.touch()
+        app.touch()
 
-    def again(self, host: MakingHost) -> None:
+    def again(self, app: App) -> None:
         """Asks once more about what could not be made."""
         if self.failed is not None and self.job is None:
             self.plan, self.failed = self.failed, None
             self.plan.choose(self.plan.out)
-        host.touch()
+        app.touch()
 
     @property
     def busy(self) -> bool:
         """Whether something goes on that tick should look at now and then."""
         survey = None if self.plan is None else self.plan.survey
         waits = (
-            self.job is not None or self.looking is not None or self.review is not None or self._left_out is not None
+            self.job is not None or self.reading is not None or self.review is not None or self._rejected is not None
         )
         return waits or (survey is not None and (survey.busy or not self._surveyed))
 
@@ -129,12 +96,12 @@ class Making:
             self.plan.survey.close()
         self.plan = None
 
-    def dismiss(self, host: MakingHost) -> None:
+    def dismiss(self, app: App) -> None:
         """Closes the question."""
         self._forget()
-        host.touch()
+        app.touch()
 
-    def ask_where(self, host: MakingHost) -> None:
+    def ask_where(self, app: App) -> None:
         """Asks for another folder for the results."""
         plan = self.plan
         if plan is None:
@@ -142,180 +109,182 @@ class Making:
 
         def then(path: Path) -> None:
             plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
-            host.touch()
+            app.touch()
 
-        host.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
+        app.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
 
-    def copy_command(self, host: MakingHost) -> None:
+    def copy_command(self, app: App) -> None:
         """Puts the command line that does the same on the clipboard, for another machine, say."""
         if self.plan is not None:
-            host.clipboard.set(self.plan.typed())
-            host.messages.say("The command is on the clipboard")
+            app.clipboard.set(self.plan.typed())
+            app.messages.say("The command is on the clipboard")
 
-    def start(self, host: MakingHost) -> None:
+    def start(self, app: App) -> None:
         """Begins, with finding poses where there are none. UserError where that cannot be, with the question left open."""
         plan = self.plan
         if plan is None or plan.problem() is not None or plan.place_problem is not None:
             return
         plan.poses_only = plan.bare is not None and plan.attempt is None
-        self._begin(host, plan)
+        self._begin(app, plan)
         self._forget()
-        self.review = self.look = None
+        self.review = self.sparse_preview = None
         if plan.has_points and not plan.poses_only:
-            self.looking = Looking(plan)
+            self.reading = SparsePreviewJob(plan)
 
-    def _begin(self, host: MakingHost, plan: Plan) -> None:
-        self.job = Job(plan, Child(plan.command(), plan.log))
-        self.so_far, self._so_far_offered = None, False
-        self._so_far_file = None if plan.poses_only else SoFarFile(plan.so_far)
-        host.messages.log(f"making {plan.name}: {plan.typed()}")
-        host.touch()
+    def _begin(self, app: App, plan: Plan) -> None:
+        self.job = MakeJob(plan, Child(plan.command(), plan.log))
+        self.training_preview, self._training_preview_offered = None, False
+        self._training_preview_file = None if plan.poses_only else TrainingPreviewFile(plan.preview_file)
+        app.messages.log(f"making {plan.name}: {plan.typed()}")
+        app.touch()
 
-    def train(self, host: MakingHost) -> None:
+    def train(self, app: App) -> None:
         """Goes on from the review, with what was chosen there."""
         review = self.review
         if review is None:
             return
         # The crop box of another scene, opened in the meantime, is none of ours.
-        plan = review.decided(host.settings.crop if self.points_shown(host) else None)
-        self._uncut(host)
+        plan = review.decided(app.settings.crop if self.sparse_preview_shown(app) else None)
+        self._uncut(app)
         self.review = None
         try:
-            self._begin(host, plan)
+            self._begin(app, plan)
         except UserError as error:
             self.failed = plan
-            host.messages.fail(
+            app.messages.fail(
                 f"{plan.name} could not be made", error, buttons=(("OK", ""), ("Try again", "make-again"))
             )
 
-    def leave(self, host: MakingHost) -> None:
+    def leave(self, app: App) -> None:
         """Nothing is trained now; the poses stay in their folder."""
         if self.review is not None:
-            host.messages.say(f"The camera poses of {self.review.plan.name} are kept; make it again to continue")
-        self._uncut(host)
+            app.messages.say(f"The camera poses of {self.review.plan.name} are kept; make it again to continue")
+        self._uncut(app)
         self.review = None
-        host.touch()
+        app.touch()
 
-    def _uncut(self, host: MakingHost) -> None:
-        if self.points_shown(host):
-            host.set(crop=None)
+    def _uncut(self, app: App) -> None:
+        if self.sparse_preview_shown(app):
+            app.set(crop=None)
 
-    def choose_kind(self, host: MakingHost, kind: Kind) -> None:
+    def choose_kind(self, app: App, kind: Kind) -> None:
         """In the review: what the scene is taken for."""
         if self.review is not None and kind != self.review.kind:
             self.review.choose(kind)
-            if self.points_shown(host):
-                host.set(crop=self.review.box_in_grid())
-        host.touch()
+            if self.sparse_preview_shown(app):
+                app.set(crop=self.review.box_in_grid())
+        app.touch()
 
-    def pick_ground(self, host: MakingHost, x: float, y: float) -> None:
+    def pick_ground(self, app: App, x: float, y: float) -> None:
         """In the review: the ground was clicked on at a point of the viewport (window units from its corner)."""
-        review, camera = self.review, host.camera()
-        if review is None or camera is None or not self.points_shown(host):
+        review, camera = self.review, app.camera()
+        if review is None or camera is None or not self.sparse_preview_shown(app):
             return
         review.hold()
-        scale = host.viewport.pixels_per_unit
+        scale = app.viewport.pixels_per_unit
         up = review.up_at(camera, x * scale, y * scale)
         if isinstance(up, str):
-            host.messages.say(up, "warning")
+            app.messages.say(up, "warning")
         else:
-            self.set_up(host, up)
-        host.touch()
+            self.set_up(app, up)
+        app.touch()
 
-    def set_up(self, host: MakingHost, up: Direction | None) -> None:
+    def set_up(self, app: App, up: Direction | None) -> None:
         """In the review: another direction is up; None for the cameras' own. The points are read again."""
         if self.review is not None:
-            self._uncut(host)
-            self.looking = Looking(replace(self.review.plan, up=up), review=True, before=self.review)
+            self._uncut(app)
+            self.reading = SparsePreviewJob(replace(self.review.plan, up=up), review=True, before=self.review)
             self.review = None
-        host.touch()
+        app.touch()
 
-    def show_points(self, host: MakingHost) -> None:
+    def show_points(self, app: App) -> None:
         """Shows the points and cameras of what is being made."""
         under_way = self.review or self.job
-        if self.look is not None and under_way is not None:
+        if self.sparse_preview is not None and under_way is not None:
             plan = under_way.plan
-            host.show_look(self.look, plan.pack, f"{plan.name}: camera poses")
+            app.show_sparse_preview(self.sparse_preview, plan.pack, f"{plan.name}: camera poses")
 
-    def points_shown(self, host: MakingHost) -> bool:
+    def sparse_preview_shown(self, app: App) -> bool:
         """Whether they are what is shown now."""
-        return self.look is not None and host.scene is not None and host.scene.pack is self.look.pack
+        return self.sparse_preview is not None and app.scene is not None and app.scene.pack is self.sparse_preview.pack
 
-    def show_so_far(self, host: MakingHost) -> None:
+    def show_training_preview(self, app: App) -> None:
         """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
-        if self.so_far is None or self.job is None:
+        if self.training_preview is None or self.job is None:
             return
-        kept = None if self.so_far_shown(host) else self._kept_camera(host)
+        kept = None if self.training_preview_shown(app) else self._kept_camera(app)
         plan = self.job.plan
-        host.show_so_far(self.so_far, plan.so_far, f"{plan.name}: {self.so_far.words}")
+        app.show_training_preview(
+            self.training_preview, plan.preview_file, f"{plan.name}: {self.training_preview.description}"
+        )
         if kept is not None:
             kept()
 
-    def so_far_shown(self, host: MakingHost) -> bool:
+    def training_preview_shown(self, app: App) -> bool:
         """Whether a state of what is being made is what is shown now."""
-        return self.job is not None and host.scene is not None and host.scene.path == self.job.plan.so_far
+        return self.job is not None and app.scene is not None and app.scene.path == self.job.plan.preview_file
 
-    def _tick_so_far(self, host: MakingHost) -> None:
-        newer = None if self._so_far_file is None else self._so_far_file.look()
+    def _tick_training_preview(self, app: App) -> None:
+        newer = None if self._training_preview_file is None else self._training_preview_file.poll()
         if newer is None:
             return
-        self.so_far = newer
-        first = not self._so_far_offered and (host.scene is None or self.points_shown(host))
-        if first or self.so_far_shown(host):
-            self._so_far_offered = True
+        self.training_preview = newer
+        first = not self._training_preview_offered and (app.scene is None or self.sparse_preview_shown(app))
+        if first or self.training_preview_shown(app):
+            self._training_preview_offered = True
             try:
-                self.show_so_far(host)
+                self.show_training_preview(app)
             except UserError as error:  # the card has no room for it
-                host.messages.log(f"the preview cannot be shown: {error}", "warning")
-        host.touch()
+                app.messages.log(f"the preview cannot be shown: {error}", "warning")
+        app.touch()
 
-    def _tick_look(self, host: MakingHost) -> None:
-        looking, review = self.looking, self.review
-        if looking is not None and looking.first.finished:
-            self.looking = None
-            self._looked_at(host, looking)
+    def _tick_look(self, app: App) -> None:
+        reading, review = self.reading, self.review
+        if reading is not None and reading.reader.finished:
+            self.reading = None
+            self._take_sparse_preview(app, reading)
         elif review is not None and review.due:
-            self.train(host)
+            self.train(app)
         elif review is not None and review.seconds_left != self._left_told:
             self._left_told = review.seconds_left
-            host.touch(1)
+            app.touch(1)
 
-    def _looked_at(self, host: MakingHost, looking: Looking) -> None:
-        before, self.look = self.look, looking.first.look
-        if looking.review:
-            if self.look is None:  # too few points to see anything
-                self._begin(host, replace(looking.plan, poses_only=False))
+    def _take_sparse_preview(self, app: App, reading: SparsePreviewJob) -> None:
+        before, self.sparse_preview = self.sparse_preview, reading.reader.result
+        if reading.review:
+            if self.sparse_preview is None:  # too few points to see anything
+                self._begin(app, replace(reading.plan, poses_only=False))
                 return
-            self._begin_review(looking, self.look)
-        of_before = before is not None and host.scene is not None and host.scene.pack is before.pack
-        if self.look is not None and (host.scene is None or of_before):
-            self.show_points(host)
-        host.touch()
+            self._begin_review(reading, self.sparse_preview)
+        of_before = before is not None and app.scene is not None and app.scene.pack is before.pack
+        if self.sparse_preview is not None and (app.scene is None or of_before):
+            self.show_points(app)
+        app.touch()
 
-    def _begin_review(self, looking: Looking, look: Look) -> None:
-        before = looking.before
+    def _begin_review(self, reading: SparsePreviewJob, sparse_preview: SparsePreview) -> None:
+        before = reading.before
         if before is None:
-            self._left_out = left_out_of(looking.plan.out)
-        self.review = Review(looking.plan, look, self._left_out if before is None else before.left_out)
+            self._rejected = rejected_photographs_of(reading.plan.out)
+        self.review = Review(reading.plan, sparse_preview, self._rejected if before is None else before.rejected)
         if before is not None:
             self.review.hold()
             self.review.kind = before.kind if before.kind in self.review.kinds else self.review.kind
 
-    def _kept_camera(self, host: MakingHost) -> Callable[[], None] | None:
+    def _kept_camera(self, app: App) -> Callable[[], None] | None:
         """What puts the camera where it is now among the points, or in what is trained so far, once something better is shown."""
-        scene = host.scene
-        if scene is None or not (self.points_shown(host) or self.so_far_shown(host)):
+        scene = app.scene
+        if scene is None or not (self.sparse_preview_shown(app) or self.training_preview_shown(app)):
             return None
         rig = scene.rig
 
         def then() -> None:
             moved = rig.goal != rig.home_pose  # by then: the hands go on while a pack is read
-            if host.scene is not None and host.scene.rig.bounded == rig.bounded and moved:
-                host.scene.rig.stand_as(rig)
+            if app.scene is not None and app.scene.rig.bounded == rig.bounded and moved:
+                app.scene.rig.stand_as(rig)
 
         return then
 
-    def stop(self, host: MakingHost) -> None:
+    def stop(self, app: App) -> None:
         """Asks the job to stop; asked again, ends it at once."""
         if self.job is None:
             return
@@ -323,27 +292,27 @@ class Making:
             self.job.child.kill()
         else:
             self.job.child.stop()
-        host.touch()
+        app.touch()
 
-    def ask_to_quit(self, host: MakingHost) -> None:
+    def ask_to_quit(self, app: App) -> None:
         """Quits, but asks first where a scene is being made."""
         if self.job is None:
-            host.quitting = True
+            app.quitting = True
             return
         title = f"{self.job.plan.name} is still being made"
-        if not self.quit_after and all(dialog.title != title for dialog in host.messages.dialogs):
+        if not self.quit_after and all(dialog.title != title for dialog in app.messages.dialogs):
             text = "Quitting stops it. Finished work is kept. Make the scene again to continue."
             buttons = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
-            host.messages.dialogs.append(Dialog(title, text, buttons=buttons))
-        host.touch()
+            app.messages.dialogs.append(Dialog(title, text, buttons=buttons))
+        app.touch()
 
-    def stop_and_quit(self, host: MakingHost) -> None:
+    def stop_and_quit(self, app: App) -> None:
         """Quits as soon as the job has stopped."""
         self.quit_after = True
         if self.job is None:
-            host.quitting = True
+            app.quitting = True
         elif not self.job.stopping:
-            self.stop(host)
+            self.stop(app)
 
     def end(self) -> None:
         """The program ends: no child outlives it."""
@@ -352,43 +321,43 @@ class Making:
             self.job.child.end(PARTING_S)
             self.job = None
 
-    def tick(self, host: MakingHost) -> None:
+    def tick(self, app: App) -> None:
         """Time passes: looks at what the child is doing."""
         survey = None if self.plan is None else self.plan.survey
         if survey is not None and survey.finished and (not self._surveyed or survey.news()):
             self._surveyed = True
-            host.touch()
-        if self._left_out is not None and self._left_out.finished:
-            self._left_out = None
-            host.touch()
-        self._tick_look(host)
-        self._tick_so_far(host)
+            app.touch()
+        if self._rejected is not None and self._rejected.finished:
+            self._rejected = None
+            app.touch()
+        self._tick_look(app)
+        self._tick_training_preview(app)
         job, now = self.job, time.monotonic()
-        if job is None or now - self._looked < LOOKED_AT_EVERY_S:
+        if job is None or now - self._looked < POLL_EVERY_S:
             return
         self._looked = now
         status = job.child.poll()
-        if job.look():
-            host.touch(2)
+        if job.poll():
+            app.touch(2)
         if status is not None:
-            kept, self.job, self._so_far_file = self._kept_camera(host), None, None
-            host.touch()
-            self._ended(host, job, status, kept)
+            kept, self.job, self._training_preview_file = self._kept_camera(app), None, None
+            app.touch()
+            self._ended(app, job, status, kept)
 
-    def _ended(self, host: MakingHost, job: Job, status: int, kept: Callable[[], None] | None) -> None:
+    def _ended(self, app: App, job: MakeJob, status: int, kept: Callable[[], None] | None) -> None:
         name = job.plan.name
         if status == 0 and job.plan.poses_only:
-            self.looking = Looking(job.plan, review=True)
+            self.reading = SparsePreviewJob(job.plan, review=True)
         elif status == 0:
-            host.messages.say(f"{name} is ready")
-            host.open(job.plan.pack, then=kept)
+            app.messages.say(f"{name} is ready")
+            app.open(job.plan.pack, then=kept)
         elif job.stopping:
-            host.messages.say(f"{name} was stopped; make it again to continue")
+            app.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
-            self._left_out = left_out_of(job.plan.out) if job.plan.poses_only else None
+            self._rejected = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
             text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
             buttons = (("OK", ""), ("Try again", "make-again"))
-            host.messages.fail(f"{name} could not be made", text, buttons=buttons, left_out=self._left_out)
+            app.messages.fail(f"{name} could not be made", text, buttons=buttons, rejected=self._rejected)
         if self.quit_after:
-            host.quitting = True
+            app.quitting = True

@@ -171,3 +171,19 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
             "or six numbers x,y,z,x,y,z"
         ) from None
     return camera.grid_T_camera, fov
+
+
+def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera:
+    """A photograph's camera, lens included, for another picture size: the whole photograph fits, centred."""
+    width, height = size
+    scale = min(width / camera.width, height / camera.height)
+    return replace(
+        camera,
+        fx=camera.fx * scale,
+        fy=camera.fy * scale,
+        cx=0.5 * width + scale * (camera.cx - 0.5 * camera.width),
+        cy=0.5 * height + scale * (camera.cy - 0.5 * camera.height),
+        width=width,
+        height=height,
+        near=near,
+    )

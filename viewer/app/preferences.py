@@ -1,7 +1,7 @@
-"""What is remembered from one start to the next: recent packs and settings, in one small JSON file.
+"""Preferences: recent packs and settings in one JSON file, applied at the start and saved while the program runs.
 
-A file that is missing, broken or from another version is no error: what cannot be understood keeps its default. Several
-viewers may be open at once: each writes only what was changed in it, and the packs of all are remembered.
+A file that is missing, broken or from another version is no error: values that make no sense keep their defaults. Several
+viewers may be open at once: each writes only what changed in it, and the list of recent packs holds those of all.
 """
 
 from __future__ import annotations
@@ -10,28 +10,36 @@ import json
 import math
 import os
 import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import platformdirs
 
 from console import not_written
 from console.atomic import write_file
 from console.json_text import read_json_file
+from viewer.app.backdrops import PLAIN
 
 try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None
 
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+
 MOST_RECENT = 8
 LOCK_PATIENCE_S = 2.0
 WHITE = (1.0, 1.0, 1.0)
 LARGEST = 1 << 16  # units of the screen
+CHECK_EVERY_S = 0.4
+LONGEST_UNSAVED_S = 3.0  # for what keeps changing, such as an edge that is dragged
 
 
 def default_file() -> Path:
@@ -41,33 +49,30 @@ def default_file() -> Path:
 
 @dataclass
 class Preferences:
-    """window: width, height in screen units. recent: paths of what was opened, the last first. moved, layout, theme,
-    interface_scale (its scale), axes_shown: see Interface. background: plain, sRGB in 0 … 1. backdrop: "plain" or one of
-    viewer.app.backdrops.STYLES. surroundings: see RenderSettings. dead_zone: of controllers, 0 … 1.
-    """
+    """What is kept from one start to the next. Fields without a comment are those of Interface and DynamicResolution."""
 
-    window: tuple[int, int] = (1280, 800)
+    window: tuple[int, int] = (1280, 800)  # width, height, screen units
     page: str = "view"
     moved: list[str] = field(default_factory=list)
     layout: str = ""
-    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)  # sRGB, 0 … 1
     target_fps: float = 30.0
     dynamic_resolution: bool = True
     rest_scale: float = 1.0
     theme: str = "dark"
     interface_scale: float = 1.0
-    backdrop: str = "gradient"
+    backdrop: str = "gradient"  # "plain" or one of viewer.app.backdrops.STYLES
     axes_shown: bool = True
-    surroundings: bool = True
-    dead_zone: float = 0.15
-    recent: list[str] = field(default_factory=list)
+    surroundings: bool = True  # see RenderSettings
+    dead_zone: float = 0.15  # of controllers, 0 … 1
+    recent: list[str] = field(default_factory=list)  # paths, the last opened first
 
     def opened(self, path: Path) -> None:
         """Puts a pack first among the recent ones."""
         self.recent = merged_recent([str(Path(path).resolve())], self.recent)
 
     def recent_packs(self) -> list[Path]:
-        """Those of the recent packs that are still there."""
+        """The recent packs that still exist."""
         return [
             Path(name) for name in self.recent if os.path.exists(name)
         ]  # Path.exists raises where a name is too long
@@ -92,10 +97,10 @@ def load(file: Path) -> Preferences:
 
 
 def save(preferences: Preferences, file: Path, before: Preferences | None = None) -> str | None:
-    """Writes them aside and renames; why not, where that fails.
+    """Writes a new file and renames it. Returns what went wrong, or None.
 
-    before: what this program last read or wrote; only what differs from it is changed, for another viewer may have
-    written since. `preferences.recent` becomes what both have opened.
+    before: what this program last read or wrote. Only what differs from it is changed, because another viewer may have
+    written since. `preferences.recent` becomes the merged list.
     """
     try:
         file = file.resolve()  # what a link leads to
@@ -129,7 +134,7 @@ def merged_recent(opened: list[str], others: list[str]) -> list[str]:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """What the file holds; nothing where there is none, or none that makes sense."""
+    """The content of the file; empty if there is none or it is not valid."""
     try:
         values = read_json_file(file)
     except (OSError, ValueError):
@@ -139,7 +144,7 @@ def _read(file: Path) -> dict[str, Any]:
 
 @contextmanager
 def _locked(file: Path) -> Iterator[None]:
-    """Holds a lock while one viewer reads and writes; without it where another keeps it too long, or none is to be had."""
+    """Holds a lock against other viewers; goes on without it after LOCK_PATIENCE_S, or where there are no locks."""
     if fcntl is not None:
         handle = os.open(file.parent, os.O_RDONLY)  # the folder: the file itself is another one after each save
     else:
@@ -154,7 +159,7 @@ def _locked(file: Path) -> Iterator[None]:
 
 
 def _lock(handle: int) -> bool:
-    """Takes the lock; False where another has it. True, too, on file systems without locks."""
+    """Takes the lock; False if another process has it. True also on file systems without locks."""
     try:
         if fcntl is not None:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -189,3 +194,127 @@ def _like(value: Any, default: Any) -> Any:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def apply_preferences(app: App, preferences: Preferences) -> None:
+    """Sets up the program as it was left."""
+    app.preferences = preferences
+    interface = app.interface
+    interface.page = preferences.page
+    interface.moved, interface.layout = list(preferences.moved), preferences.layout
+    interface.theme, interface.scale = preferences.theme, preferences.interface_scale
+    interface.axes_shown = preferences.axes_shown
+    app.controllers.dead_zone = preferences.dead_zone
+    app.settings = replace(app.settings, background=preferences.background, surroundings=preferences.surroundings)
+    if preferences.backdrop != PLAIN:
+        app.set_backdrop(preferences.backdrop)
+    app.resolution.target_fps, app.resolution.enabled = preferences.target_fps, preferences.dynamic_resolution
+    app.resolution.rest_scale = preferences.rest_scale
+
+
+def current_preferences(app: App) -> Preferences:
+    """The preferences as the program is set up now."""
+    interface, backdrop = app.interface, app.settings.backdrop
+    return replace(
+        app.preferences,
+        page=interface.page,
+        moved=list(interface.moved),
+        layout=interface.layout,
+        background=app.settings.background,
+        surroundings=app.settings.surroundings,
+        backdrop=backdrop.style if backdrop is not None else PLAIN,
+        theme=interface.theme,
+        interface_scale=interface.scale,
+        axes_shown=interface.axes_shown,
+        dead_zone=app.controllers.dead_zone,
+        target_fps=app.resolution.target_fps,
+        dynamic_resolution=app.resolution.enabled,
+        rest_scale=app.resolution.rest_scale,
+    )
+
+
+class PreferencesAutosave:
+    """Saves the preferences of `app` in a thread, soon after they change.
+
+    size: of the window, screen units. layout: where the pages are docked.
+    """
+
+    def __init__(self, app: App, file: Path, size: Callable[[], tuple[int, int]], layout: Callable[[], str]) -> None:
+        self.app, self.file, self._size, self._layout = app, file, size, layout
+        self._saved = self._copy()
+        self._seen = self._saved
+        self._changed_at = self._checked_at = time.monotonic()
+        self._refused: Preferences | None = None  # what could not be saved
+        self._problem: str | None = None
+        self._was_reported = False
+        self._writing: threading.Thread | None = None
+        self._sent = self._written = self._saved
+
+    def _copy(self) -> Preferences:
+        """The preferences now; window size and layout as of the last poll."""
+        return replace(current_preferences(self.app), recent=list(self.app.preferences.recent))
+
+    def poll(self) -> None:
+        """Saves what changed and then stayed the same until the next check. Call it from the loop."""
+        now = time.monotonic()
+        if now - self._checked_at < CHECK_EVERY_S:
+            return
+        self._checked_at = now
+        if self._writing is not None:
+            if self._writing.is_alive():
+                return
+            self._take_result()
+        self._read_window()
+        seen, self._seen = self._seen, self._copy()
+        if self._seen in (self._saved, self._refused):
+            self._changed_at = now
+        elif seen == self._seen or now - self._changed_at > LONGEST_UNSAVED_S:
+            self._write()
+
+    def finish(self, *, window: bool = True) -> str | None:
+        """Saves the last changes now. Returns a problem that was not reported before, or None.
+
+        window: False if the window is gone.
+        """
+        if self._writing is not None:
+            self._writing.join()
+            self._take_result()
+        if window:
+            self._read_window()
+        self._seen = self._copy()
+        if self._seen != self._saved:
+            self._write()
+            assert self._writing is not None
+            self._writing.join()
+            was_reported = self._was_reported
+            self._take_result()
+            return None if was_reported else self._problem
+        return None
+
+    def _read_window(self) -> None:
+        """Takes over the window's size and layout."""
+        self.app.preferences.window, self.app.interface.layout = self._size(), self._layout()
+
+    def _write(self) -> None:
+        self._sent, self._written = self._seen, replace(self._seen, recent=list(self._seen.recent))
+        before = self._saved
+
+        def write() -> None:
+            self._problem = save(self._written, self.file, before)
+
+        self._writing = threading.Thread(target=write, name="snerg-settings")  # not a daemon, so that it finishes
+        self._writing.start()
+
+    def _take_result(self) -> None:
+        """Takes over what the thread did, with packs that other viewers opened. Reports a failure once."""
+        self._writing = None
+        if self._problem is not None:
+            self._refused = self._sent
+            if not self._was_reported:
+                self._was_reported = True
+                self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
+                self.app.touch()
+            return
+        recent = self.app.preferences.recent
+        self.app.preferences.recent = merged_recent(opened_since(self._sent.recent, recent), self._written.recent)
+        self._saved, self._refused = self._written, None

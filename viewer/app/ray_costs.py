@@ -1,4 +1,4 @@
-"""What rays cost: how many samples they fetch and how many times they jump, counted while the picture rests.
+"""Ray costs: samples and jumps per ray, counted while the picture rests.
 
 Counted in a small picture of the same view, over the rays that hit something: those whose opacity exceeds one step of an
 8-bit channel.
@@ -7,10 +7,13 @@ Counted in a small picture of the same view, over the rays that hit something: t
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from viewer.app.host import Host
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
 
 LONGEST_SIDE = 192  # pixels of the picture that is counted in
 HIT = 1.0 / 255.0  # opacity
@@ -53,21 +56,21 @@ class CostMeter:
     _measured: tuple[object, ...] = field(default=())
 
     def switch(self, on: bool) -> None:
-        """Begins or ends counting."""
+        """Starts or stops counting."""
         self.enabled, self.costs, self._measured = on, None, ()
 
-    def measure(self, host: Host) -> None:
-        """Brings the figures up to date; call while nothing moves. Costs nothing while switched off."""
-        camera = host.camera()
-        if not self.enabled or camera is None or host.stage is None or host.scene is None:
+    def measure(self, app: App) -> None:
+        """Updates the figures; call while nothing moves. Does nothing while counting is off."""
+        camera = app.camera()
+        if not self.enabled or camera is None or app.canvas is None or app.scene is None:
             return
-        settings = replace(host.settings, mode="normal", counts=True)
+        settings = replace(app.settings, mode="normal", counts=True)
         lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.distortion)
-        key = (id(host.scene.pack), settings, camera.grid_T_camera.tobytes(), lens)
+        key = (id(app.scene.pack), settings, camera.grid_T_camera.tobytes(), lens)
         if key == self._measured:
             return
         self._measured = key
         scale = min(1.0, LONGEST_SIDE / max(camera.width, camera.height))
         size = max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
-        self.costs = RayCosts.of(host.stage.ray_counts(camera.resized(*size), settings))
-        host.touch()
+        self.costs = RayCosts.of(app.canvas.ray_counts(camera.resized(*size), settings))
+        app.touch()

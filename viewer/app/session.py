@@ -9,38 +9,36 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import platformdirs
 
 from console import UserError
 from console.atomic import write_file
 from console.json_text import read_json_file
-from viewer.app.bookmarks import bookmark_of, pose_of
-from viewer.app.comparison import Comparison, How
-from viewer.app.crop import Box
-from viewer.app.files import SESSION_SUFFIX
-from viewer.app.host import Host
-from viewer.app.loading import Loading
-from viewer.app.marking import Marking
-from viewer.app.marks import (
+from viewer.app.annotations import (
+    Annotations,
     Bookmark,
-    Marks,
     Scale,
+    annotations_from_json,
+    annotations_to_json,
     bookmark_from_json,
     bookmark_to_json,
-    marks_from_json,
-    marks_to_json,
     number_from_json,
     point_from_json,
 )
+from viewer.app.bookmarks import bookmark_of, pose_of
+from viewer.app.comparison import How
+from viewer.app.crop import Box
+from viewer.app.files import SESSION_SUFFIX
+from viewer.app.orbit_camera import OrbitCamera
 from viewer.app.pose import FARTHEST
-from viewer.app.rig import CameraRig
-from viewer.app.shelf import Shelf
-from viewer.app.state import Interface, OpenScene
+from viewer.app.state import OpenScene
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 VERSION = 1
 MOST_PACKS = 32
@@ -64,7 +62,7 @@ class Seen:
     orthographic: bool = False
     crop: Box | None = None
     near: float = 0.0
-    marks: Marks = field(default_factory=Marks)
+    annotations: Annotations = field(default_factory=Annotations)
 
 
 @dataclass(frozen=True)
@@ -85,41 +83,23 @@ class Session:
         return ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
 
 
-class SessionHost(Host, Protocol):
-    """Whose session it is."""
-
-    marking: Marking
-    comparison: Comparison
-    shelf: Shelf
-    interface: Interface
-
-    @property
-    def loading(self) -> Loading | None:
-        """The pack that is being read."""
-        ...
-
-    def open(self, path: Path, *, other: bool = False, then: Callable[[], None] | None = None) -> None:
-        """Starts to read a pack. then: called once it is shown."""
-
-    def set(self, **fields: object) -> None:
-        """Changes render settings."""
-
-
-def session_of(host: SessionHost) -> Session | None:
+def session_of(app: App) -> Session | None:
     """What is open now; None where that is nothing that could be opened again."""
 
-    def seen(scene: OpenScene, crop: Box | None, near: float, marks: Marks) -> Seen:
+    def seen(scene: OpenScene, crop: Box | None, near: float, annotations: Annotations) -> Seen:
         view = bookmark_of(scene.rig, scene.rig.fov, scene.name)
-        return Seen(scene.path.resolve(), view, scene.rig.orthographic, crop, near, marks)
+        return Seen(scene.path.resolve(), view, scene.rig.orthographic, crop, near, annotations)
 
-    scene = host.scene
+    scene = app.scene
     if scene is None or not scene.whole or not scene.stays or not scene.path.exists():
         return None
-    first = seen(scene, host.settings.crop, host.settings.near, host.marking.marks)
-    others = (seen(each.scene, each.crop, each.near, each.marks or Marks()) for each in host.shelf.packs)
-    compare, path = host.comparison, host.comparison.other_path
+    first = seen(scene, app.settings.crop, app.settings.near, app.annotations.current)
+    others = (
+        seen(each.scene, each.crop, each.near, each.annotations or Annotations()) for each in app.open_packs.packs
+    )
+    compare, path = app.comparison, app.comparison.other_path
     against = (path.resolve(), compare.how) if compare.against == "pack" and path is not None else None
-    return Session((first, *others), against, host.interface.page)
+    return Session((first, *others), against, app.interface.page)
 
 
 # The file
@@ -133,7 +113,7 @@ def session_to_json(session: Session, folder: Path) -> dict[str, Any]:
             "camera": {**bookmark_to_json(seen.camera), "orthographic": seen.orthographic},
             "crop": None if seen.crop is None else [list(corner) for corner in seen.crop],
             "near": seen.near,
-            "marks": marks_to_json(seen.marks),
+            "marks": annotations_to_json(seen.annotations),
         }
         for seen in session.packs
     ]
@@ -185,7 +165,9 @@ def _seen(value: Any, folder: Path) -> Seen:
         crop = low, high
     near = number_from_json(entries.get("near", 0.0), 0.0, FARTHEST, "near")
     view, flat = bookmark_from_json(dict(camera)), camera.get("orthographic") is True
-    return Seen(_path(entries.get("path"), folder), view, flat, crop, near, marks_from_json(entries.get("marks", {})))
+    return Seen(
+        _path(entries.get("path"), folder), view, flat, crop, near, annotations_from_json(entries.get("marks", {}))
+    )
 
 
 def _compare(value: Any, folder: Path) -> tuple[Path, How] | None:
@@ -217,36 +199,36 @@ def _relative(path: Path, folder: Path) -> str:
 # Opening one
 
 
-def restore(host: SessionHost, session: Session) -> None:
+def restore(app: App, session: Session) -> None:
     """Opens what a session names, one pack after the other, the one that is shown last. What fails is a dialog, and the end."""
     order = [*session.packs[1:], session.packs[0]]
 
     def next_one(index: int) -> None:
-        host.open(order[index].path, then=lambda: arrived(index))
+        app.open(order[index].path, then=lambda: arrived(index))
 
     def arrived(index: int) -> None:
-        _apply(host, order[index])
+        _apply(app, order[index])
         if index + 1 < len(order):
             next_one(index + 1)
             return
         if session.page:
-            host.interface.opens(session.page)
+            app.interface.opens(session.page)
         if session.compare is not None:
-            path, host.comparison.how = session.compare
-            host.open(path, other=True)
+            path, app.comparison.how = session.compare
+            app.open(path, other=True)
 
     next_one(0)
 
 
-def _apply(host: SessionHost, seen: Seen) -> None:
-    assert host.scene is not None
-    place(host.scene.rig, seen.camera, orthographic=seen.orthographic)
-    host.set(crop=None if host.scene.rig.bounded else seen.crop, near=seen.near)
-    host.marking.marks = joined(host.marking.marks, seen.marks)
-    host.touch()
+def _apply(app: App, seen: Seen) -> None:
+    assert app.scene is not None
+    place(app.scene.rig, seen.camera, orthographic=seen.orthographic)
+    app.set(crop=None if app.scene.rig.bounded else seen.crop, near=seen.near)
+    app.annotations.current = joined(app.annotations.current, seen.annotations)
+    app.touch()
 
 
-def place(rig: CameraRig, view: Bookmark, *, orthographic: bool) -> None:
+def place(rig: OrbitCamera, view: Bookmark, *, orthographic: bool) -> None:
     """Puts a rig where a view is, at once."""
     rig.held, rig.fov = None, view.fov
     rig.table = replace(rig.table, up=view.up)
@@ -255,12 +237,12 @@ def place(rig: CameraRig, view: Bookmark, *, orthographic: bool) -> None:
     rig.shown = rig.goal
 
 
-def joined(own: Marks, other: Marks) -> Marks:
+def joined(own: Annotations, other: Annotations) -> Annotations:
     """Marks of both; the scale is `own` where that says anything."""
     scale = own.scale if own.scale != Scale() else other.scale
     measurements = tuple(each for each in other.measurements if each not in own.measurements)
     bookmarks = tuple(each for each in other.bookmarks if each not in own.bookmarks)
-    return Marks(scale, own.measurements + measurements, own.bookmarks + bookmarks)
+    return Annotations(scale, own.measurements + measurements, own.bookmarks + bookmarks)
 
 
 # The one that was open last
@@ -286,36 +268,36 @@ class Sessions:
             return
         self.last = session if session.packs[0].path.exists() else None
 
-    def open(self, host: SessionHost, file: Path) -> None:
+    def open(self, app: App, file: Path) -> None:
         """Opens a session. UserError where it is none."""
-        restore(host, load_session(file))
+        restore(app, load_session(file))
 
-    def open_last(self, host: SessionHost) -> None:
+    def open_last(self, app: App) -> None:
         """Goes on where the program was left."""
         if self.last is not None:
-            restore(host, self.last)
+            restore(app, self.last)
 
-    def save(self, host: SessionHost, file: Path) -> None:
+    def save(self, app: App, file: Path) -> None:
         """Writes what is open now. UserError where that is nothing, OSError where it cannot."""
-        session = session_of(host)
+        session = session_of(app)
         if session is None:
             raise UserError("there is no pack to save a session of", remedy="open one, and wait until it is complete")
         save_session(session, file)
-        host.messages.say(f"Saved {file}")
+        app.messages.say(f"Saved {file}")
 
-    def tick(self, host: SessionHost) -> None:
+    def tick(self, app: App) -> None:
         """Time passes: what has not changed for a moment is written as the last session; not while packs are on their way."""
-        if self.file is None or host.loading is not None or (self._thread is not None and self._thread.is_alive()):
+        if self.file is None or app.loading is not None or (self._thread is not None and self._thread.is_alive()):
             return
-        now, session = time.monotonic(), session_of(host)
+        now, session = time.monotonic(), session_of(app)
         if session != self._seen:
             self._seen, self._since = session, now
         elif session is not None and session != self._written and now - self._since >= REST_S:
             self._write(session)
 
-    def finish(self, host: SessionHost) -> None:
+    def finish(self, app: App) -> None:
         """The program ends: what is open now is the last session."""
-        session = session_of(host) if self.file is not None else None
+        session = session_of(app) if self.file is not None else None
         if self._thread is not None:
             self._thread.join()
         if session is not None and session != self._written:

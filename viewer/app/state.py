@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from scenepack.pack import Pack
-from viewer.app.rig import CameraRig
+from viewer.app.orbit_camera import OrbitCamera
 from viewer.rendering.camera import ViewCamera
 
 FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
@@ -30,7 +30,7 @@ class OpenScene:
     path: Path
     name: str
     pack: Pack
-    rig: CameraRig
+    rig: OrbitCamera
     whole: bool = True
     stays: bool = True
 

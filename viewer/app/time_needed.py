@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from training.scenes.presets import PRESETS
-from viewer.app.telling import Telling
+from viewer.app.json_subprocess import JsonSubprocess
 
 MODULE = "training.speed"
 # Of five captures in docs/results.md: baking took 0.8 to 1.1 times as long as training.
@@ -20,7 +20,7 @@ MEMORY, MEMORY_OF_1000 = 2.2e9, 2.6e9
 DISK_OF_1000 = 1.1e9
 
 
-class TimeNeeded(Telling):
+class TimeNeeded(JsonSubprocess):
     """An estimate for photographs of these longer sides (pixels), from the moment this is made. Poll `news`, and close it.
 
     after: waits for what else is being measured.

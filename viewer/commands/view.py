@@ -17,21 +17,20 @@ from console import UserError, run_command
 from console.arguments import join_negative_values, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
-from viewer.app import desktop_entry, make_plan, marking, preferences, session
+from viewer.app import annotations, desktop_entry, make_plan, preferences, session
 from viewer.app.application import App
-from viewer.app.carried_over import take_over
 from viewer.app.comparison import How
+from viewer.app.crash_log import CrashLog, default_folder, left_behind
 from viewer.app.files import kind_of, scene_around
-from viewer.app.forward_facing import rig_for
+from viewer.app.forward_facing import orbit_camera_for
 from viewer.app.pose import pose_from_text
-from viewer.app.remembering import Keeper
+from viewer.app.preferences import PreferencesAutosave, apply_preferences
 from viewer.app.startup import Startup
 from viewer.app.state import name_of
-from viewer.app.trail import Trail, default_folder, left_behind
 from viewer.benchmark.flyover import fly_over
 from viewer.panels.ui import Ui
 from viewer.rendering.settings import Mode, RenderSettings
-from viewer.window.ending import on_lost_display, signals_ask
+from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
 
 DEMO = "demo.zip"
@@ -187,58 +186,58 @@ def _live(app: App, wishes: Startup, size: tuple[int, int] | None) -> int:
     """A window until it is closed, or the program is ended from outside; the exit status."""
     file = preferences.default_file()
     crashed = left_behind(default_folder())
-    with signals_ask(app.quit) as ended, _trail(app) as trail:
-        take_over(app, preferences.load(file))
-        app.marking.folder = marking.default_folder()
+    with signals_ask(app.quit) as ended, _trail(app) as crash_log:
+        apply_preferences(app, preferences.load(file))
+        app.annotations.folder = annotations.default_folder()
         app.sessions.begin(session.default_file())
         with Window(app, Ui, size or app.preferences.window) as window:
-            trail.add(f"OpenGL {window.ctx.info.get('GL_VERSION')} on {window.canvas.card}")
+            crash_log.add(f"OpenGL {window.ctx.info.get('GL_VERSION')} on {window.canvas.card}")
             if crashed:
                 app.messages.say(f"The viewer ended unexpectedly the last time. Its log: {crashed[-1]}", "warning")
             wishes.begin(app)
-            _keep(app, window, Keeper(app, file, lambda: window.size, lambda: window.layout), trail)
+            _keep(app, window, PreferencesAutosave(app, file, lambda: window.size, lambda: window.layout), crash_log)
     if ended.signal == signal.SIGINT:
         raise KeyboardInterrupt
     return ended.status
 
 
 @contextlib.contextmanager
-def _trail(app: App) -> Iterator[Trail]:
+def _trail(app: App) -> Iterator[CrashLog]:
     """Within the block what is done is written down; the file is removed behind it, unless a bug ends it."""
-    trail = Trail(default_folder())
-    app.messages.trail = trail.add
+    crash_log = CrashLog(default_folder())
+    app.messages.crash_log = crash_log.add
     try:
-        yield trail
+        yield crash_log
     except (UserError, NoDisplay, KeyboardInterrupt, SystemExit):
-        trail.end()
+        crash_log.end()
         raise
     except BaseException as error:
-        path = trail.crash(error)
+        path = crash_log.crash(error)
         if path is not None:
             with contextlib.suppress(OSError):
                 print(f"snerg-view: this crash is described in {path.parent}", file=sys.stderr)
         raise
-    trail.end()
+    crash_log.end()
 
 
-def _keep(app: App, window: Window, keeper: Keeper, trail: Trail) -> None:
+def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: CrashLog) -> None:
     """Runs the window; whatever ends it, `keeper` has saved what is to be remembered."""
 
     def leave() -> None:
-        keeper.finish(window=False)
+        autosave.finish(window=False)
         app.sessions.finish(app)
-        app.marking.leave()
+        app.annotations.close_pack()
         app.making.end()
-        trail.end()
+        crash_log.end()
 
     if window.on_x11:
         on_lost_display(leave)
     try:
-        window.run(keeper.look)
+        window.run(autosave.poll)
     finally:
         app.sessions.finish(app)
-        app.marking.leave()
-        problem = keeper.finish()
+        app.annotations.close_pack()
+        problem = autosave.finish()
         if problem:
             with contextlib.suppress(OSError):  # the terminal may be gone
                 print(f"snerg-view: {problem}", file=sys.stderr)
@@ -256,7 +255,7 @@ def _render_instead(path: Path | None, settings: RenderSettings, reason: NoDispl
         raise UserError("is not a pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
     loaded = load_pack(chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
-    for written in fly_over(loaded, name_of(chosen), OUT, rig_for(loaded).fov, settings):
+    for written in fly_over(loaded, name_of(chosen), OUT, orbit_camera_for(loaded).fov, settings):
         print(written)
 
 

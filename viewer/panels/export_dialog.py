@@ -7,8 +7,8 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from console.progress import duration
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.exporting import FACES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
-from viewer.app.stage import Stage
 from viewer.panels import layout, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.dialogs import pressed_here
@@ -27,11 +27,11 @@ HINTS = {
 }
 
 
-def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts, pane: PreviewPane) -> None:
+def show(app: App, canvas: CanvasInterface, size: ImVec2, fonts: Fonts, pane: PreviewPane) -> None:
     """Draws the question while there is one, and nothing is in front of it. pane: the same one each time."""
     exporting = app.exporting
     if exporting.preview is None:
-        pane.drop(stage)
+        pane.drop(canvas)
     if app.scene is None or in_front(app) != "export":
         return
     room = size.x / px(1) - 32 - CHOICES - GAP - 2 * PADDING  # in a small window there is no preview
@@ -53,7 +53,7 @@ def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts, pane: PreviewPane) 
         imgui.end_child()
         imgui.same_line(0, px(GAP))
         imgui.begin_group()
-        pane.show(app, stage, px(beside), px(ROWS_HIGH))
+        pane.show(app, canvas, px(beside), px(ROWS_HIGH))
         imgui.end_group()
     else:
         _choices(app, exporting.plan)
@@ -87,7 +87,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
     plan.world = switch("world", plan.world)
     tip("The frame of the photographs' poses, instead of the grid's (y up)")
     if plan.scale != 1.0:
-        hint(f"Lengths are in {app.marking.marks.scale.unit}.")
+        hint(f"Lengths are in {app.annotations.current.scale.unit}.")
     if app.settings.crop is not None:
         label("Crop box only", LABELS)
         plan.crop = switch("cropped", plan.crop)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.app.stage import Stage
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.panels import theme
 from viewer.panels.widgets import hint, px
 
@@ -14,14 +14,14 @@ FINER = 2  # pixels drawn along each side of one that is shown: edges become smo
 
 
 class PreviewPane:
-    """Keeps the picture while neither camera nor sketch changes."""
+    """Keeps the picture while neither camera nor geometry changes."""
 
     def __init__(self) -> None:
         self._of: tuple[object, ...] = ()
         self._pixels = None
         self._held = False  # by the mouse
 
-    def show(self, app: App, stage: Stage, width: float, height: float) -> None:
+    def show(self, app: App, canvas: CanvasInterface, width: float, height: float) -> None:
         """width, height: of the picture, in window units; a line of text comes below it."""
         preview, scene = app.exporting.preview, app.scene
         if preview is None or scene is None:
@@ -31,16 +31,16 @@ class PreviewPane:
         self._turn(app, height)
         draw, corner = imgui.get_window_draw_list(), ImVec2(at.x + width, at.y + height)
         draw.add_rect_filled(at, corner, theme.packed(theme.BASE), px(6))
-        if preview.sketch is not None:
+        if preview.geometry is not None:
             density = FINER * imgui.get_io().display_framebuffer_scale.x
             camera = scene.rig.camera((round(density * width), round(density * height)))
-            of = (preview.sketch, camera.grid_T_camera.tobytes(), camera.fx, camera.width, camera.height, theme.BASE)
+            of = (preview.geometry, camera.grid_T_camera.tobytes(), camera.fx, camera.width, camera.height, theme.BASE)
             if of != self._of:
                 ground = theme.rgb(theme.BASE)
-                self._pixels = stage.sketch(preview.sketch, camera, (ground.x, ground.y, ground.z))
+                self._pixels = canvas.draw_export_preview(preview.geometry, camera, (ground.x, ground.y, ground.z))
                 self._of = of
             assert self._pixels is not None
-            texture = imgui.ImTextureRef(stage.image(IMAGE, self._pixels))
+            texture = imgui.ImTextureRef(canvas.image(IMAGE, self._pixels))
             dim = 0.35 if preview.error else 1.0
             shade = theme.packed("#ffffff", dim)
             draw.add_image_rounded(texture, at, corner, ImVec2(0, 0), ImVec2(1, 1), shade, px(6))
@@ -49,11 +49,11 @@ class PreviewPane:
             draw.add_rect_filled(ImVec2(at.x, corner.y - px(3)), low, theme.packed(theme.ACCENT))
         hint(_told(app), theme.WARN if preview.error and not preview.working else theme.FAINT)
 
-    def drop(self, stage: Stage) -> None:
+    def drop(self, canvas: CanvasInterface) -> None:
         """Frees what it holds on the card."""
         if self._pixels is not None:
-            stage.drop_image(IMAGE)
-            stage.drop_sketch()
+            canvas.drop_image(IMAGE)
+            canvas.drop_export_preview()
         self._of, self._pixels = (), None
 
     def _turn(self, app: App, height: float) -> None:
@@ -80,9 +80,9 @@ def _told(app: App) -> str:
         return "Making a preview…"
     if preview.error:
         return f"{preview.error[:1].upper()}{preview.error[1:]}."
-    if preview.sketch is None:
+    if preview.geometry is None:
         return ""
-    sketch, f = preview.sketch, preview.sketch.coarser
+    geometry, f = preview.geometry, preview.geometry.coarser
     of_points = "Gaussians" if app.exporting.plan.kind == "gaussians" else "points"
-    what = f"{len(sketch.faces):,} triangles" if len(sketch.faces) else f"{len(sketch.vertices):,} {of_points}"
+    what = f"{len(geometry.faces):,} triangles" if len(geometry.faces) else f"{len(geometry.vertices):,} {of_points}"
     return f"Preview: {what}." if f == 1 else f"Preview in voxels {f} times as large: {what}. The file is finer."

@@ -10,8 +10,8 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as pfd
 
 from viewer.app.application import App
-from viewer.app.choosing import expanded
 from viewer.app.files import FileRequest
+from viewer.app.open_prompt import expanded
 from viewer.panels import theme
 from viewer.panels.modal import in_front
 from viewer.panels.theme import Fonts

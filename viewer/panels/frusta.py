@@ -11,8 +11,8 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.projection import FRUSTUM_EDGES, project
-from viewer.app.stage import Stage
 from viewer.app.thumbnails import Thumbnails
 from viewer.panels import theme
 from viewer.panels.widgets import coloured, font, px
@@ -35,7 +35,7 @@ class _Frustum:
     strength: float
 
 
-def draw(app: App, stage: Stage, box: Box) -> int | None:
+def draw(app: App, canvas: CanvasInterface, box: Box) -> int | None:
     """Draws them; the one under the mouse, if any."""
     gallery = app.gallery
     if not gallery.frusta or gallery.photographs is None or app.scene is None:
@@ -47,7 +47,7 @@ def draw(app: App, stage: Stage, box: Box) -> int | None:
     under = next((f for f in reversed(placed) if f.strength > 0.2 and _hit(f.points, mouse)), None)
     if not imgui.is_item_hovered():
         under = None
-    sheet = stage.sheet(gallery.thumbnails) if gallery.thumbnails is not None else None
+    sheet = canvas.sheet(gallery.thumbnails) if gallery.thumbnails is not None else None
     chosen = next((f for f in placed if f.index == gallery.chosen), None)
     for frustum in placed:
         if frustum is not under and frustum is not chosen:
@@ -124,7 +124,7 @@ def _uv(thumbnails: Thumbnails | None, index: int) -> tuple[tuple[float, float],
     return (x / width, y / height), ((x + w) / width, (y + h) / height)
 
 
-def picture(stage: Stage, thumbnails: Thumbnails | None, index: int, low: ImVec2, high: ImVec2) -> bool:
+def picture(canvas: CanvasInterface, thumbnails: Thumbnails | None, index: int, low: ImVec2, high: ImVec2) -> bool:
     """Draws a shot's thumbnail in the middle of a rectangle (window units); False where there is none (yet)."""
     uv = _uv(thumbnails, index)
     if thumbnails is None or uv is None:
@@ -133,7 +133,7 @@ def picture(stage: Stage, thumbnails: Thumbnails | None, index: int, low: ImVec2
     scale = min((high.x - low.x) / w, (high.y - low.y) / h)
     x, y = 0.5 * (low.x + high.x - scale * w), 0.5 * (low.y + high.y - scale * h)
     corner = ImVec2(x + scale * w, y + scale * h)
-    texture = imgui.ImTextureRef(stage.sheet(thumbnails))
+    texture = imgui.ImTextureRef(canvas.sheet(thumbnails))
     imgui.get_window_draw_list().add_image_rounded(texture, ImVec2(x, y), corner, *uv, theme.packed("#ffffff"), px(4))
     return True
 

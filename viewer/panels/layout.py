@@ -10,8 +10,8 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
-from viewer.app.stage import Stage
 from viewer.panels import (
     page_bookmarks,
     page_camera,
@@ -43,7 +43,7 @@ class Page:
     id: str
     title: str
     icon: str
-    show: Callable[[App, Stage, Fonts], None]
+    show: Callable[[App, CanvasInterface, Fonts], None]
 
     @property
     def window(self) -> str:
@@ -146,20 +146,20 @@ def _turn(app: App, page: str, docked: bool) -> None:
     app.touch()
 
 
-def show_pages(app: App, stage: Stage, where: Regions, fonts: Fonts) -> None:
+def show_pages(app: App, canvas: CanvasInterface, where: Regions, fonts: Fonts) -> None:
     """The pages that are open, wherever they are docked; in a narrow window one at most, over the picture."""
     if where.pages:
         app.interface.over = ""
         for page in PAGES:
             if app.interface.shows(page.id):
-                _page(app, stage, page, fonts)
+                _page(app, canvas, page, fonts)
         return
     page = next((page for page in PAGES if page.id == app.interface.over), None)
     if page is not None and where.rail[2] > 0:
-        _page_over(app, stage, page, where, fonts)
+        _page_over(app, canvas, page, where, fonts)
 
 
-def _page_over(app: App, stage: Stage, page: Page, where: Regions, fonts: Fonts) -> None:
+def _page_over(app: App, canvas: CanvasInterface, page: Page, where: Regions, fonts: Fonts) -> None:
     _, y, width, height = where.dock
     wide = min(px(SIDE), width)
     imgui.set_next_window_pos(ImVec2(width - wide, y))
@@ -171,14 +171,14 @@ def _page_over(app: App, stage: Stage, page: Page, where: Regions, fonts: Fonts)
     _, still_open = imgui.begin(f"{page.icon}   {page.title}###over", True, flags)
     imgui.pop_style_var(2)
     with coloured(child_bg=theme.CARD):
-        page.show(app, stage, fonts)
+        page.show(app, canvas, fonts)
     imgui.end()
     if not still_open:
         app.interface.over = ""
         app.touch()
 
 
-def _page(app: App, stage: Stage, page: Page, fonts: Fonts) -> None:
+def _page(app: App, canvas: CanvasInterface, page: Page, fonts: Fonts) -> None:
     imgui.set_next_window_size(ImVec2(px(SIDE), px(520)), imgui.Cond_.first_use_ever)
     highest = max(px(160), 0.85 * imgui.get_io().display_size.y)  # of one that floats
     imgui.set_next_window_size_constraints(ImVec2(px(SMALLEST_PAGE), px(140)), ImVec2(1e6, highest))
@@ -190,7 +190,7 @@ def _page(app: App, stage: Stage, page: Page, fonts: Fonts) -> None:
     imgui.pop_style_var()
     if seen:
         with coloured(child_bg=theme.CARD):
-            page.show(app, stage, fonts)
+            page.show(app, canvas, fonts)
     imgui.end()
     if not still_open:
         app.interface.closes(page.id)

@@ -10,9 +10,9 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from console.progress import duration
 from viewer.app import time_needed
 from viewer.app.application import App
-from viewer.app.job import Job
+from viewer.app.canvas_interface import CanvasInterface
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
-from viewer.app.stage import Stage
 from viewer.panels import layout, preview_strip, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.dialogs import confirmed, pressed_here
@@ -25,7 +25,7 @@ PICTURE = "making"
 AUTOMATIC = "Automatic"
 
 
-def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, size: ImVec2, fonts: Fonts) -> None:
     """Draws the question while there is one, and nothing is in front of it."""
     plan = app.making.plan
     if plan is None or in_front(app) != "make":
@@ -34,7 +34,7 @@ def show(app: App, stage: Stage, size: ImVec2, fonts: Fonts) -> None:
         return
     _heading(plan, fonts)
     if plan.survey is not None and plan.survey.preview is not None:
-        preview_strip.show(stage, plan.survey.preview)
+        preview_strip.show(canvas, plan.survey.preview)
     imgui.dummy(ImVec2(0, px(6)))
     problem = plan.problem()
     surveying = plan.survey is not None and not plan.survey.finished
@@ -182,21 +182,21 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
             app.messages.fail("It cannot start", error)
 
 
-def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
+def show_job(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> None:
     """The card of what is being made, at the lower left of the viewport's box."""
     job = app.making.job
     if job is None:
-        stage.drop_image(PICTURE)
+        canvas.drop_image(PICTURE)
         return
     with corner_card("##job", box):
         _job_head(app, job, fonts)
-        if app.making.look is not None and not app.making.points_shown(app):
+        if app.making.sparse_preview is not None and not app.making.sparse_preview_shown(app):
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
                 app.making.show_points(app)
             tip("The scene that is open now is closed")
-        _so_far(app)
+        _training_preview(app)
         if job.picture is not None:
-            _picture(stage, job)
+            _picture(canvas, job)
         if len(job.figures) > 2:
             _curve(job)
         _stages(job)
@@ -205,7 +205,7 @@ def show_job(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
         hint(_told(job))
 
 
-def _job_head(app: App, job: Job, fonts: Fonts) -> None:
+def _job_head(app: App, job: MakeJob, fonts: Fonts) -> None:
     word = "Stop now" if job.stopping else "Stop"
     width = px(86)
     imgui.align_text_to_frame_padding()
@@ -222,20 +222,22 @@ def _job_head(app: App, job: Job, fonts: Fonts) -> None:
     tip("Stop without saving" if job.stopping else "Finished work is kept. Make the scene again to continue.")
 
 
-def _so_far(app: App) -> None:
+def _training_preview(app: App) -> None:
     """What is trained so far: shown, or to be shown."""
     making = app.making
-    if making.so_far is None:
+    if making.training_preview is None:
         return
-    if making.so_far_shown(app):
-        hint(f"You see a {making.so_far.words}. It is small and coarse; a newer one takes its place by itself.")
+    if making.training_preview_shown(app):
+        hint(
+            f"You see a {making.training_preview.description}. It is small and coarse; a newer one takes its place by itself."
+        )
     else:
-        if imgui.button(f"{fa.ICON_FA_EYE}  Show the {making.so_far.words}", ImVec2(-1, px(28))):
-            making.show_so_far(app)
+        if imgui.button(f"{fa.ICON_FA_EYE}  Show the {making.training_preview.description}", ImVec2(-1, px(28))):
+            making.show_training_preview(app)
         tip("Fly around in what is trained so far")
 
 
-def _picture(stage: Stage, job: Job) -> None:
+def _picture(canvas: CanvasInterface, job: MakeJob) -> None:
     """A photograph that is held out, beside how it is rendered so far."""
     assert job.picture is not None
     height, width = job.picture.shape[:2]
@@ -243,14 +245,14 @@ def _picture(stage: Stage, job: Job) -> None:
     at = imgui.get_cursor_screen_pos()
     high = wide * height / width
     low = ImVec2(at.x + wide, at.y + high)
-    texture = imgui.ImTextureRef(stage.image(PICTURE, job.picture))
+    texture = imgui.ImTextureRef(canvas.image(PICTURE, job.picture))
     imgui.get_window_draw_list().add_image_rounded(
         texture, at, low, ImVec2(0, 0), ImVec2(1, 1), theme.packed("#ffffff"), px(6)
     )
     imgui.dummy(ImVec2(wide, high))
 
 
-def _curve(job: Job) -> None:
+def _curve(job: MakeJob) -> None:
     """PSNR since the window began to watch."""
     wide, high = imgui.get_content_region_avail().x, px(34)
     at = imgui.get_cursor_screen_pos()
@@ -266,7 +268,7 @@ def _curve(job: Job) -> None:
         draw.add_line(start, end, colour, px(1.6))
 
 
-def _stages(job: Job) -> None:
+def _stages(job: MakeJob) -> None:
     for i, name in enumerate(job.plan.stages, 1):
         if i > 1:
             imgui.same_line(0, px(8))
@@ -282,7 +284,7 @@ def _stages(job: Job) -> None:
             imgui.text_unformatted(f"{fa.ICON_FA_CHECK}  {name}" if done else name)
 
 
-def _told(job: Job) -> str:
+def _told(job: MakeJob) -> str:
     """How far it is, in words."""
     if job.stopping:
         saving = (

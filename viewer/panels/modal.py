@@ -17,7 +17,7 @@ def in_front(app: App) -> Modal:
         return "message"
     if app.file_request is not None:
         return "path"
-    if app.choosing is not None:
+    if app.open_prompt is not None:
         return "open"
     if app.making.plan is not None:
         return "make"

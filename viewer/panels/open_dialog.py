@@ -9,8 +9,8 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.choosing import Choosing
 from viewer.app.commands import browse, choose
+from viewer.app.open_prompt import OpenPrompt
 from viewer.panels import theme
 from viewer.panels.modal import in_front
 from viewer.panels.theme import Fonts
@@ -44,47 +44,47 @@ class OpenDialog:
 
     def __init__(self, native: bool) -> None:
         self.native = native
-        self._shown: Choosing | None = None
+        self._shown: OpenPrompt | None = None
         self._typed = ""
         self._frames_to_end = 0  # in which the cursor is put behind the text, for a field that is entered selects all
         self._awaited = False  # the field has been given the keyboard and has not taken it yet
 
     def show(self, app: App, size: ImVec2, fonts: Fonts) -> None:
         """Draws it while nothing is in front of it, and hands over what was chosen."""
-        choosing = app.choosing
-        if choosing is None:
+        open_prompt = app.open_prompt
+        if open_prompt is None:
             self._shown = None
             return
         if in_front(app) != "open":
             return
-        opening = choosing is not self._shown or not imgui.is_popup_open(NAME)
-        self._shown = choosing
+        opening = open_prompt is not self._shown or not imgui.is_popup_open(NAME)
+        self._shown = open_prompt
         imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, 0.86 * size.y))
         if not begin_modal(NAME, size, WIDTH, 0.12, pivot=0.0, padding=(24, 20)):
             return
         with font(fonts.bold, 18.0):
-            imgui.text_unformatted("Compare with" if choosing.other else "Open")
-        what = "A pack: a folder or a .zip." if choosing.other else "A pack, photographs, a film or a training run."
+            imgui.text_unformatted("Compare with" if open_prompt.other else "Open")
+        what = "A pack: a folder or a .zip." if open_prompt.other else "A pack, photographs, a film or a training run."
         hint(f"{what} Type a path, or a part of one that you opened lately.")
-        entered = self._field(choosing, opening)
-        if choosing.problem:
-            hint(choosing.problem, theme.WARN)
-        clicked = self._lines(choosing)
+        entered = self._field(open_prompt, opening)
+        if open_prompt.problem:
+            hint(open_prompt.problem, theme.WARN)
+        clicked = self._lines(open_prompt)
         cancelled, browsed, pressed = self._buttons()
         if browsed:
-            browse(app, browsed, other=choosing.other)
+            browse(app, browsed, other=open_prompt.other)
         elif cancelled:
-            app.choosing = None
+            app.open_prompt = None
         elif clicked is not None or entered or pressed:
             choose(app, clicked)
             self._frames_to_end, self._awaited = TO_END, True
-        if app.choosing is None:
+        if app.open_prompt is None:
             imgui.close_current_popup()
         imgui.end_popup()
 
-    def _field(self, choosing: Choosing, opening: bool) -> bool:
+    def _field(self, open_prompt: OpenPrompt, opening: bool) -> bool:
         """The line to type into; whether Enter was pressed in it."""
-        self._step(choosing, opening)
+        self._step(open_prompt, opening)
         entered = self._entered()
         if opening or self._frames_to_end == TO_END:
             imgui.set_keyboard_focus_here()
@@ -95,8 +95,8 @@ class OpenDialog:
                 state.reload_user_buf_and_move_to_end()
         imgui.set_next_item_width(-1)
         with coloured(frame_bg=theme.BASE):
-            _, self._typed = imgui.input_text_with_hint(FIELD, "/path/to/scene", choosing.text)
-        choosing.type(self._typed)
+            _, self._typed = imgui.input_text_with_hint(FIELD, "/path/to/scene", open_prompt.text)
+        open_prompt.type(self._typed)
         self._awaited = opening or (self._awaited and not imgui.is_item_active())
         return entered
 
@@ -105,7 +105,7 @@ class OpenDialog:
         theirs = imgui.get_current_context().active_id == imgui.get_id(FIELD)
         return (self._awaited or theirs) and any(imgui.is_key_pressed(key, False) for key in ENTER)
 
-    def _step(self, choosing: Choosing, opening: bool) -> None:
+    def _step(self, open_prompt: OpenPrompt, opening: bool) -> None:
         """Down and Up choose a line, and leave the keyboard with the field.
 
         imgui would move it on to the line's own button, and lose an Enter that comes in the next round.
@@ -114,15 +114,15 @@ class OpenDialog:
             by = int(imgui.is_key_pressed(imgui.Key.down_arrow)) - int(imgui.is_key_pressed(imgui.Key.up_arrow))
             if by:
                 imgui.internal.nav_move_request_cancel()
-                choosing.step(by)
+                open_prompt.step(by)
 
-    def _lines(self, choosing: Choosing) -> int | None:
+    def _lines(self, open_prompt: OpenPrompt) -> int | None:
         """What is offered; the line that was clicked."""
         clicked = None
-        if choosing.lines and not choosing.text.strip():
+        if open_prompt.lines and not open_prompt.text.strip():
             hint("RECENT", theme.MUTED)
-        for i, path in enumerate(choosing.lines):
-            if _line(choosing, path, i == choosing.picked, i):
+        for i, path in enumerate(open_prompt.lines):
+            if _line(open_prompt, path, i == open_prompt.picked, i):
                 clicked = i
         imgui.dummy(ImVec2(0, px(4)))
         return clicked
@@ -145,13 +145,13 @@ class OpenDialog:
         return cancelled, browsed, main_button("Open", width)
 
 
-def _line(choosing: Choosing, path: Path, picked: bool, number: int) -> bool:
+def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> bool:
     at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
     with coloured(header_hovered=theme.CONTROL, header_active=theme.CONTROL_HOT):
         pressed = imgui.selectable(
             f"##line {number}", picked, imgui.SelectableFlags_.no_auto_close_popups, ImVec2(width, px(LINE))
         )[0]
-    kind = choosing.kind(path)
+    kind = open_prompt.kind(path)
     icon = ICONS["film"] if kind == "pictures" and path.is_file() else ICONS[kind]
     draw, middle = imgui.get_window_draw_list(), at.y + px(6)
     draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.FAINT if kind == "unknown" else theme.ACCENT), icon)

@@ -7,10 +7,10 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app import crop
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface, Layer
+from viewer.app.frame import other_layers
 from viewer.app.pose import view_camera
-from viewer.app.presenting import other_layers
 from viewer.app.projection import BOX_EDGES, FRUSTUM_EDGES, box_points, frustum_points, project
-from viewer.app.stage import Layer, Stage
 from viewer.panels import theme
 from viewer.panels.widgets import chip, chip_size, elided, font, px
 
@@ -31,14 +31,14 @@ def draw_layers(layers: list[Layer], box: Box) -> None:
         draw.add_image(imgui.ImTextureRef(layer.texture), low, high, layer.uv0, layer.uv1, tint)
 
 
-def draw_comparison(app: App, stage: Stage, box: Box) -> None:
+def draw_comparison(app: App, canvas: CanvasInterface, box: Box) -> None:
     """The other picture: right of the wipe's edge, in turn, or subtracted."""
-    comparison, other = app.comparison, other_layers(app, stage)
+    comparison, other = app.comparison, other_layers(app, canvas)
     if not other:
         return
     if comparison.how == "difference":
-        if stage.difference is not None:
-            draw_layers([stage.difference], box)
+        if canvas.difference is not None:
+            draw_layers([canvas.difference], box)
     elif comparison.how == "flip":
         if comparison.other_side:
             draw_layers(other, box)

@@ -9,8 +9,8 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
 from viewer.app.bookmarks import pose_of
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
-from viewer.app.stage import Stage
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
 from viewer.panels.view_rows import HEIGHT, row
@@ -19,16 +19,16 @@ from viewer.panels.widgets import card, coloured, hint, icon_button, label, main
 SHOWN = 6  # rows of the list
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     if app.scene is None:
         return
-    views = app.marking.marks.bookmarks
+    views = app.annotations.current.bookmarks
     with card("bookmarks", fonts, "Bookmarks"):
         if main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view", -1):
             run(app, "bookmark")
         if views:
-            _list(app, stage)
+            _list(app, canvas)
             _chosen(app)
         else:
             hint(
@@ -47,10 +47,10 @@ def show(app: App, stage: Stage, fonts: Fonts) -> None:
         hint("A small file with all open packs, their cameras, crops and marks. Open it like a pack.")
 
 
-def _list(app: App, stage: Stage) -> None:
+def _list(app: App, canvas: CanvasInterface) -> None:
     assert app.scene is not None
     bookmarks, table = app.bookmarks, app.scene.rig.table
-    views = app.marking.marks.bookmarks
+    views = app.annotations.current.bookmarks
     rows = min(len(views), SHOWN)
     height = rows * px(HEIGHT) + (rows - 1) * imgui.get_style().item_spacing.y + px(30)
     with coloured(child_bg=theme.BASE):
@@ -58,14 +58,14 @@ def _list(app: App, stage: Stage) -> None:
     for i, view in enumerate(views):
         turned = replace(table, up=view.up)
         pose = pose_of(view, turned).matrix(turned)
-        if row(app, stage, f"bookmark{i}", (pose, view.fov), (view.name, ""), chosen=i == bookmarks.selected):
+        if row(app, canvas, f"bookmark{i}", (pose, view.fov), (view.name, ""), chosen=i == bookmarks.selected):
             bookmarks.go(app, i)
     imgui.end_child()
 
 
 def _chosen(app: App) -> None:
     """What can be done with the view that was chosen last."""
-    bookmarks, views = app.bookmarks, app.marking.marks.bookmarks
+    bookmarks, views = app.bookmarks, app.annotations.current.bookmarks
     index = bookmarks.selected
     if index is None or index >= len(views):
         hint("Click on one to go there.")

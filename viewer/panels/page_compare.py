@@ -6,14 +6,14 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import ask_to_open
-from viewer.app.stage import Stage
 from viewer.panels.page_photographs import compare_controls
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, figure, hint
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     comparison = app.comparison
     with card("other", fonts, "The other pack"):

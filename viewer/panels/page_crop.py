@@ -8,7 +8,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.application import App
-from viewer.app.stage import Stage
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, hint, icon_button, label, px, segments, switch, tip
 
@@ -20,7 +20,7 @@ HINTS = {
 }
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     if app.scene is None:
         return

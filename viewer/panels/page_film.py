@@ -6,11 +6,11 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import ask_for_still, run
 from viewer.app.export import films_possible
 from viewer.app.files import FileRequest
 from viewer.app.filming import LARGEST_SIDE, SAMPLES, SIZES, STILL_MODES, Filming
-from viewer.app.stage import Stage
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
 from viewer.panels.view_rows import row
@@ -19,11 +19,11 @@ from viewer.panels.widgets import card, coloured, hint, icon_button, label, main
 LIST_HEIGHT = 180.0
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     filming = app.filming
     with card("path", fonts, "Camera path"):
-        _path(app, stage, filming)
+        _path(app, canvas, filming)
     with card("size", fonts, "Size"):
         _size(filming)
     with card("still", fonts, "This view"):
@@ -40,7 +40,7 @@ def _scene(app: App) -> None:
         run(app, "export-scene")
 
 
-def _path(app: App, stage: Stage, filming: Filming) -> None:
+def _path(app: App, canvas: CanvasInterface, filming: Filming) -> None:
     width = (imgui.get_content_region_avail().x - px(8)) / 2
     if imgui.button(f"{fa.ICON_FA_PLUS}  Keyframe", ImVec2(width, 0)):
         run(app, "keyframe")
@@ -51,7 +51,7 @@ def _path(app: App, stage: Stage, filming: Filming) -> None:
     if not path.keyframes:
         hint("Move the camera and add keyframes (K). The film flies through them.")
     else:
-        _keyframes(app, stage, filming)
+        _keyframes(app, canvas, filming)
         label("Back to the start")
         path.closed = switch("closed", path.closed)
         icon = fa.ICON_FA_PAUSE if filming.playing else fa.ICON_FA_PLAY
@@ -73,12 +73,12 @@ def _path(app: App, stage: Stage, filming: Filming) -> None:
     imgui.end_disabled()
 
 
-def _keyframes(app: App, stage: Stage, filming: Filming) -> None:
+def _keyframes(app: App, canvas: CanvasInterface, filming: Filming) -> None:
     with coloured(child_bg=theme.BASE):
         imgui.begin_child("##keys", ImVec2(0, px(LIST_HEIGHT)), imgui.ChildFlags_.always_use_window_padding)
     for i, key in enumerate(filming.path.keyframes):
         texts = f"Keyframe {i + 1}", f"{key.seconds:.1f} s"
-        if row(app, stage, f"key{i}", (key.grid_T_camera, key.fov), texts, chosen=i == filming.selected):
+        if row(app, canvas, f"key{i}", (key.grid_T_camera, key.fov), texts, chosen=i == filming.selected):
             filming.select(app, i)
     imgui.end_child()
     index = filming.selected

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.app.stage import Stage
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, px
@@ -13,7 +13,7 @@ from viewer.panels.widgets import coloured, font, hint, px
 COLOURS = {"info": theme.TEXT, "warning": theme.WARN, "error": theme.BAD}
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page, newest line first."""
     lines = list(app.messages.lines)
     if not lines:

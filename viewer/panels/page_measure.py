@@ -5,12 +5,12 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
+from viewer.app.annotations import METRES, UNITS
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
-from viewer.app.marks import METRES, UNITS
-from viewer.app.measured import Words
+from viewer.app.measure_tool import LengthFormat
 from viewer.app.pose import triple
-from viewer.app.stage import Stage
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import (
@@ -40,9 +40,9 @@ HINTS = {
 }
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
-    words = app.measuring.words(app)
+    words = app.measure_tool.length_format(app)
     if words is None:
         return
     with card("cursor", fonts, "Under the cursor"):
@@ -54,8 +54,8 @@ def show(app: App, stage: Stage, fonts: Fonts) -> None:
         _scale(app)
 
 
-def _cursor(app: App, words: Words, fonts: Fonts) -> None:
-    hit = app.measuring.cursor
+def _cursor(app: App, words: LengthFormat, fonts: Fonts) -> None:
+    hit = app.measure_tool.cursor
     point = triple(hit.point) if hit is not None else None
     figure("Distance", words.length(hit.distance) if hit is not None else "–", fonts)
     figure("Position", words.place(point) if point is not None else "–", fonts)
@@ -65,15 +65,15 @@ def _cursor(app: App, words: Words, fonts: Fonts) -> None:
 
 
 def _tools(app: App) -> None:
-    measuring = app.measuring
-    picked = segments("tool", list(TITLES), measuring.tool, TITLES)
+    measure_tool = app.measure_tool
+    picked = segments("tool", list(TITLES), measure_tool.tool, TITLES)
     if picked in ("line", "angle", "point"):
-        measuring.choose(app, "" if picked == measuring.tool else picked)
-    hint(HINTS[measuring.tool] + (" Backspace takes a point back, Esc stops." if measuring.tool else ""))
+        measure_tool.choose(app, "" if picked == measure_tool.tool else picked)
+    hint(HINTS[measure_tool.tool] + (" Backspace takes a point back, Esc stops." if measure_tool.tool else ""))
 
 
-def _list(app: App, words: Words) -> None:
-    measuring, measurements = app.measuring, app.marking.marks.measurements
+def _list(app: App, words: LengthFormat) -> None:
+    measure_tool, measurements = app.measure_tool, app.annotations.current.measurements
     if measurements:
         with coloured(child_bg=theme.BASE):
             flags = imgui.ChildFlags_.always_use_window_padding
@@ -81,8 +81,8 @@ def _list(app: App, words: Words) -> None:
         for i, measurement in enumerate(measurements):
             width = imgui.get_content_region_avail().x
             imgui.push_id(i)
-            if imgui.selectable(f"{TITLES[measurement.kind]} {i + 1}", i == measuring.selected)[0]:
-                measuring.selected = None if i == measuring.selected else i
+            if imgui.selectable(f"{TITLES[measurement.kind]} {i + 1}", i == measure_tool.selected)[0]:
+                measure_tool.selected = None if i == measure_tool.selected else i
                 app.touch()
             imgui.pop_id()
             imgui.same_line(px(86))
@@ -92,11 +92,11 @@ def _list(app: App, words: Words) -> None:
         _actions(app)
         hint("Drag a point in the picture to move it. Delete removes what is selected.")
     label("Always show")
-    measuring.shown = switch("shown", measuring.shown)
+    measure_tool.shown = switch("shown", measure_tool.shown)
 
 
 def _actions(app: App) -> None:
-    measuring = app.measuring
+    measure_tool = app.measure_tool
     for icon, name, tooltip, action, enabled in (
         (fa.ICON_FA_COPY, "copy", "Copy as text  (Ctrl+Shift+C)", lambda: run(app, "copy-measurements"), True),
         (fa.ICON_FA_FILE_CSV, "csv", "Save as CSV", lambda: run(app, "save-measurements"), True),
@@ -104,10 +104,10 @@ def _actions(app: App) -> None:
             fa.ICON_FA_TRASH,
             "remove",
             "Remove the selected one",
-            lambda: measuring.back(app),
-            measuring.selected is not None,
+            lambda: measure_tool.back(app),
+            measure_tool.selected is not None,
         ),
-        (fa.ICON_FA_BROOM, "clear", "Remove all", lambda: measuring.clear(app), True),
+        (fa.ICON_FA_BROOM, "clear", "Remove all", lambda: measure_tool.clear(app), True),
     ):
         if icon_button(icon, name, tooltip, enabled=enabled):
             action()
@@ -116,41 +116,41 @@ def _actions(app: App) -> None:
 
 
 def _scale(app: App) -> None:
-    measuring, scale = app.measuring, app.marking.marks.scale
-    if measuring.tool == "scale":
+    measure_tool, scale = app.measure_tool, app.annotations.current.scale
+    if measure_tool.tool == "scale":
         _known(app)
         return
     factor = f"{scale.factor:.6g} {scale.unit}".rstrip()
     hint("Lengths are in grid units." if scale == type(scale)() else f"1 grid unit is {factor}.")
     if imgui.button(f"{fa.ICON_FA_RULER}  Set by two points", ImVec2(-1, 0)):
-        measuring.choose(app, "scale")
+        measure_tool.choose(app, "scale")
     if scale.unit in METRES:
         label("Show in")
         picked = choice("unit", list(METRES), scale.unit, UNIT_TITLES)
         if picked in METRES:
-            measuring.show_in(app, picked)  # type: ignore[arg-type]  (one of UNITS)
+            measure_tool.show_in(app, picked)  # type: ignore[arg-type]  (one of UNITS)
     if scale != type(scale)() and imgui.button("Back to grid units", ImVec2(-1, 0)):
-        measuring.forget_scale(app)
+        measure_tool.forget_scale(app)
 
 
 def _known(app: App) -> None:
     """Asks for the distance of the two points."""
-    measuring = app.measuring
-    ready = len(measuring.draft) == 2
+    measure_tool = app.measure_tool
+    ready = len(measure_tool.draft) == 2
     hint("How far apart are they?" if ready else HINTS["scale"])
     imgui.begin_disabled(not ready)
     label("Distance")
-    changed, value = imgui.input_float("##known", measuring.known, 0.0, 0.0, "%.6g")
+    changed, value = imgui.input_float("##known", measure_tool.known, 0.0, 0.0, "%.6g")
     if changed:
-        measuring.known = value
+        measure_tool.known = value
     entered = imgui.is_item_deactivated_after_edit() and imgui.is_key_pressed(imgui.Key.enter)
     label("Unit")
-    picked = choice("known unit", UNITS, measuring.known_unit, UNIT_TITLES)
+    picked = choice("known unit", UNITS, measure_tool.known_unit, UNIT_TITLES)
     if picked in UNITS:
-        measuring.known_unit = picked  # type: ignore[assignment]  (one of UNITS)
+        measure_tool.known_unit = picked  # type: ignore[assignment]  (one of UNITS)
     pressed = main_button("Set the scale", -1)
     imgui.end_disabled()
     if pressed or (entered and ready):
         run(app, "set-scale")
     if imgui.button("Cancel", ImVec2(-1, 0)):
-        measuring.choose(app, "")
+        measure_tool.choose(app, "")

@@ -5,29 +5,29 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from viewer.app.application import App
-from viewer.app.stage import Stage
-from viewer.app.timing import AVERAGED
+from viewer.app.canvas_interface import CanvasInterface
+from viewer.app.frame_stats import AVERAGED
 from viewer.panels import theme, time_plots
 from viewer.panels.page_view import headline
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, figure, hint, label, px, switch, tip
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     summary, target = app.times.summary(), app.resolution.target_ms
     with card("time", fonts, "Frame time"):
         headline(app, fonts)
         time_plots.rolling(app.times, target, px(104))
         figure("Frame to frame", f"{summary.mean:.1f} ms", fonts, dot=time_plots.FRAME)
-        figure("Whole picture, wall clock", f"{stage.picture_ms:.1f} ms", fonts, dot=time_plots.WALL)
-        gpu = stage.picture_gpu_ms
+        figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", fonts, dot=time_plots.WALL)
+        gpu = canvas.picture_gpu_ms
         figure(
             "Whole picture, GPU clock", "not measured" if gpu is None else f"{gpu:.1f} ms", fonts, dot=time_plots.GPU
         )
-        if stage.clock_problem:
-            hint(f"{stage.clock_problem}: its timer is not reliable.")
-        width, height = stage.drawn_size
+        if canvas.clock_problem:
+            hint(f"{canvas.clock_problem}: its timer is not reliable.")
+        width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
         label("V-sync")
         app.interface.v_sync = switch("v-sync", app.interface.v_sync)
@@ -45,11 +45,11 @@ def show(app: App, stage: Stage, fonts: Fonts) -> None:
         _rays(app, fonts)
     with card("card", fonts, "Graphics card"):
         imgui.push_text_wrap_pos(0.0)
-        imgui.text_unformatted(stage.card)
+        imgui.text_unformatted(canvas.card)
         imgui.pop_text_wrap_pos()
-        for name, size in stage.gpu_bytes_by_use.items():
+        for name, size in canvas.gpu_bytes_by_use.items():
             figure(name, f"{size / 2**20:.0f} MiB", fonts)
-        figure("All textures", f"{stage.gpu_bytes / 2**20:.0f} MiB", fonts)
+        figure("All textures", f"{canvas.gpu_bytes / 2**20:.0f} MiB", fonts)
         if app.scene is not None:
             pack = app.scene.pack
             figure("Macroblocks", f"{int(pack.occupied.sum())} of {pack.occupied.size}", fonts)

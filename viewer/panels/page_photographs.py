@@ -6,10 +6,10 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
 from viewer.app.files import FileRequest, existing_folder
 from viewer.app.photographs import Photographs
-from viewer.app.stage import Stage
 from viewer.panels import frusta, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, coloured, figure, font, hint, label, px, segments, switch, tip
@@ -21,7 +21,7 @@ FOLDER_HEIGHT, MORE_WORDS = 136.0, 32.0  # of what lies below the list; and wher
 LOGARITHMIC = imgui.SliderFlags_.logarithmic
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     comparison, gallery = app.comparison, app.gallery
     photographs = gallery.photographs
@@ -47,7 +47,7 @@ def show(app: App, stage: Stage, fonts: Fonts) -> None:
         compare_controls(app, fonts, "Compare with the photograph")
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
     with card("list", fonts, _list_title(app)):
-        _list(app, stage, photographs, bottom)
+        _list(app, canvas, photographs, bottom)
     with card("folder", fonts, "Scene folder"):
         hint(_where(photographs))
         if gallery.thumbnails is not None and gallery.thumbnails.problem:
@@ -89,7 +89,7 @@ def _list_title(app: App) -> str:
     return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} {what}"
 
 
-def _list(app: App, stage: Stage, photographs: Photographs, bottom: float) -> None:
+def _list(app: App, canvas: CanvasInterface, photographs: Photographs, bottom: float) -> None:
     """bottom: the page's lower edge, in window units."""
     width = (imgui.get_content_region_avail().x - px(8)) / 2
     if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Previous", ImVec2(width, 0)):
@@ -113,7 +113,7 @@ def _list(app: App, stage: Stage, photographs: Photographs, bottom: float) -> No
     clipper.begin(len(visible), px(ROW))
     while clipper.step():
         for place in range(clipper.display_start, clipper.display_end):
-            _row(app, stage, photographs, visible[place])
+            _row(app, canvas, photographs, visible[place])
     imgui.end_child()
     imgui.pop_style_var(2)
 
@@ -131,7 +131,7 @@ def _reveal(app: App, visible: list[int]) -> None:
         app.touch()
 
 
-def _row(app: App, stage: Stage, photographs: Photographs, index: int) -> None:
+def _row(app: App, canvas: CanvasInterface, photographs: Photographs, index: int) -> None:
     shot, at = photographs.shots[index], imgui.get_cursor_screen_pos()
     width = imgui.get_content_region_avail().x
     if imgui.selectable(f"##{index}", index == app.gallery.chosen, 0, ImVec2(width, px(ROW)))[0]:
@@ -140,7 +140,7 @@ def _row(app: App, stage: Stage, photographs: Photographs, index: int) -> None:
     low, high = ImVec2(at.x + px(5), at.y + px(3)), ImVec2(at.x + px(5 + THUMBNAIL), at.y + px(ROW - 3))
     if not photographs.any_pictures:  # nothing is coming, nor is room kept for it
         high = ImVec2(at.x + px(2), high.y)
-    elif not frusta.picture(stage, app.gallery.thumbnails, index, low, high):
+    elif not frusta.picture(canvas, app.gallery.thumbnails, index, low, high):
         draw.add_rect_filled(low, high, theme.packed(theme.CARD), px(4))
         icon = fa.ICON_FA_CAMERA
         size = imgui.calc_text_size(icon)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import COMMANDS
 from viewer.app.controllers import GAMEPAD_BUTTONS, MOUSE_BUTTONS
-from viewer.app.stage import Stage
 from viewer.app.state import SCALES
 from viewer.panels.theme import THEMES, Fonts
 from viewer.panels.widgets import card, choice, figure, hint, label, segments, switch
@@ -20,7 +20,7 @@ STICKS = (
 CAP = (("Push", "slide, closer"), ("Tilt, turn", "turn the scene"))
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     interface = app.interface
     with card("look", fonts, "Look"):

@@ -6,8 +6,8 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
 from viewer.app.backdrops import PLAIN
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import modes_for
-from viewer.app.stage import Stage
 from viewer.app.state import BACKGROUNDS
 from viewer.panels import theme, time_plots
 from viewer.panels.theme import Fonts
@@ -42,7 +42,7 @@ MODE_HINTS = {
 RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
 
 
-def show(app: App, stage: Stage, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
     """Draws the page."""
     with card("mode", fonts, "Display"):
         label("Mode")
@@ -78,7 +78,7 @@ def show(app: App, stage: Stage, fonts: Fonts) -> None:
     with card("time", fonts, "Frame time"):
         headline(app, fonts)
         time_plots.rolling(app.times, app.resolution.target_ms, px(84))
-        width, height = stage.drawn_size
+        width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
 
 

@@ -6,7 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from console.progress import duration
 from viewer.app.bare_preview import BarePreview
-from viewer.app.stage import Stage
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.panels import theme
 from viewer.panels.widgets import hint, px
 
@@ -15,19 +15,19 @@ NAMED = 3  # pictures that are set aside, by name
 FADED = 0.28  # of the opacity, of a picture that is set aside
 
 
-def show(stage: Stage, preview: BarePreview) -> None:
+def show(canvas: CanvasInterface, preview: BarePreview) -> None:
     """Draws the strip, and under it what is known."""
     imgui.dummy(ImVec2(0, px(2)))
     flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_background
     imgui.begin_child("##strip", ImVec2(0, px(HEIGHT + BAR)), 0, flags)
-    _pictures(stage, preview)
+    _pictures(canvas, preview)
     imgui.end_child()
     for text, colour in _told(preview):
         hint(text, colour)
 
 
-def _pictures(stage: Stage, preview: BarePreview) -> None:
-    draw, texture = imgui.get_window_draw_list(), imgui.ImTextureRef(stage.sheet(preview))
+def _pictures(canvas: CanvasInterface, preview: BarePreview) -> None:
+    draw, texture = imgui.get_window_draw_list(), imgui.ImTextureRef(canvas.sheet(preview))
     rows, columns = preview.sheet.shape[:2]
     wheel = imgui.get_io().mouse_wheel
     if wheel and imgui.is_window_hovered():

@@ -6,9 +6,9 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.review import Review
-from viewer.app.stage import Stage
-from viewer.panels import layout, left_out_strip, theme
+from viewer.panels import layout, rejected_strip, theme
 from viewer.panels.corner_card import corner_card
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
@@ -22,16 +22,16 @@ ABOUT = {
 }
 
 
-def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> None:
     """Draws the card at the lower left of the viewport's box, while there is something to review."""
     review = app.making.review
     if review is None:
         return
     with corner_card("##review", box):
         _head(review, fonts)
-        if review.left_out is not None:
-            left_out_strip.show(stage, review.left_out)
-        shown = app.making.points_shown(app)
+        if review.rejected is not None:
+            rejected_strip.show(canvas, review.rejected)
+        shown = app.making.sparse_preview_shown(app)
         if not shown:
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):
                 review.hold()
@@ -47,8 +47,11 @@ def _head(review: Review, fonts: Fonts) -> None:
             imgui.text_unformatted(fa.ICON_FA_CHECK)
         imgui.same_line(0, px(8))
         imgui.text_unformatted(review.plan.name)
-    look = review.look
-    hint(f"{look.photographs} photographs have a camera pose, with {len(look.points.places):,} points.", theme.MUTED)
+    sparse_preview = review.sparse_preview
+    hint(
+        f"{sparse_preview.photographs} photographs have a camera pose, with {len(sparse_preview.points.places):,} points.",
+        theme.MUTED,
+    )
 
 
 def _choices(app: App, review: Review, shown: bool) -> None:

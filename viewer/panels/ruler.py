@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from viewer.app.annotations import Measurement, Point
 from viewer.app.application import App
-from viewer.app.marks import Measurement, Point
-from viewer.app.measured import Words, angle, lengths
-from viewer.app.measuring import PAGE
+from viewer.app.measure_tool import PAGE, LengthFormat, angle, lengths
 from viewer.app.pose import triple
 from viewer.panels import theme
 from viewer.panels.overlays import Box, Screen
@@ -33,24 +32,24 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
 
     over: the mouse is over the picture and nothing lies above that.
     """
-    measuring, words = app.measuring, app.measuring.words(app)
-    active = bool(measuring.tool) or app.interface.shows(PAGE)
-    if words is None or app.scene is None or not (active or measuring.shown):
-        measuring.look_away()
+    measure_tool, words = app.measure_tool, app.measure_tool.length_format(app)
+    active = bool(measure_tool.tool) or app.interface.shows(PAGE)
+    if words is None or app.scene is None or not (active or measure_tool.shown):
+        measure_tool.look_away()
         return None
     mouse = imgui.get_io().mouse_pos
     if over and active:
-        measuring.look_at(app, mouse.x - box[0], mouse.y - box[1])
+        measure_tool.look_at(app, mouse.x - box[0], mouse.y - box[1])
     else:
-        measuring.look_away()
+        measure_tool.look_away()
     screen, draw_list = Screen(app, box), imgui.get_window_draw_list()
     draw_list.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
-    measurements = app.marking.marks.measurements
+    measurements = app.annotations.current.measurements
     under = _handle_at(screen, measurements, mouse) if over and active else None
     for index, measurement in enumerate(measurements):
         hot = under.point if under is not None and under.measurement == index else None
-        _measurement(screen, words, measurement, index == measuring.selected, hot)
-    _draft(app, screen, words, None if under is not None else measuring.cursor and triple(measuring.cursor.point))
+        _measurement(screen, words, measurement, index == measure_tool.selected, hot)
+    _draft(app, screen, words, None if under is not None else measure_tool.cursor and triple(measure_tool.cursor.point))
     draw_list.pop_clip_rect()
     return under
 
@@ -66,7 +65,7 @@ def _handle_at(screen: Screen, measurements: tuple[Measurement, ...], mouse: ImV
     return best
 
 
-def _measurement(screen: Screen, words: Words, measurement: Measurement, chosen: bool, hot: int | None) -> None:
+def _measurement(screen: Screen, words: LengthFormat, measurement: Measurement, chosen: bool, hot: int | None) -> None:
     colour = theme.WARN if chosen else theme.ACCENT
     points = measurement.points
     _line(screen, points, colour)
@@ -80,25 +79,25 @@ def _measurement(screen: Screen, words: Words, measurement: Measurement, chosen:
     _dots(screen, points, colour, hot)
 
 
-def _draft(app: App, screen: Screen, words: Words, cursor: Point | None) -> None:
+def _draft(app: App, screen: Screen, words: LengthFormat, cursor: Point | None) -> None:
     """The points placed so far, a line to where the mouse is, and what that would measure."""
-    measuring = app.measuring
-    if not measuring.tool:
+    measure_tool = app.measure_tool
+    if not measure_tool.tool:
         return
-    waits = cursor is not None and not (measuring.tool == "scale" and len(measuring.draft) == 2)
-    points = (*measuring.draft, cursor) if waits and cursor is not None else measuring.draft
+    waits = cursor is not None and not (measure_tool.tool == "scale" and len(measure_tool.draft) == 2)
+    points = (*measure_tool.draft, cursor) if waits and cursor is not None else measure_tool.draft
     _line(screen, points, theme.WARN)
-    if measuring.tool == "angle" and len(points) == 3:
+    if measure_tool.tool == "angle" and len(points) == 3:
         _arc(screen, points, theme.WARN)
         _label(screen, points[1], f"{angle(points):.1f}°", below=True)
     elif len(points) > 1:
         _lengths(screen, words, points)
-    elif measuring.tool == "point" and points:
+    elif measure_tool.tool == "point" and points:
         _label(screen, points[0], words.place(points[0]), below=True)
     _dots(screen, points, theme.WARN, None)
 
 
-def _lengths(screen: Screen, words: Words, points: tuple[Point, ...]) -> None:
+def _lengths(screen: Screen, words: LengthFormat, points: tuple[Point, ...]) -> None:
     """The length of each piece in its middle, and of all together at the last point."""
     pieces = lengths(points)
     for (a, b), piece in zip(pairwise(points), pieces, strict=True):

@@ -31,7 +31,7 @@ def show(app: App, fonts: Fonts) -> None:
     top = max(px(24), 0.5 * (height - px(342 + 40 * len(recent))))
     imgui.set_cursor_pos(ImVec2(left, top))
     imgui.begin_group()
-    _mark(left)
+    _restore_annotations(left)
     with font(fonts.bold, theme.HUGE):
         imgui.text_unformatted("snerg")
     with coloured(text=theme.MUTED):
@@ -87,7 +87,7 @@ def icon_of(path: Path) -> str:
     return fa.ICON_FA_FILM if path.suffix.lower() in FILMS else fa.ICON_FA_IMAGES
 
 
-def _mark(left: float) -> None:
+def _restore_annotations(left: float) -> None:
     """The program's mark: voxels, one of them fully lit."""
     at = imgui.get_cursor_screen_pos()
     draw = imgui.get_window_draw_list()

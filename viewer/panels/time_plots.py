@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 from imgui_bundle import ImVec2, imgui, implot
 
-from viewer.app.timing import KEPT, FrameTimes
+from viewer.app.frame_stats import KEPT, FrameStats
 from viewer.panels import theme
 from viewer.panels.widgets import font, px
 
@@ -16,7 +16,7 @@ FRAME, WALL, GPU = theme.ACCENT, theme.WARN, theme.BLUE
 BINS = 28
 
 
-def rolling(times: FrameTimes, target_ms: float, height: float) -> None:
+def rolling(times: FrameStats, target_ms: float, height: float) -> None:
     """The last frames, newest at the right: frame to frame, and of that the picture, by the wall's and the card's clock."""
     frames = np.asarray(times.frame_ms, np.float64)
     with _plot("##rolling", height, (-KEPT, 0.0), _top(times, target_ms), "") as shown:
@@ -31,7 +31,7 @@ def rolling(times: FrameTimes, target_ms: float, height: float) -> None:
         _line("frame", frames, FRAME, 1.5)
 
 
-def histogram(times: FrameTimes, target_ms: float, height: float) -> None:
+def histogram(times: FrameStats, target_ms: float, height: float) -> None:
     """How often which time from frame to frame came up; slower ones than fit are in the last bar."""
     values = np.asarray(times.frame_ms, np.float64)
     top = _top(times, target_ms)
@@ -46,7 +46,7 @@ def histogram(times: FrameTimes, target_ms: float, height: float) -> None:
         _line("target", np.array([0.0, 1.0]), theme.FAINT, 1.0, xs=np.full(2, target_ms))
 
 
-def _top(times: FrameTimes, target_ms: float) -> float:
+def _top(times: FrameStats, target_ms: float) -> float:
     """The longest time that is shown, ms: round, and beyond both the target and nearly all frames."""
     slow = float(np.percentile(times.frame_ms, 98)) if times.frame_ms else 0.0
     longest = max(1.5 * target_ms, 1.15 * slow)

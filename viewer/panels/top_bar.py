@@ -9,8 +9,8 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
-from viewer.app.stage import Stage
 from viewer.panels import layout, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import Entry, coloured, elided, font, more_button, px
@@ -61,7 +61,7 @@ def plan(width: float, unit: float, widths: tuple[float, float, float], buttons:
     return Plan(False, max(0.0, min(name, room(False, False, False, shown))), False, False, shown)
 
 
-def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
+def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> None:
     """Draws the bar."""
     with coloured(window_bg=theme.BASE):
         layout.begin("##top", box, (LEFT, EDGE))
@@ -72,7 +72,7 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts) -> None:
     with font(fonts.bold, theme.SMALL):
         speed = imgui.calc_text_size(FRAMES).x if app.scene is not None and app.times.drawn else 0.0
     where = plan(box[2], px(1), (imgui.calc_text_size(texts[0]).x, details, speed), len(entries))
-    _mark(fonts, where.word)
+    _restore_annotations(fonts, where.word)
     if where.name > 0:
         _name(app, where)
     menu = where.buttons < len(entries)
@@ -103,25 +103,25 @@ def _entries(app: App) -> list[Entry]:
         for icon, command, title, keys, needs_scene in entries
         if app.scene is not None or not needs_scene
     ]
-    if app.scene is not None and app.shelf.packs:
-        title = f"{len(app.shelf.packs) + 1} packs are open"
-        ask = partial(setattr, app.shelf, "asked", True)
+    if app.scene is not None and app.open_packs.packs:
+        title = f"{len(app.open_packs.packs) + 1} packs are open"
+        ask = partial(setattr, app.open_packs, "show_list", True)
         shown.insert(0, Entry("top packs", fa.ICON_FA_LAYER_GROUP, title, ask, "Ctrl+Tab"))
     return shown
 
 
 def _packs(app: App) -> None:
     """The list of open packs, while it is wanted: a click shows one."""
-    if app.shelf.asked:
-        app.shelf.asked = False
+    if app.open_packs.show_list:
+        app.open_packs.show_list = False
         imgui.open_popup(PACKS)
     if not imgui.begin_popup(PACKS):
         return
     if app.scene is not None:
         imgui.menu_item(f"{fa.ICON_FA_CUBE}   {app.scene.name}##shown", "", True)
-    for i, entry in enumerate(app.shelf.packs):
+    for i, entry in enumerate(app.open_packs.packs):
         if imgui.menu_item(f"{fa.ICON_FA_CUBE}   {entry.scene.name}##{i}", "", False)[0]:
-            app.shelf.switch_to(app, entry)
+            app.open_packs.switch_to(app, entry)
             break
     imgui.separator()
     if imgui.menu_item(f"{fa.ICON_FA_XMARK}   Close this one", "Ctrl+W", False)[0]:
@@ -129,7 +129,7 @@ def _packs(app: App) -> None:
     imgui.end_popup()
 
 
-def _mark(fonts: Fonts, word: bool) -> None:
+def _restore_annotations(fonts: Fonts, word: bool) -> None:
     """The program's mark: a cube of voxels, one of them lit, and its name."""
     at = imgui.get_cursor_screen_pos()
     draw = imgui.get_window_draw_list()

@@ -8,8 +8,8 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui, implot
 
 from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.keyboard import Keyboard, KeyPress
-from viewer.app.stage import Stage
 from viewer.app.state import Clipboard
 from viewer.app.system_fonts import FontSearch
 from viewer.panels import (
@@ -94,7 +94,7 @@ class Ui:
         for down in (True, False):
             imgui.get_io().add_key_event(imgui.Key.f24, down)
 
-    def frame(self, app: App, stage: Stage, scale: float = 1.0) -> None:
+    def frame(self, app: App, canvas: CanvasInterface, scale: float = 1.0) -> None:
         """Draws the panels for this moment's state into imgui's lists, and hands the user's wishes to `app`.
 
         imgui takes a change of one key or button from its queue at a time. Rounds that are not drawn take them all, so
@@ -107,11 +107,11 @@ class Ui:
         implot.set_current_context(self.plots)
         app.keyboard = self.keyboard
         for _ in range(MOST_ROUNDS):
-            self._round(app, stage, scale)
+            self._round(app, canvas, scale)
             if keys.queue_is_empty():
                 break
 
-    def _round(self, app: App, stage: Stage, scale: float) -> None:
+    def _round(self, app: App, canvas: CanvasInterface, scale: float) -> None:
         """Once through all panels."""
         if self.scale == 0:
             self._docking.restore(app.interface.layout)
@@ -134,20 +134,20 @@ class Ui:
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
         picture = self._docking.space(app, regions.dock, regions.pages)
-        viewport.show(app, stage, picture, self.fonts, self._gizmo, self._axes)
+        viewport.show(app, canvas, picture, self.fonts, self._gizmo, self._axes)
         if app.interface.panels_shown:
-            top_bar.show(app, stage, regions.top, self.fonts)
+            top_bar.show(app, canvas, regions.top, self.fonts)
             layout.show_rail(app, regions)
-        layout.show_pages(app, stage, regions, self.fonts)
-        make_dialog.show_job(app, stage, picture, self.fonts)
+        layout.show_pages(app, canvas, regions, self.fonts)
+        make_dialog.show_job(app, canvas, picture, self.fonts)
         export_dialog.show_card(app, picture, self.fonts)
-        review_card.show(app, stage, picture, self.fonts)
+        review_card.show(app, canvas, picture, self.fonts)
         help_overlay.show(app, self.fonts)
         self.open_dialog.show(app, size, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
-        make_dialog.show(app, stage, ImVec2(size.x, size.y), self.fonts)
-        export_dialog.show(app, stage, ImVec2(size.x, size.y), self.fonts, self._preview_pane)
-        dialogs.show(app, stage, ImVec2(size.x, size.y), self.fonts)
+        make_dialog.show(app, canvas, ImVec2(size.x, size.y), self.fonts)
+        export_dialog.show(app, canvas, ImVec2(size.x, size.y), self.fonts, self._preview_pane)
+        dialogs.show(app, canvas, ImVec2(size.x, size.y), self.fonts)
         imgui.render()
         self.keyboard.seen()
 

@@ -6,7 +6,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.app.stage import Stage
+from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.view_pictures import SIZE
 from viewer.panels import theme
 from viewer.panels.widgets import elided, px
@@ -16,7 +16,13 @@ WIDTH = HEIGHT * SIZE[0] / SIZE[1]
 
 
 def row(
-    app: App, stage: Stage, name: str, view: tuple[np.ndarray, float], texts: tuple[str, str], *, chosen: bool
+    app: App,
+    canvas: CanvasInterface,
+    name: str,
+    view: tuple[np.ndarray, float],
+    texts: tuple[str, str],
+    *,
+    chosen: bool,
 ) -> bool:
     """A line of a list; True where it was clicked. view: grid_T_camera and vertical fov. texts: at the left and at the right."""
     at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
@@ -25,7 +31,7 @@ def row(
         return clicked
     draw = imgui.get_window_draw_list()
     low, high = ImVec2(at.x, at.y), ImVec2(at.x + px(WIDTH), at.y + px(HEIGHT))
-    texture = app.views.texture(app, stage, *view)
+    texture = app.views.texture(app, canvas, *view)
     if texture is None:
         draw.add_rect_filled(low, high, theme.packed(theme.CONTROL), px(4))
     else:

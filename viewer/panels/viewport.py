@@ -10,8 +10,8 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app import crop
 from viewer.app.application import App
-from viewer.app.presenting import present
-from viewer.app.stage import Stage
+from viewer.app.canvas_interface import CanvasInterface
+from viewer.app.frame import draw_frame
 from viewer.app.state import Viewport
 from viewer.panels import frusta, keys, layout, legend, overlays, page_photographs, ruler, start_page, theme
 from viewer.panels.axis_gizmo import AxisGizmo
@@ -24,12 +24,12 @@ TOAST_WIDTH = 560.0
 WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
-def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
+def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
     """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
     app.viewport.camera = app.camera()
-    present(app, stage)
+    draw_frame(app, canvas)
     flags = imgui.WindowFlags_.no_background  # the frame is cleared with that colour, and to fill it again takes time
     if app.scene is not None:
         flags |= imgui.WindowFlags_.no_scroll_with_mouse  # the wheel is the camera's
@@ -37,8 +37,8 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo
     if app.scene is None:
         start_page.show(app, fonts)
     else:
-        overlays.draw_layers(stage.layers, box)
-        overlays.draw_comparison(app, stage, box)
+        overlays.draw_layers(canvas.layers, box)
+        overlays.draw_comparison(app, canvas, box)
         axes.show(app, box)
         if not gizmo.over:
             imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
@@ -46,7 +46,7 @@ def show(app: App, stage: Stage, box: layout.Box, fonts: Fonts, gizmo: CropGizmo
             imgui.dummy(ImVec2(box[2], box[3]))  # never hovered, and so the gizmo's
         over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
         overlays.draw_path(app, box)
-        shot, face = frusta.draw(app, stage, box), overlays.draw_crop(app, box)
+        shot, face = frusta.draw(app, canvas, box), overlays.draw_crop(app, box)
         mark = ruler.draw(app, box, over)
         if not gizmo.over:
             _mouse(app, box, _Under(face, shot, mark) if over else NOTHING)
@@ -109,9 +109,9 @@ def _mouse(app: App, box: layout.Box, under: _Under) -> None:
         _drag(app, box, dx, dy)
         app.touch()
     if hovered and imgui.is_mouse_double_clicked(LEFT):
-        if app.measuring.finish(app):
+        if app.measure_tool.finish(app):
             _hands.travelled = math.inf  # it is no click any more
-        elif not app.measuring.tool:
+        elif not app.measure_tool.tool:
             app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     if imgui.is_item_deactivated() and _hands.travelled < px(4):
         _click(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
@@ -143,9 +143,9 @@ def _click(app: App, x: float, y: float) -> None:
     if review is not None and review.picking and _hands.button == LEFT:
         app.making.pick_ground(app, x, y)
     elif _hands.holds == "mark" and _hands.under.mark is not None:
-        app.measuring.click_point(app, *_hands.under.mark)
-    elif app.measuring.tool and _hands.button == LEFT:
-        app.measuring.click(app, x, y)
+        app.measure_tool.click_point(app, *_hands.under.mark)
+    elif app.measure_tool.tool and _hands.button == LEFT:
+        app.measure_tool.click(app, x, y)
     elif _hands.under.shot is not None:
         page_photographs.stand_in(app, _hands.under.shot)
 
@@ -164,7 +164,7 @@ def _drag(app: App, box: layout.Box, dx: float, dy: float) -> None:
             app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, face, camera, moved))
     elif _hands.holds == "mark":
         if _hands.under.mark is not None and _hands.travelled >= px(4):
-            app.measuring.move_point(app, *_hands.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+            app.measure_tool.move_point(app, *_hands.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     else:
         sides = (LEFT, MIDDLE) if rig.bounded else (RIGHT, MIDDLE)
         if _hands.button in sides or (_hands.button == LEFT and io.key_shift):

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 
 from scenepack.pack import Pack
 from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, inner_box, is_mirrored, orbit_path
-from viewer.rendering.once_per_pack import once_per_pack
+from viewer.rendering.pack_cache import cached_per_pack
 
 MARGIN = 1.05  # of half the picture over what is seen
 STRAY = 0.01  # of the macroblocks: a piece with fewer is not counted
@@ -42,7 +42,7 @@ def counted_blocks(pack: Pack) -> np.ndarray:
     return kept[pieces] if kept.any() else occupied
 
 
-@once_per_pack
+@cached_per_pack
 def outline(pack: Pack) -> np.ndarray:
     """Corners of the hull around what is counted, float64 [n, 3], grid frame; of the grid where a pack is empty."""
     blocks = np.argwhere(counted_blocks(pack))  # z, y, x

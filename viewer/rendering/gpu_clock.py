@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import moderngl
 
-from viewer.rendering.unlocked import finish
+from viewer.rendering.gl_without_gil import finish
 
 SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "software")
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
 
 from console import UserError
-from viewer.rendering.room import Room
+
+if TYPE_CHECKING:
+    from viewer.rendering.texture_preallocation import PreallocatedTexture
 
 OR_HALF = "or measure it at half resolution: --allow-half"  # the remedy of commands that have this option
 
@@ -34,11 +37,13 @@ class Limits:
 class Uploader:
     """Creates textures and counts their bytes; every allocation is checked, for moderngl does not.
 
-    room: what was made ahead is taken from it.
+    preallocated: a texture made ahead, used where its size fits.
     """
 
-    def __init__(self, ctx: moderngl.Context, limits: Limits | None = None, room: Room | None = None) -> None:
-        self.ctx, self.bytes, self.limits, self.room = ctx, 0, limits or Limits.of(ctx), room
+    def __init__(
+        self, ctx: moderngl.Context, limits: Limits | None = None, preallocated: PreallocatedTexture | None = None
+    ) -> None:
+        self.ctx, self.bytes, self.limits, self.preallocated = ctx, 0, limits or Limits.of(ctx), preallocated
         self.made: list[moderngl.Texture | moderngl.Texture3D] = []
         while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
             pass
@@ -66,7 +71,7 @@ class Uploader:
         """An uninitialised 3D texture of size (x, y, z)."""
         bytes_ = int(np.prod(size, dtype=np.int64)) * channels * int(dtype[-1])
         self._refuse_more_than_fits(what, bytes_)
-        texture = self.room.take(size, channels) if self.room is not None and dtype == "f1" else None
+        texture = self.preallocated.take(size, channels) if self.preallocated is not None and dtype == "f1" else None
         texture = texture or self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
         self.made.append(texture)
         self.check(f"the {what} texture", bytes_)

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import chain
 from math import ceil, inf
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
@@ -31,12 +31,13 @@ from viewer.rendering.huge_pages import (
     private_memory,
     software_draws,
 )
-from viewer.rendering.room import Room
 from viewer.rendering.skip_grid import skip_grid_of
+
+if TYPE_CHECKING:
+    from viewer.rendering.texture_preallocation import PreallocatedTexture
 
 MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
 SHOWN_EVERY_S = 0.02  # while a pack arrives
-WORTH_A_THREAD = 64 << 20  # bytes of textures
 TOLERATED_WASTE = 1.01  # empty slots that are worth a layout with better locality
 
 Triple = tuple[int, int, int]
@@ -175,7 +176,7 @@ class AtlasWriter:
         self.near: np.ndarray | None = None
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
         self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
-        self.size = _atlas_size(self.slots, self.block, beside)
+        self.size = atlas_size(self.slots, self.block, beside)
         nx, ny, nz = self.slots
         self.textures: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []
         self._layer_of = np.arange(len(self.places)) // (nx * ny)  # of each macroblock, in the grid's order
@@ -245,29 +246,13 @@ class AtlasWriter:
         self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
 
 
-def make_room(
-    ctx: moderngl.Context, pack: Pack, beside: AbstractContextManager[None], limits: Limits | None = None
-) -> Room | None:
-    """Begins to make room for the layout "exact" of a pack that is still being read, in a thread; see Room for `beside`.
-
-    None where it would be in no hurry: on a card, and for packs that take no time.
-    """
-    parts = 2 if _features_stored(pack) else 1
-    count, block = int(pack.occupied.sum()), pack.padded_block_size
-    if not software_draws(ctx) or parts * count * block**3 * 4 < WORTH_A_THREAD:
-        return None
-    try:
-        slots = tightest_atlas(count, block, (limits or Limits.of(ctx)).max_side, parts)
-    except NoRoomError:  # told when it is uploaded
-        return None
-    return Room(ctx, _atlas_size(slots, block, parts), beside)
-
-
-def _atlas_size(slots: Triple, block: int, parts: int) -> Triple:
+def atlas_size(slots: Triple, block: int, parts: int) -> Triple:
+    """Voxels (x, y, z) of an atlas of `slots` macroblocks of `block` voxels a side, `parts` of them side by side in x."""
     return slots[0] * parts * block, slots[1] * block, slots[2] * block
 
 
-def _features_stored(pack: Pack) -> bool:
+def features_stored(pack: Pack) -> bool:
+    """Whether the card holds the features of `pack`."""
     return pack.atlas_features is not None and pack.view_mlp is not None
 
 
@@ -278,19 +263,19 @@ def upload(
     limits: Limits | None = None,
     *,
     at_once: bool = True,
-    room: Room | None = None,
+    preallocated: PreallocatedTexture | None = None,
 ) -> GpuScene:
     """Puts `pack` on the card for the marchers of `layout`, "exact" or "paper". NoRoomError where it does not fit.
 
-    at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile. room: made
-    ahead for it.
+    at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile. preallocated:
+    the texture made ahead for it.
     """
-    if layout == "exact" and _features_stored(pack):
+    if layout == "exact" and features_stored(pack):
         try:
-            return _uploaded(Uploader(ctx, limits, room), pack, layout, True, at_once)
+            return _uploaded(Uploader(ctx, limits, preallocated), pack, layout, True, at_once)
         except NoRoomError:  # as two textures it may fit
             pass
-    return _uploaded(Uploader(ctx, limits, room), pack, layout, False, at_once)
+    return _uploaded(Uploader(ctx, limits, preallocated), pack, layout, False, at_once)
 
 
 def _uploaded(uploader: Uploader, pack: Pack, layout: str, features_beside: bool, at_once: bool) -> GpuScene:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from math import inf
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import moderngl
 
@@ -20,12 +20,14 @@ from viewer.rendering.gpu_memory import Limits, NoRoomError
 from viewer.rendering.gpu_scene import GpuScene, upload
 from viewer.rendering.half_resolution import half_resolution
 from viewer.rendering.ray_frame import RayFrame
-from viewer.rendering.room import Room
 from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
 from viewer.rendering.shader_source import assemble, glsl_reciprocals
 from viewer.rendering.skip_grid import CELL
 from viewer.rendering.supersampling import Supersampling
 from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
+
+if TYPE_CHECKING:
+    from viewer.rendering.texture_preallocation import PreallocatedTexture
 
 GL_FRAMEBUFFER_SRGB = 0x8DB9
 GL_DEPTH_CLAMP = 0x864F
@@ -53,7 +55,7 @@ class Renderer:
     """A pack on the card and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
 
     ctx: an OpenGL 3.3 context, current. marcher: uploaded first. limits: of the card, by default what the driver says.
-    at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. room: made
+    at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. preallocated: made
     ahead. A pack that does not fit is shown at half resolution, or half of that, with a Notice; `pack` is what is
     shown. NoRoomError where not even a pack of less than LEAST_HALVED voxels a side would fit, and at once without
     allow_half: figures of a pack must not be those of another.
@@ -68,7 +70,7 @@ class Renderer:
         *,
         at_once: bool = True,
         allow_half: bool = True,
-        room: Room | None = None,
+        preallocated: PreallocatedTexture | None = None,
     ) -> None:
         self.ctx, self._limits = ctx, limits
         self._scenes: dict[str, GpuScene] = {}
@@ -79,7 +81,7 @@ class Renderer:
         while not self._scenes:
             try:
                 self._scenes[_layout(marcher)] = upload(
-                    ctx, self.pack, _layout(marcher), limits, at_once=at_once, room=room
+                    ctx, self.pack, _layout(marcher), limits, at_once=at_once, preallocated=preallocated
                 )
             except NoRoomError as error:
                 refused = refused or error

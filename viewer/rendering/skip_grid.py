@@ -16,7 +16,7 @@ import numpy as np
 
 from scenepack.pack import Pack
 from viewer.rendering.content_hull import hull_triangles
-from viewer.rendering.once_per_pack import once_per_pack
+from viewer.rendering.pack_cache import cached_per_pack
 
 CELL = 4  # texel cubes a side; 1 and 2 were slower, 3 no faster (docs/performance.md)
 FARTHEST = 255
@@ -35,7 +35,7 @@ class SkipGrid:
     hull: np.ndarray
 
 
-@once_per_pack
+@cached_per_pack
 def skip_grid_of(pack: Pack) -> SkipGrid:
     """The skip grid of `pack`."""
     words = skip_words(content_cells(pack, CELL // 2))

@@ -1,8 +1,8 @@
-"""The picture inside the window: framebuffers of its own, quick pictures while things move, tiles while they rest.
+"""OpenGL canvas of the open pack: quick pictures while the camera moves, full ones in tiles while it rests.
 
-Implements viewer.app.stage.Stage. Textures are as large as the viewport; quick pictures use a part of them, from
-the lower left corner, so that a change of scale allocates nothing. They are drawn while the panels of the same frame are
-built, so that what the panels name and what the textures hold is one picture of one camera.
+Implements viewer.app.canvas_interface. Textures are as large as the viewport. Quick pictures use a part of them, from the lower
+left corner, so that a change of scale allocates nothing. The panels of a frame and its picture show the same camera, because
+the picture is drawn while the panels are built.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ import moderngl
 import numpy as np
 
 from scenepack.pack import Pack
+from viewer.app.canvas_interface import Drawn, Layer, Sheet
 from viewer.app.projection import ray_through
-from viewer.app.stage import Drawn, Layer, Sheet
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
+from viewer.rendering.export_preview_picture import ExportPreviewPicture
 from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.gpu_clock import GpuClock
 from viewer.rendering.layers import depth_along_axis
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
-from viewer.rendering.sketch_picture import SketchPicture
-from viewer.window.rooms import Beside, Rooms
+from viewer.rendering.texture_preallocation import SharedContext, TexturePreallocator
 from viewer.window.sheet_texture import SheetTexture
 from viewer.window.targets import MARGIN, Box, Difference, Target, with_margin
 
 if TYPE_CHECKING:
-    from scenepack.exports.sketch import Sketch
+    from scenepack.exports.export_preview import PreviewGeometry
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun
@@ -38,16 +38,16 @@ BLEND_S = 0.08  # in which a tile of it appears over the quick picture, so that 
 
 
 class Canvas:
-    """Draws the open pack as the app wants it. ctx: the window's context, or an offscreen one.
-
-    beside: see Rooms.
-    """
+    """Draws the open pack. ctx: of the window, or an offscreen one. shared_context: see TexturePreallocator."""
 
     def __init__(
-        self, ctx: moderngl.Context, retired: list[moderngl.Texture] | None = None, beside: Beside | None = None
+        self,
+        ctx: moderngl.Context,
+        retired: list[moderngl.Texture] | None = None,
+        shared_context: SharedContext | None = None,
     ) -> None:
         self.ctx = ctx
-        self._rooms = Rooms(ctx, beside)
+        self._preallocator = TexturePreallocator(ctx, shared_context)
         self.renderer: Renderer | None = None
         self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
         self._retired = [] if retired is None else retired
@@ -66,7 +66,7 @@ class Canvas:
         self._difference: Difference | None = None
         self._images: dict[str, tuple[int, moderngl.Texture]] = {}
         self._sheet = SheetTexture(ctx, self._retired)
-        self._sketches: SketchPicture | None = None
+        self._preview_picture: ExportPreviewPicture | None = None
         self.clock = GpuClock(ctx)
         self.rest_s, self.blend_s = REST_S, BLEND_S
         self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
@@ -74,26 +74,28 @@ class Canvas:
         self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
         self.picture_gpu_ms: float | None = None  # likewise, by the card's own clock
         self.drawn_size = (0, 0)  # pixels of the picture that is shown
-        self.drawn: Drawn | None = None  # by this frame; see viewer.app.presenting
+        self.drawn: Drawn | None = None  # by this frame; see viewer.app.frame
 
-    # Stage
+    # CanvasInterface
 
-    def make_room(self, pack: Pack | None) -> None:
-        """See Stage.make_room."""
-        self._rooms.make(pack)
+    def preallocate(self, pack: Pack | None) -> None:
+        """See CanvasInterface.preallocate."""
+        self._preallocator.make(pack)
 
     def show(self, pack: Pack | None) -> None:
-        """See Stage.show."""
+        """See CanvasInterface.show."""
         self._drop_coming()
-        renderer = Renderer(self.ctx, pack, at_once=False, room=self._rooms.now) if pack is not None else None
+        renderer = (
+            None if pack is None else Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
+        )
         if self.renderer is not None:
             self.renderer.release()
         self.renderer = renderer
         self.forget()
 
     def refine(self, pack: Pack) -> None:
-        """See Stage.refine."""
-        coming = Renderer(self.ctx, pack, at_once=False, room=self._rooms.now)
+        """See CanvasInterface.refine."""
+        coming = Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
         self._drop_coming()
         self._coming = coming
 
@@ -123,7 +125,7 @@ class Canvas:
         return finest
 
     def show_other(self, pack: Pack | None) -> None:
-        """See Stage.show_other."""
+        """See CanvasInterface.show_other."""
         other = None
         if pack is not None:
             other = Canvas(self.ctx, self._retired)
@@ -134,7 +136,7 @@ class Canvas:
         self.other = other
 
     def image(self, name: str, pixels: np.ndarray) -> int:
-        """See Stage.image."""
+        """See CanvasInterface.image."""
         if name not in self._images or self._images[name][0] != id(pixels):
             self.drop_image(name)
             texture = self.ctx.texture((pixels.shape[1], pixels.shape[0]), 3, pixels.tobytes(), alignment=1)
@@ -143,22 +145,22 @@ class Canvas:
         return self._images[name][1].glo
 
     def sheet(self, sheet: Sheet) -> int:
-        """See Stage.sheet."""
+        """See CanvasInterface.sheet."""
         return self._sheet.follow(sheet)
 
     def drop_image(self, name: str) -> None:
-        """See Stage.drop_image."""
+        """See CanvasInterface.drop_image."""
         if name in self._images:
             self._retired.append(self._images.pop(name)[1])
 
     def subtract(self, picture: Layer, other: Layer, size: tuple[int, int], gain: float) -> None:
-        """See Stage.subtract."""
+        """See CanvasInterface.subtract."""
         if self._difference is None:
             self._difference = Difference(self.ctx, self._retired)
         self.difference = self._difference.draw(picture, other, size, gain)
 
     def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
-        """See Stage.distance_at. Asks the renderer for one pixel's depth; None in forward-facing packs."""
+        """See CanvasInterface.distance_at. Asks the renderer for one pixel's depth; None in forward-facing packs."""
         if self.renderer is None or self.renderer.pack.ndc:
             return None
         pack = self.renderer.pack
@@ -170,27 +172,29 @@ class Canvas:
         return float(depth_along_axis(raw, pixel, pack)[0, 0] / (ray @ -camera.grid_T_camera[:3, 2]))
 
     def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """See Stage.ray_counts."""
+        """See CanvasInterface.ray_counts."""
         return self._floats(camera, settings)
 
-    def sketch(self, sketch: Sketch, camera: ViewCamera, ground: tuple[float, float, float]) -> np.ndarray:
-        """See Stage.sketch."""
-        if self._sketches is None:
-            self._sketches = SketchPicture(self.ctx)
+    def draw_export_preview(
+        self, geometry: PreviewGeometry, camera: ViewCamera, ground: tuple[float, float, float]
+    ) -> np.ndarray:
+        """See CanvasInterface.draw_export_preview."""
+        if self._preview_picture is None:
+            self._preview_picture = ExportPreviewPicture(self.ctx)
         width, height = camera.width, camera.height
         framebuffer = self._still.fit(width, height)
-        self._sketches.draw(framebuffer, sketch, camera, ground)
+        self._preview_picture.draw(framebuffer, geometry, camera, ground)
         pixels = np.frombuffer(framebuffer.read((0, 0, width, height), components=3, alignment=1), np.uint8)
         return pixels.reshape(height, width, 3)[::-1].copy()
 
-    def drop_sketch(self) -> None:
-        """See Stage.drop_sketch."""
-        if self._sketches is not None:
-            self._sketches.release()
-        self._sketches = None
+    def drop_export_preview(self) -> None:
+        """See CanvasInterface.drop_export_preview."""
+        if self._preview_picture is not None:
+            self._preview_picture.release()
+        self._preview_picture = None
 
     def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """See Stage.raw."""
+        """See CanvasInterface.raw."""
         self._receive_all()
         return self._floats(camera, settings, components=4)
 
@@ -209,7 +213,7 @@ class Canvas:
             free_framebuffer(framebuffer)
 
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """See Stage.snapshot."""
+        """See CanvasInterface.snapshot."""
         renderer = self._receive_all()
         width, height = camera.width, camera.height
         framebuffer = self._still.fit(width, height)
@@ -219,17 +223,17 @@ class Canvas:
 
     @property
     def card(self) -> str:
-        """See Stage.card."""
+        """See CanvasInterface.card."""
         return str(self.ctx.info.get("GL_RENDERER", "unknown"))
 
     @property
     def clock_problem(self) -> str:
-        """See Stage.clock_problem."""
+        """See CanvasInterface.clock_problem."""
         return self.clock.reason
 
     @property
     def gpu_bytes_by_use(self) -> dict[str, int]:
-        """See Stage.gpu_bytes_by_use."""
+        """See CanvasInterface.gpu_bytes_by_use."""
         other = self.other.gpu_bytes if self.other is not None else 0
         uses = {
             "Pack": self.renderer.gpu_bytes() if self.renderer is not None else 0,
@@ -280,7 +284,7 @@ class Canvas:
         """
         while self._retired:
             self._retired.pop().release()
-        self._rooms.sweep()
+        self._preallocator.sweep()
 
     def forget(self) -> None:
         """Begins anew with the next draw, after one that failed."""
@@ -363,13 +367,13 @@ class Canvas:
 
     def release(self) -> None:
         """Frees everything on the card."""
-        self._rooms.release()
+        self._preallocator.release()
         self.show_other(None)
         self._drop_coming()
         for name in list(self._images):
             self.drop_image(name)
         self._sheet.release()
-        self.drop_sketch()
+        self.drop_export_preview()
         if self._difference is not None:
             self._difference.release()
         for target in (self._quick, self._full, self._still):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from viewer.app.stage import Sheet
+from viewer.app.canvas_interface import Sheet
 
 HALVINGS = 2  # mipmaps; cells are powers of two, so that neighbours do not mix at these sizes
 

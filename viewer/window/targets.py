@@ -12,7 +12,7 @@ from dataclasses import replace
 import moderngl
 
 from console import UserError
-from viewer.app.stage import Layer
+from viewer.app.canvas_interface import Layer
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.framebuffers import unbind_framebuffers
 from viewer.rendering.shader_source import assemble, compile_program

@@ -22,21 +22,20 @@ from PIL import Image
 from console import UserError
 from console.streams import printable
 from viewer.app.application import App
-from viewer.app.children import end_processes
 from viewer.app.commands import run
 from viewer.app.controllers import ControllerState
+from viewer.app.frame import is_waiting, unfinished
 from viewer.app.keyboard import KeyPress
-from viewer.app.making import LOOKED_AT_EVERY_S
-from viewer.app.presenting import awaited, unfinished
+from viewer.app.making import POLL_EVERY_S
 from viewer.app.state import FRAMES_AFTER_EVENT
 from viewer.rendering.framebuffers import free_framebuffer
+from viewer.rendering.gl_without_gil import finish
 from viewer.rendering.opengl_version import opengl_refusal, version_at
-from viewer.rendering.unlocked import finish
 from viewer.window.canvas import Canvas
 from viewer.window.joysticks import controllers_now, text_of
 from viewer.window.notices import notices_logged
-from viewer.window.panels import MakePanels, Panels
 from viewer.window.second_context import SecondContext
+from viewer.window.ui_interface import MakeUi, UiInterface
 
 import glfw  # isort: skip  (after imgui_bundle)
 
@@ -91,9 +90,7 @@ class Window:
     panels: makes what is drawn in it. size: width, height in screen units.
     """
 
-    def __init__(
-        self, app: App, panels: MakePanels, size: tuple[int, int] = (1280, 800), *, visible: bool = True
-    ) -> None:
+    def __init__(self, app: App, panels: MakeUi, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
         problem = display_problem()
         if problem:
             raise NoDisplay(problem)
@@ -104,11 +101,11 @@ class Window:
         while self.ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
             pass
         self._second = SecondContext(glfw, self.handle)
-        self.canvas = Canvas(self.ctx, beside=self._second.for_a_thread)
-        app.stage = self.canvas
+        self.canvas = Canvas(self.ctx, shared_context=self._second.for_a_thread)
+        app.canvas = self.canvas
         self._listen()
         self.read_controllers: Callable[[], list[ControllerState]] = lambda: controllers_now(glfw)
-        self.ui: Panels = panels(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
+        self.ui: UiInterface = panels(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
         self.ui.keyboard.local_name = _local_name
         app.clipboard = self.ui.clipboard
         self._v_sync, self._title = True, PROGRAM
@@ -174,12 +171,12 @@ class Window:
         waits = not (app.wants_frame or self._touched or self.ui.hears or self.canvas.blending)
         if not waits:
             glfw.poll_events()
-        elif awaited(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
+        elif is_waiting(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
             glfw.wait_events_timeout(BUSY_WAIT_S)
         elif app.controllers.present:  # they wake nobody
             glfw.wait_events_timeout(CONTROLLERS_S)
         elif app.making.busy:
-            glfw.wait_events_timeout(LOOKED_AT_EVERY_S)
+            glfw.wait_events_timeout(POLL_EVERY_S)
         else:
             glfw.wait_events_timeout(0.4 if self.ui.typing else IDLE_WAIT_S)
             self._last = max(self._last, time.monotonic() - 1 / 60)
@@ -266,7 +263,7 @@ class Window:
             self.app.touch(1)
             self.step()
         for _ in range(SETTLE_ROUNDS):
-            self._wait_while(lambda: awaited(self.app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming)
+            self._wait_while(lambda: is_waiting(self.app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming)
             for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
                 self.app.touch(1)
                 self.step()
@@ -315,8 +312,8 @@ class Window:
 
     def close(self) -> None:
         """Frees everything and closes the window."""
-        end_processes(self.app)
-        self.app.stage = None
+        self.app.end_processes()
+        self.app.canvas = None
         self.canvas.close()
         self._second.close()
         self.ui.release()

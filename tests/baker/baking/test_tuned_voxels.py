@@ -17,7 +17,7 @@ from baker.baking.stages import Stages
 from baker.tuning.joint_loop import JointConfig
 from baker.tuning.pruning import FIRM, Pruned
 from scenepack.blocks import dense_from_pack
-from scenepack.codecs.steps import EXACT
+from scenepack.codecs.quantisation import EXACT
 from tests.scenepack.random_packs import random_pack
 from training.dataset import RayDataset
 from training.run import load_run

@@ -10,9 +10,9 @@ from baker.tuning.pruning import Light
 from scenepack import Pack, save_pack
 from scenepack.blocks import dense_from_pack
 from scenepack.codecs.pieces import follows_grid
-from scenepack.codecs.steps import EXACT, Steps, steps_of
+from scenepack.codecs.quantisation import EXACT, Steps, steps_of
 from tests.baker.tuning.helpers import pack_of
-from tests.scenepack.test_steps import in_steps
+from tests.scenepack.test_quantisation import in_steps
 
 STEPS = Steps(4, 12, 8)
 

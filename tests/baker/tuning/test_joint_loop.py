@@ -11,7 +11,7 @@ from baker.tuning import joint_loop
 from baker.tuning.joint_loop import JointConfig, cell_for, joint_tune, split_by_view
 from baker.tuning.tuner import Tuner
 from scenepack import check_pack
-from scenepack.codecs.steps import Steps
+from scenepack.codecs.quantisation import Steps
 from tests.baker.tuning.helpers import copied, pack_of
 from training.dataset import RayDataset
 

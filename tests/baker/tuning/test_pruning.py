@@ -14,7 +14,7 @@ from baker.tuning.marcher import PackMarcher
 from baker.tuning.pruning import FIRM, THINNEST, UNSEEN, closing_gain, light_of, prune, thin
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
-from scenepack.codecs.steps import EXACT, Steps, steps_of
+from scenepack.codecs.quantisation import EXACT, Steps, steps_of
 from tests.baker.analytic import RADIUS, ball
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.scenepack.random_packs import BLENDER_FRAME

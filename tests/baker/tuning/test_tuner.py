@@ -18,7 +18,7 @@ from baker.tuning.gradients import CHUNK, work_for
 from baker.tuning.marcher import room_for_samples, tables_of
 from baker.tuning.tuner import Tuner
 from scenepack import Pack, check_pack
-from scenepack.codecs.steps import EXACT, Steps
+from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import ViewMlp
 from tests.baker.tuning.helpers import copied, pack_of
 from tests.baker.tuning.reference import accumulated, cells_of_atlas, moved, shown, voxel_rays

@@ -15,7 +15,7 @@ from scenepack.blocks import atlas_from_dense
 from scenepack.exports import scene
 from scenepack.exports.field import Field
 from scenepack.exports.gaussians import COLUMNS, opacity_table
-from scenepack.exports.mending import components, decimated, smoothed
+from scenepack.exports.mesh_cleanup import components, decimated, smoothed
 from scenepack.exports.scene import Export, export_scene
 from scenepack.exports.surface import extract
 from scenepack.pack import pack_of_cube

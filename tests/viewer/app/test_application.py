@@ -14,21 +14,21 @@ from viewer.app.commands import COMMANDS, modes_for, run
 from viewer.rendering.settings import MODES
 
 
-class FakeStage:
+class FakeCanvas:
     """Remembers what it was told to show. refuse: a reason to refuse packs."""
 
     gpu_bytes = 0
 
     def __init__(self, refuse: str = "") -> None:
-        self.shown, self.refuse, self.rooms = [], refuse, []
+        self.shown, self.refuse, self.preallocated = [], refuse, []
 
     def show(self, pack):
         if self.refuse:
             raise UserError(self.refuse)
         self.shown.append(pack)
 
-    def make_room(self, pack):
-        self.rooms.append(pack)
+    def preallocate(self, pack):
+        self.preallocated.append(pack)
 
     def refine(self, pack):
         self.shown[-1] = pack
@@ -45,7 +45,7 @@ class FakeStage:
 
 @pytest.fixture
 def open_app(pack, pack_folder) -> App:
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.show(pack, pack_folder)
     return app
 
@@ -57,11 +57,11 @@ def finish_loading(app: App) -> None:
 
 
 def test_opening_reads_in_a_thread_and_shows_the_pack(pack_folder):
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.open(pack_folder)
     assert app.scene is None and app.loading is not None
     finish_loading(app)
-    assert app.loading is None and app.scene.name == "toy" and len(app.stage.shown) == 1
+    assert app.loading is None and app.scene.name == "toy" and len(app.canvas.shown) == 1
 
 
 def test_the_old_scene_stays_until_the_new_one_is_good(open_app, tmp_path):
@@ -74,7 +74,7 @@ def test_the_old_scene_stays_until_the_new_one_is_good(open_app, tmp_path):
 
 def test_a_card_too_small_is_a_dialog_and_the_old_scene_stays(open_app, pack_folder):
     old = open_app.scene
-    open_app.stage.refuse = "the graphics driver has no room for the rgba texture"
+    open_app.canvas.refuse = "the graphics driver has no room for the rgba texture"
     open_app.open(pack_folder)
     finish_loading(open_app)
     assert open_app.scene is old
@@ -117,22 +117,22 @@ def test_room_is_asked_for_while_a_pack_is_read_and_given_back(open_app, pack_fo
         return toy_pack()
 
     monkeypatch.setattr(loading_module, "load_pack", slow)
-    rooms = open_app.stage.rooms
+    preallocated = open_app.canvas.preallocated
     for cancelled in (False, True):
-        rooms.clear()
+        preallocated.clear()
         go_on.clear()
         open_app.open(pack_folder)
         until(lambda: open_app.loading.begun is outline)
         open_app.tick(0.01)
         open_app.tick(0.01)
-        assert len(rooms) and rooms[-1] is outline and rooms.count(outline) == 1
+        assert len(preallocated) and preallocated[-1] is outline and preallocated.count(outline) == 1
         if cancelled:
             open_app.cancel_loading()
             go_on.set()
         else:
             go_on.set()
             finish_loading(open_app)
-        assert rooms[-1] is None
+        assert preallocated[-1] is None
 
 
 def test_a_preview_tells_its_images_and_not_its_voxels(open_app):
@@ -148,11 +148,11 @@ def test_a_preview_tells_its_images_and_not_its_voxels(open_app):
 def test_dropping_a_pack_opens_it(open_app, pack_folder):
     open_app.drop([pack_folder])
     finish_loading(open_app)
-    assert len(open_app.stage.shown) == 2
+    assert len(open_app.canvas.shown) == 2
 
 
 def test_every_command_runs_with_and_without_a_scene(open_app):
-    for app in (open_app, App(stage=FakeStage())):
+    for app in (open_app, App(canvas=FakeCanvas())):
         for name, command in COMMANDS.items():
             possible = app.scene is not None or not command.needs_scene
             app.clipboard.set("1,2,3,0,0,0")

@@ -44,7 +44,7 @@ def test_keys_step_through_the_views_in_their_order_and_round(app):
         seen.append(place(app, azimuth))
         app.scene.rig.fov = 30.0 + i
         run(app, "bookmark")
-    assert [view.name for view in app.marking.marks.bookmarks] == ["View 1", "View 2", "View 3"]
+    assert [view.name for view in app.annotations.current.bookmarks] == ["View 1", "View 2", "View 3"]
     place(app, -9.0)
     for command, index in (("next-bookmark", 0), ("next-bookmark", 1), ("last-bookmark", 0), ("last-bookmark", 2)):
         run(app, command)
@@ -58,22 +58,26 @@ def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
     for azimuth in (0.0, 7.0, 14.0):
         place(app, azimuth)
         run(app, "bookmark")
-    marks, bookmarks = app.marking, app.bookmarks
+    annotations, bookmarks = app.annotations, app.bookmarks
     bookmarks.give_name(app, 0, "The door")
     bookmarks.move(app, 0, 1)
-    assert [view.name for view in marks.marks.bookmarks] == ["View 2", "The door", "View 3"] and bookmarks.selected == 1
+    assert [view.name for view in annotations.current.bookmarks] == [
+        "View 2",
+        "The door",
+        "View 3",
+    ] and bookmarks.selected == 1
     bookmarks.remove(app, 1)
-    assert [view.name for view in marks.marks.bookmarks] == ["View 2", "View 3"] and bookmarks.selected == 1
+    assert [view.name for view in annotations.current.bookmarks] == ["View 2", "View 3"] and bookmarks.selected == 1
     moved = place(app, -5.0)
     bookmarks.update(app, 0)
     table = app.scene.rig.table
-    assert np.allclose(pose_of(marks.marks.bookmarks[0], table).matrix(table), moved, atol=1e-6)
+    assert np.allclose(pose_of(annotations.current.bookmarks[0], table).matrix(table), moved, atol=1e-6)
     run(app, "undo")
     run(app, "undo")
-    assert [view.name for view in marks.marks.bookmarks] == ["View 2", "The door", "View 3"]
+    assert [view.name for view in annotations.current.bookmarks] == ["View 2", "The door", "View 3"]
     place(app, 3.0)
     run(app, "bookmark")
-    assert marks.marks.bookmarks[2].name == "View 1"  # behind the selected one, with a name that is free
+    assert annotations.current.bookmarks[2].name == "View 1"  # behind the selected one, with a name that is free
 
 
 def test_a_film_flies_through_the_views(app):
@@ -107,11 +111,11 @@ def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):
     turned[:3, 3] += 0.01
     rig.hold(replace(rig.camera((64, 48)), grid_T_camera=turned))
     run(app, "bookmark")
-    assert np.allclose(app.marking.marks.bookmarks[0].eye, turned[:3, 3], atol=1e-6)
+    assert np.allclose(app.annotations.current.bookmarks[0].eye, turned[:3, 3], atol=1e-6)
 
 
 def test_another_scene_has_other_views(app, pack):
     run(app, "bookmark")
     app.show(pack, Path("another"))
-    assert not app.marking.marks.bookmarks and app.bookmarks.selected is None
+    assert not app.annotations.current.bookmarks and app.bookmarks.selected is None
     assert run(app, "next-bookmark") and "no bookmarks" in app.messages.toast

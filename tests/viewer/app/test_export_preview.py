@@ -9,7 +9,7 @@ import pytest
 
 from console import UserError
 from scenepack import Pack
-from scenepack.exports import sketch
+from scenepack.exports import export_preview
 from scenepack.exports.scene import Export
 from tests.viewer.waiting import until
 from viewer.app.application import App
@@ -22,7 +22,7 @@ def finish(preview: ExportPreview, pack: Pack, export: Export) -> None:
 
 def test_the_newest_choice_is_shown_and_older_ones_are_given_up(pack: Pack, monkeypatch) -> None:
     began, go, made = [], threading.Event(), []
-    real = sketch.sketched
+    real = export_preview.preview_geometry
 
     def slow(pack: Pack, export: Export, tell):
         began.append(export.level)
@@ -31,35 +31,35 @@ def test_the_newest_choice_is_shown_and_older_ones_are_given_up(pack: Pack, monk
         made.append(export.level)
         return real(pack, export, tell)
 
-    monkeypatch.setattr(sketch, "sketched", slow)
+    monkeypatch.setattr(export_preview, "preview_geometry", slow)
     preview = ExportPreview()
     preview.follow(pack, Export("mesh", level=0.1))
     until(lambda: began == [0.1])
     for level in (0.2, 0.3, 0.4):
         preview.follow(pack, Export("mesh", level=level))
-    assert preview.working and preview.sketch is None
+    assert preview.working and preview.geometry is None
     go.set()
     finish(preview, pack, Export("mesh", level=0.4))
     assert began == [0.1, 0.4] and made == [0.4]
-    assert preview.sketch is not None and not preview.error and preview.news() and not preview.news()
+    assert preview.geometry is not None and not preview.error and preview.news() and not preview.news()
 
 
 def test_why_there_is_none_is_told_and_the_last_one_stays(pack: Pack) -> None:
     preview = ExportPreview()
     finish(preview, pack, Export("mesh"))
-    before = preview.sketch
+    before = preview.geometry
     finish(preview, pack, Export("mesh", crop=((5.0, 5.0, 5.0), (6.0, 6.0, 6.0))))
-    assert "nothing to export" in preview.error and preview.sketch is before is not None
+    assert "nothing to export" in preview.error and preview.geometry is before is not None
     finish(preview, pack, Export("points"))
-    assert not preview.error and preview.sketch is not before
+    assert not preview.error and preview.geometry is not before
 
 
 @pytest.mark.parametrize("error", [UserError("a mesh needs scikit-image", remedy="install it"), MemoryError()])
-def test_what_cannot_be_sketched_says_why(pack: Pack, monkeypatch, error: Exception) -> None:
+def test_what_cannot_be_previewed_says_why(pack: Pack, monkeypatch, error: Exception) -> None:
     def fails(*_: object):
         raise error
 
-    monkeypatch.setattr(sketch, "sketched", fails)
+    monkeypatch.setattr(export_preview, "preview_geometry", fails)
     preview = ExportPreview()
     finish(preview, pack, Export("mesh"))
     assert ("scikit-image" in preview.error) if isinstance(error, UserError) else ("memory" in preview.error)
@@ -74,8 +74,8 @@ def test_the_dialog_has_one_of_its_own_choices_and_it_ends_with_the_dialog(
     preview = app.exporting.preview
     assert preview is not None
     until(lambda: app.exporting.tick(app) or not preview.working)
-    assert preview.sketch is not None and preview.sketch.vertices[:, 1].max() < -0.4
+    assert preview.geometry is not None and preview.geometry.vertices[:, 1].max() < -0.4
     app.exporting.plan.crop = False
-    until(lambda: app.exporting.tick(app) or (not preview.working and preview.sketch.vertices[:, 1].max() > 0.2))
+    until(lambda: app.exporting.tick(app) or (not preview.working and preview.geometry.vertices[:, 1].max() > 0.2))
     app.exporting.dismiss()
     assert app.exporting.preview is None

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from scenepack import save_pack
-from tests.viewer.app.test_application import FakeStage, finish_loading
+from tests.viewer.app.test_application import FakeCanvas, finish_loading
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.waiting import until
 from viewer.app import export as export_module
@@ -156,7 +156,7 @@ def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_writte
     (small_disk / "mine.txt").write_text("keep me")
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (256, 320, 3), np.uint8)
-    app.stage.snapshot = lambda camera, settings: noise[: camera.height, : camera.width]  # such as compresses badly
+    app.canvas.snapshot = lambda camera, settings: noise[: camera.height, : camera.width]  # such as compresses badly
     app.filming.size, app.filming.fps = (320, 256), 10.0
     if target == "still.png":
         app.filming.still(app, small_disk / target)
@@ -167,7 +167,7 @@ def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_writte
     assert "The export stopped" in told and "the disk is full" in told and str(small_disk) in told
     assert app.filming.export is None
     assert [path.name for path in small_disk.iterdir()] == ["mine.txt"]
-    del app.stage.snapshot
+    del app.canvas.snapshot
     still_alive(ui)
 
 
@@ -189,7 +189,7 @@ def test_an_old_picture_stays_when_the_new_one_does_not_fit(ui, small_disk):
     app = ui.app
     Image.new("RGB", (8, 8), (1, 2, 3)).save(small_disk / "still.png")
     noise = np.random.default_rng(0).integers(0, 256, (256, 320, 3), np.uint8)
-    app.stage.snapshot = lambda camera, settings: noise[: camera.height, : camera.width]
+    app.canvas.snapshot = lambda camera, settings: noise[: camera.height, : camera.width]
     app.filming.size = (320, 256)
     app.filming.still(app, small_disk / "still.png")
     assert "the disk is full" in wait_for_dialog(ui)
@@ -309,7 +309,7 @@ def test_dropping_what_is_no_pack_is_a_dialog_and_the_scene_stays(ui, tmp_path, 
 
 
 def test_dropping_it_on_the_start_page_is_a_dialog_too(tmp_path):
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([_text(tmp_path)])
     finish_loading(app)
     assert "notes.txt" in app.messages.dialogs[0].title and app.scene is None

@@ -7,14 +7,14 @@ import pytest
 
 from console import UserError
 from tests.viewer.app.scenes import SIDE, photographed
-from tests.viewer.app.test_application import FakeStage
+from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
 from viewer.app import crop, preferences
 from viewer.app.application import App
-from viewer.app.carried_over import take_over, to_remember
 from viewer.app.files import kind_of
 from viewer.app.photographs import Photographs, psnr, shots_of
+from viewer.app.preferences import apply_preferences, current_preferences
 from viewer.app.projection import along_axis, project
 from viewer.app.state import name_of
 from viewer.rendering.camera import ViewCamera
@@ -90,7 +90,7 @@ def test_a_click_on_a_frustum_stands_in_it(ui, app):
 
 
 def test_a_photograph_that_is_not_there_is_told_and_the_camera_stays(app, scene_pack, pack_folder, tmp_path):
-    app.stage = FakeStage()
+    app.canvas = FakeCanvas()
     (tmp_path / "gone").mkdir()  # the folder is there, but not what was in it
     app.show(scene_pack.with_metadata(provenance={"scene": str(tmp_path / "gone")}), pack_folder)
     with pytest.raises(UserError):
@@ -111,7 +111,7 @@ def test_at_a_photographs_camera_rays_begin_where_they_did_in_training_and_flyin
 ):
     camera = {"name": "a", "split": "train", "world_T_camera": np.eye(4).tolist(), "width": 4, "height": 4}
     camera |= {"fx": 5, "fy": 5, "cx": 2, "cy": 2}
-    app.stage = FakeStage()
+    app.canvas = FakeCanvas()
     app.show(pack.with_metadata(cameras=[camera], near=1.25), pack_folder)
     app.scene.rig.hold(shots_of(app.scene.pack)[0].view)
     assert app.camera().ray_near == 1.25
@@ -186,9 +186,9 @@ def test_what_is_remembered_comes_back(tmp_path, pack_folder):
     app.set(background=(0.0, 0.0, 0.0))
     app.resolution.target_fps = 48.0
     app.interface.page = "film"
-    assert preferences.save(to_remember(app), file) is None
+    assert preferences.save(current_preferences(app), file) is None
     other = App()
-    take_over(other, preferences.load(file))
+    apply_preferences(other, preferences.load(file))
     assert other.settings.background == (0.0, 0.0, 0.0) and other.resolution.target_fps == 48.0
     assert other.interface.page == "film" and other.preferences.recent_packs() == [pack_folder.resolve()]
 
@@ -214,7 +214,7 @@ def test_things_dropped_are_told_apart(tmp_path, pack_folder):
     assert kind_of(pack_folder) == "pack" and kind_of(scene) == "scene"
     assert kind_of(pack_folder.parent) == "pack"  # the folder around it, as snerg-make leaves it
     assert kind_of(tmp_path / "nothing") == "unknown"
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([scene])
     assert app.making.plan is not None and app.making.plan.subject == "scene" and app.loading is None
     note = tmp_path / "notes.txt"

@@ -12,7 +12,7 @@ from PIL import Image
 
 from console.driven import Report
 from tests.training.reconstructions import around, ball, write_colmap
-from tests.viewer.app.test_application import FakeStage
+from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
 from training.posing import find
 from training.scenes.presets import BakeablePreset
@@ -20,12 +20,12 @@ from viewer.app import make_plan
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import POSED, REPORT
-from viewer.app.job import Job
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan
 
 
 def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([scene])
     plan = app.making.plan
     assert plan.subject == "scene" and plan.out == scene.parent / "still-snerg"
@@ -43,7 +43,7 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
 
 @pytest.mark.parametrize("folder", ["sparse/0", "sparse"])
 def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([write_colmap(tmp_path / "shrine", around(), ball(), folder=folder)])
     survey = app.making.plan.survey
     until(lambda: survey.finished)
@@ -71,7 +71,7 @@ def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monk
 
 def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):
     (tmp_path / "transforms_train.json").write_text('{"frames": []}')
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([tmp_path])
     until(lambda: app.making.plan.survey.finished)
     assert str(tmp_path) in app.making.plan.problem()
@@ -94,7 +94,7 @@ def photographs(folder: Path, count: int = 8) -> Path:
 
 def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     folder = photographs(tmp_path / "shed")
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([folder])
     plan = app.making.plan
     until(lambda: plan.survey.finished)
@@ -113,7 +113,7 @@ def test_what_lies_beside_photographs_or_a_film_and_is_not_used_is_told(tmp_path
     (tmp_path / "gif").mkdir()
     for file in ("walk/walk.MTS", "walk/cover.jpg", "walk/._walk.MTS", "gif/a.gif"):
         (tmp_path / file).write_bytes(b"")
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     for path, told in (
         (folder, "1 GIF picture, a format that is not read"),
         (tmp_path / "walk", "not cover.jpg beside it."),
@@ -131,7 +131,7 @@ def test_photographs_of_which_too_few_can_be_used_and_masks_beside_them_are_told
     folder = photographs(tmp_path / "shed")
     Image.new("RGB", (1200, 900), (175, 0, 90)).save(folder / "IMG_9.JPG", format="JPEG")
     (folder / "IMG_0.JPG").unlink()
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([folder])
     plan = app.making.plan
     until(lambda: not plan.survey.busy)
@@ -162,7 +162,7 @@ def test_a_run_whose_poses_were_found_is_gone_on_with(tmp_path):
     ("poses", "features", 1), ("poses", "matches", 1), ("training", "training", 2), ("baking", "culling", 3),
 ])  # fmt: skip
 def test_the_card_says_that_poses_come_before_training(stage, title, number, tmp_path):
-    job = Job(Plan.of("scene", photographs(tmp_path / "shed")), None)
+    job = MakeJob(Plan.of("scene", photographs(tmp_path / "shed")), None)
     job.report = Report(title, 1, 2, stage=stage)
     assert job.stage == number and job.plan.stages[number - 1].lower() == stage
 
@@ -170,7 +170,7 @@ def test_the_card_says_that_poses_come_before_training(stage, title, number, tmp
 def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     film = tmp_path / "walk.MOV"
     film.write_bytes(bytes(3_000_000))
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([film])
     plan = app.making.plan
     until(lambda: plan.survey.finished)
@@ -207,7 +207,7 @@ def unfinished(folder: Path, scene: Path) -> Path:
 
 def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
     folder = unfinished(tmp_path / "lego-snerg", scene)
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([folder])
     plan = app.making.plan
     assert (plan.subject, plan.source, plan.out) == ("scene", scene, folder)
@@ -227,7 +227,7 @@ def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped
     out = tmp_path / "shed-snerg"
     write_colmap(out / "scene", around(), ball())
     (out / "scene" / "poses.json").write_text(json.dumps({"photographs": str(folder if there else tmp_path / "gone")}))
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([out])
     plan = app.making.plan
     until(lambda: plan.survey.finished)
@@ -243,7 +243,7 @@ def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped
 def test_an_attempt_whose_description_is_broken_is_told_or_baked(tmp_path, text):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "config.json").write_text(text)
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([tmp_path])
     told = bool(app.messages.dialogs) and "config.json" in app.messages.dialogs[0].text
     assert told != (app.making.plan is not None and app.making.plan.source == tmp_path / "run")
@@ -288,7 +288,7 @@ def masked(tmp_path) -> Path:
 
 
 def surveyed(path: Path) -> Plan:
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.drop([path])
     until(lambda: app.making.plan.survey.finished)
     return app.making.plan

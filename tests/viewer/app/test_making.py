@@ -14,7 +14,7 @@ from imgui_bundle import imgui
 from PIL import Image
 
 from console.driven import Report, read_report
-from tests.viewer.app.test_application import FakeStage
+from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
 from viewer.app import child as child_module
 from viewer.app.application import App
@@ -32,7 +32,7 @@ def making(monkeypatch, tmp_path, pack_folder):
     """An app whose plan runs the stand-in: making("wait") begins it."""
     shutil.copytree(pack_folder, tmp_path / "source")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
 
     def begin(how: str) -> App:
         command = [sys.executable, str(FAKE), how, str(tmp_path)]
@@ -221,7 +221,7 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
     monkeypatch.setattr(child_module, "POLITENESS", 0)  # other tests would go first
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "compiled"))
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
 
     def begin(steps: int) -> None:
         app.drop([scene])

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from scenepack import save_pack
-from tests.viewer.app.test_application import FakeStage, finish_loading
+from tests.viewer.app.test_application import FakeCanvas, finish_loading
 from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.app.commands import run
@@ -40,7 +40,7 @@ def opened(app: App, path: Path) -> str:
 
 
 def test_what_was_mended_is_shown_once_and_stays_in_the_log(untidy):
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     told = opened(app, untidy)
     assert "atlas_blocks" in told and "feature_000.png is missing" in told and app.messages.toast_level == "warning"
     assert str(untidy) not in told and app.messages.toast_left > 5
@@ -53,11 +53,11 @@ def test_what_was_mended_is_shown_once_and_stays_in_the_log(untidy):
 
 
 def test_a_sound_pack_is_opened_without_remarks(pack_folder):
-    assert opened(App(stage=FakeStage()), pack_folder) == ""
+    assert opened(App(canvas=FakeCanvas()), pack_folder) == ""
 
 
 def test_a_toast_is_drawn_when_it_comes_and_when_it_goes_and_not_in_between(untidy):
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     opened(app, untidy)
     for _ in range(10):
         app.tick(0.02)

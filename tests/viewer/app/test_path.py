@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from console import UserError
-from tests.viewer.app.test_application import FakeStage
+from tests.viewer.app.test_application import FakeCanvas
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.export import Export, films_possible
@@ -101,7 +101,7 @@ def test_a_file_that_is_no_path_is_told_plainly(tmp_path, text):
 
 @pytest.fixture
 def filming_app(pack, tmp_path):
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.show(pack, tmp_path)
     app.filming.size = (96, 64)
     app.filming.fps = 4.0

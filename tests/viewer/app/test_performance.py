@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
-from tests.viewer.app.test_application import FakeStage
+from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
+from viewer.app.frame_stats import AVERAGED, KEPT, FrameStats, FrameSummary
 from viewer.app.ray_costs import LONGEST_SIDE, RayCosts
-from viewer.app.timing import AVERAGED, KEPT, FrameSummary, FrameTimes
 from viewer.panels.time_plots import _top
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_clock import GpuClock, is_software
@@ -74,7 +74,7 @@ def test_exact_marching_fetches_far_fewer_samples_than_brute_for_the_same_opacit
     assert exact[..., 1].max() > 0 and brute[..., 1].max() == 0
 
 
-class CountingStage(FakeStage):
+class CountingCanvas(FakeCanvas):
     asked = 0
 
     def ray_counts(self, camera, settings):
@@ -85,27 +85,27 @@ class CountingStage(FakeStage):
 
 @pytest.fixture
 def counting(pack, pack_folder) -> App:
-    app = App(stage=CountingStage())
+    app = App(canvas=CountingCanvas())
     app.show(pack, pack_folder)
     app.viewport.width, app.viewport.height = 640, 480
     return app
 
 
 def test_rays_are_counted_once_a_view_and_not_at_all_when_off(counting):
-    costs, stage = counting.costs, counting.stage
+    costs, canvas = counting.costs, counting.canvas
     costs.measure(counting)
-    assert stage.asked == 0 and costs.costs is None
+    assert canvas.asked == 0 and costs.costs is None
     costs.switch(True)
     for _ in range(3):
         costs.measure(counting)
-    assert stage.asked == 1 and costs.costs.samples_mean == 1.0 and costs.costs.size == (192, 144)
+    assert canvas.asked == 1 and costs.costs.samples_mean == 1.0 and costs.costs.size == (192, 144)
     counting.scene.rig.orbit(0.2, 0.0)
     counting.scene.rig.shown = counting.scene.rig.goal
     costs.measure(counting)
-    assert stage.asked == 2
+    assert canvas.asked == 2
     costs.switch(False)
     costs.measure(counting)
-    assert stage.asked == 2 and costs.costs is None
+    assert canvas.asked == 2 and costs.costs is None
 
 
 def test_the_page_counts_while_the_camera_rests(offscreen, app, pack, pack_folder):
@@ -123,7 +123,7 @@ def test_the_page_counts_while_the_camera_rests(offscreen, app, pack, pack_folde
 
 
 def test_the_plots_scale_is_round_and_holds_target_and_frames():
-    times = FrameTimes()
+    times = FrameStats()
     assert _top(times, 33.3) == 80
     for _ in range(50):
         times.add(3.0, 140.0)
@@ -133,7 +133,7 @@ def test_the_plots_scale_is_round_and_holds_target_and_frames():
 
 
 def test_the_rate_follows_from_the_time_that_is_shown_and_both_are_of_late():
-    times = FrameTimes()
+    times = FrameStats()
     assert times.summary() == FrameSummary() and times.summary().fps == 0.0
     for _ in range(500):
         times.add(3.0, 60.0)
@@ -148,7 +148,7 @@ def test_one_time_and_one_rate_are_shown_everywhere(offscreen, app, pack, pack_f
     ui = offscreen(app)
     app.show(pack, pack_folder)
     ui.settle()
-    app.times = FrameTimes()
+    app.times = FrameStats()
     for i in range(KEPT):
         app.times.add(3.0, 60.0 if i < KEPT - AVERAGED else 25.0 + i % 2)
     shown = []

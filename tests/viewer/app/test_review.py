@@ -13,7 +13,7 @@ from PIL import Image
 
 from scenepack.blocks import dense_from_pack
 from tests.training.reconstructions import around, ball, side_by_side, write_colmap
-from tests.viewer.app.test_application import FakeStage
+from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
 from training.scenes import load_scene
 from training.scenes.colmap import sparse_points
@@ -22,12 +22,12 @@ from viewer.app import make_plan
 from viewer.app import review as review_module
 from viewer.app.application import App
 from viewer.app.child import Child
-from viewer.app.first_look import FirstLook, Look
 from viewer.app.ground import normal_at
-from viewer.app.left_out import LeftOut
 from viewer.app.make_plan import Plan
 from viewer.app.projection import project
+from viewer.app.rejected_photographs import RejectedPhotographs
 from viewer.app.review import Review
+from viewer.app.sparse_preview import SparsePreview, SparsePreviewReader
 
 FAKE = Path(__file__).with_name("fake_make.py")
 
@@ -37,17 +37,17 @@ def posed(tmp_path_factory) -> Path:
     return write_colmap(tmp_path_factory.mktemp("first") / "scene", around(), ball(radius=1.0))
 
 
-def look_at(folder: Path, **options: bool) -> Look:
-    first = FirstLook(folder, **options)
+def look_at(folder: Path, **options: bool) -> SparsePreview:
+    first = SparsePreviewReader(folder, **options)
     until(lambda: first.finished)
-    assert first.look is not None
-    return first.look
+    assert first.result is not None
+    return first.result
 
 
 def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
-    look = look_at(posed)
-    pack, points = look.pack, sparse_points(look.scene)
-    assert len(points.places) == len(look.points.places) == 150 and look.photographs == 10
+    sparse_preview = look_at(posed)
+    pack, points = sparse_preview.pack, sparse_points(sparse_preview.scene)
+    assert len(points.places) == len(sparse_preview.points.places) == 150 and sparse_preview.photographs == 10
     grid_T_training = np.linalg.inv(pack.worldspace_T_opengl)
     places = points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
     voxels = np.floor((places - pack.min_xyz) / pack.voxel_size).astype(int)
@@ -62,24 +62,24 @@ def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
 
 @pytest.mark.parametrize(("poses", "kind"), [(around, "subject"), (side_by_side, "forward")])
 def test_the_kind_is_found_and_forward_facing_scenes_are_shown_as_seen_from_outside(poses, kind, tmp_path):
-    look = look_at(write_colmap(tmp_path / "scene", poses(), ball()))
-    assert look.kind == kind and not look.scene.ndc and not look.pack.ndc
+    sparse_preview = look_at(write_colmap(tmp_path / "scene", poses(), ball()))
+    assert sparse_preview.kind == kind and not sparse_preview.scene.ndc and not sparse_preview.pack.ndc
     as_it_is = look_at(tmp_path / "scene", spherify=True)
     assert as_it_is.kind in ("subject", "room")
 
 
 def reviewed(posed: Path) -> tuple[App, Review]:
-    app = App(stage=FakeStage())
-    app.making.look = look_at(posed)
-    app.making.review = Review(Plan("scene", posed, posed.parent / "out"), app.making.look)
+    app = App(canvas=FakeCanvas())
+    app.making.sparse_preview = look_at(posed)
+    app.making.review = Review(Plan("scene", posed, posed.parent / "out"), app.making.sparse_preview)
     app.making.show_points(app)
     return app, app.making.review
 
 
 def test_the_box_that_was_dragged_is_trained_and_faces_that_were_not_stay_the_readers(posed):
     app, review = reviewed(posed)
-    given = review.look.scene.aabb
-    assert app.gallery.frusta and app.scene.pack is review.look.pack
+    given = review.sparse_preview.scene.aabb
+    assert app.gallery.frusta and app.scene.pack is review.sparse_preview.pack
     assert review.seconds_left is not None and review.decided(app.settings.crop).aabb is None
     review.show_box(app)
     assert review.seconds_left is None and review.decided(app.settings.crop).aabb is None  # seen, and left as it was
@@ -130,7 +130,7 @@ def bare(monkeypatch, tmp_path, posed) -> App:
     monkeypatch.setattr(Plan, "bare", property(lambda plan: Source("photographs", photographs, ())))
     monkeypatch.setattr(make_plan, "poser_missing", lambda source: None)
     monkeypatch.setenv("PYTHONPATH", str(FAKE.parents[3]))
-    app = App(stage=FakeStage())
+    app = App(canvas=FakeCanvas())
     app.making.plan = Plan("scene", photographs, tmp_path / "out")
     app.making.start(app)
     yield app
@@ -148,13 +148,13 @@ def live(app: App, condition) -> None:
 def test_the_points_are_shown_and_training_begins_by_itself_after_a_while(bare):
     assert bare.making.job.plan.poses_only
     live(bare, lambda: bare.making.review is not None)
-    assert bare.making.job is None and bare.making.busy and bare.making.points_shown(bare)
+    assert bare.making.job is None and bare.making.busy and bare.making.sparse_preview_shown(bare)
     assert bare.scene.name == "shed: camera poses" and not bare.preferences.recent_packs()
     bare.drop([bare.making.review.plan.out / "scene"])  # one scene at a time
     assert bare.messages.dialogs and bare.making.plan is None
     bare.making.review.until = 0.0
     live(bare, lambda: bare.making.job is not None)
-    assert not bare.making.job.plan.poses_only and bare.making.review is None and bare.making.points_shown(bare)
+    assert not bare.making.job.plan.poses_only and bare.making.review is None and bare.making.sparse_preview_shown(bare)
 
 
 def test_who_touches_something_decides_when_training_begins(bare, monkeypatch):
@@ -173,9 +173,9 @@ def test_who_touches_something_decides_when_training_begins(bare, monkeypatch):
 def test_another_scene_that_is_open_stays_until_the_points_are_asked_for(bare, pack, pack_folder):
     bare.show(pack, pack_folder)
     live(bare, lambda: bare.making.review is not None)
-    assert bare.scene.pack is pack and not bare.making.points_shown(bare)
+    assert bare.scene.pack is pack and not bare.making.sparse_preview_shown(bare)
     bare.making.show_points(bare)
-    assert bare.making.points_shown(bare)
+    assert bare.making.sparse_preview_shown(bare)
 
 
 def tilted_ground() -> np.ndarray:
@@ -206,12 +206,12 @@ def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
 
     def leaning() -> float:
         """Degrees between the ground and what is level."""
-        places = app.making.look.points.places
-        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.look.eyes())
+        places = app.making.sparse_preview.points.places
+        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.sparse_preview.eyes())
         return float(np.degrees(np.arccos(min(normal[2], 1.0))))
 
     assert leaning() > 15
-    camera, places = app.camera(), review.look.places_in_grid()
+    camera, places = app.camera(), review.sparse_preview.places_in_grid()
     pixels, _ = project(camera, places)
     free = (np.abs(pixels - [265, 330]) < [150, 100]).all(-1)  # what no card covers
     at = pixels[free][np.argmin(np.linalg.norm(pixels[free] - pixels[free].mean(0), axis=-1))]
@@ -224,7 +224,7 @@ def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
     ui.click(box.x + at[0], box.y + at[1])
     live(app, lambda: app.making.review is not None and app.making.review is not review)
     again = app.making.review
-    assert leaning() < 3 and app.making.points_shown(app) and again.seconds_left is None
+    assert leaning() < 3 and app.making.sparse_preview_shown(app) and again.seconds_left is None
     words = again.decided(None).command()
     assert words[words.index("--up") + 1].count(",") == 2 and again.decided(None).aabb is None
     app.making.set_up(app, None)
@@ -248,7 +248,7 @@ def leave_out(folder: Path, out: Path, file: Path) -> None:
     file.write_text(json.dumps(said))
 
 
-def assert_pictured(found: LeftOut) -> None:
+def assert_pictured(found: RejectedPhotographs) -> None:
     until(lambda: found.finished)
     assert list(found.why) == ["a.jpg", "walk.mp4 at 1.00 s", "gone.jpg"] and list(found.boxes) == list(found.why)[:2]
     assert found.sheet is not None
@@ -261,9 +261,9 @@ def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, of
     leave_out(tmp_path / "shed", tmp_path / "out", tmp_path / "out" / "scene" / "poses.json")
     live(bare, lambda: bare.making.review is not None)
     review = bare.making.review
-    assert_pictured(review.left_out)
-    live(bare, lambda: bare.making._left_out is None)
-    app = App(stage=FakeStage())
+    assert_pictured(review.rejected)
+    live(bare, lambda: bare.making._rejected is None)
+    app = App(canvas=FakeCanvas())
     app.making.review = review
     review.hold()
     ui = offscreen(app, size=(900, 700))
@@ -281,7 +281,7 @@ def test_photographs_that_hold_a_scene_up_are_shown_with_the_reason(bare, tmp_pa
     bare.making.plan = Plan("scene", tmp_path / "shed", tmp_path / "out")
     bare.making.start(bare)
     live(bare, lambda: bool(bare.messages.dialogs))
-    assert_pictured(bare.messages.dialogs[0].left_out)
+    assert_pictured(bare.messages.dialogs[0].rejected)
 
 
 def test_a_scene_without_points_is_trained_at_once(bare, tmp_path):

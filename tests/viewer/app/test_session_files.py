@@ -11,13 +11,13 @@ import pytest
 
 from console import UserError
 from scenepack import Pack, load_pack, save_pack
-from tests.viewer.app.test_marks import LINE, MARKS, VIEW
+from tests.viewer.app.test_annotations import ANNOTATIONS, LINE, VIEW
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
 from viewer.app import crop, session
+from viewer.app.annotations import Annotations, Scale
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.marks import Marks, Scale
 from viewer.app.session import joined, load_session, session_of
 
 
@@ -44,7 +44,7 @@ def arranged(packs: list[Path]) -> App:
         rig.fov = 30.0 + i
     app.scene.rig.set_orthographic(True)
     app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.ones(3)), near=0.25)
-    app.marking.marks = MARKS
+    app.annotations.current = ANNOTATIONS
     app.interface.page = "measure"
     return app
 
@@ -60,14 +60,14 @@ def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
     settle(app)
     assert not app.messages.dialogs
     assert app.scene.path == moved / "third" and app.interface.page == "measure"
-    assert [entry.scene.name for entry in app.shelf.packs] == ["first", "second"]
+    assert [entry.scene.name for entry in app.open_packs.packs] == ["first", "second"]
     assert np.allclose(app.scene.rig.matrix, before.scene.rig.matrix, atol=1e-9)
     assert app.scene.rig.orthographic and app.scene.rig.fov == before.scene.rig.fov
     assert np.allclose(app.settings.crop, before.settings.crop) and app.settings.near == 0.25
-    assert app.marking.marks == MARKS
+    assert app.annotations.current == ANNOTATIONS
     for _ in range(2):
-        before.shelf.switch(before, 1)
-        app.shelf.switch(app, 1)
+        before.open_packs.switch(before, 1)
+        app.open_packs.switch(app, 1)
         assert app.scene.name == before.scene.name
         assert np.allclose(app.scene.rig.matrix, before.scene.rig.matrix, atol=1e-9)
 
@@ -86,11 +86,11 @@ def test_a_comparison_comes_back(packs: list[Path], tmp_path: Path):
 
 
 def test_marks_are_added_and_none_is_lost():
-    own = Marks(Scale(3.0, "ft"), (LINE,), (replace(VIEW, name="Mine"),))
-    both = joined(own, MARKS)
-    assert both.scale == own.scale and both.measurements == MARKS.measurements
-    assert both.bookmarks == (*own.bookmarks, *MARKS.bookmarks)
-    assert joined(both, MARKS) == both and joined(Marks(), MARKS) == MARKS
+    own = Annotations(Scale(3.0, "ft"), (LINE,), (replace(VIEW, name="Mine"),))
+    both = joined(own, ANNOTATIONS)
+    assert both.scale == own.scale and both.measurements == ANNOTATIONS.measurements
+    assert both.bookmarks == (*own.bookmarks, *ANNOTATIONS.bookmarks)
+    assert joined(both, ANNOTATIONS) == both and joined(Annotations(), ANNOTATIONS) == ANNOTATIONS
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_the_last_session_is_kept_and_offered(packs: list[Path], tmp_path: Path,
     app.scene.rig.shown = app.scene.rig.goal
     here = app.scene.rig.matrix
     app.sessions.finish(app)
-    app.marking.leave()
+    app.annotations.close_pack()
     again = App()
     again.sessions.begin(file)
     assert again.sessions.last is not None and again.sessions.last.title == "third, first and 1 more"

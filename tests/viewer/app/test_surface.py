@@ -12,7 +12,7 @@ from scenepack import Pack
 from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
 from tests.viewer.conftest import BLENDER, toy_pack
-from viewer.app.forward_facing import rig_for
+from viewer.app.forward_facing import orbit_camera_for
 from viewer.app.projection import project
 from viewer.app.surface import opacities, surface_at
 from viewer.rendering.camera import ViewCamera
@@ -122,7 +122,7 @@ def test_opacities_are_those_of_the_voxels_at_their_centres() -> None:
 def test_it_lies_as_deep_as_the_renderer_draws_it(ndc: bool, render_depth) -> None:
     """Half a voxel in front of the mean depth, where the renderer has one."""
     pack = toy_pack(ndc=ndc, view_mlp=False)
-    camera = rig_for(pack).camera((96, 72))
+    camera = orbit_camera_for(pack).camera((96, 72))
     alpha = render_depth(pack, camera)
     met = 0
     for y, x in itertools.product(range(2, 72, 7), range(2, 96, 7)):
@@ -149,7 +149,7 @@ def render_depth(ctx):
 def test_a_forward_facing_point_is_found_again_from_elsewhere(render_depth) -> None:
     """The same place of the scene, looked at from two cameras."""
     pack = toy_pack(ndc=True, view_mlp=False)
-    rig = rig_for(pack)
+    rig = orbit_camera_for(pack)
     camera = rig.camera((400, 300))
     hit = surface_at(pack, camera, RenderSettings(), 190.0, 170.0)
     assert hit is not None

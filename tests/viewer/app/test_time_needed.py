@@ -9,7 +9,7 @@ import pytest
 
 from tests.viewer.waiting import until
 from tools.procedural import write_procedural_scene
-from viewer.app import make_plan, telling
+from viewer.app import json_subprocess, make_plan
 from viewer.app.make_plan import Survey
 from viewer.app.time_needed import TimeNeeded, memory
 from viewer.panels.make_dialog import what_it_needs
@@ -34,7 +34,9 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
 
 
 def test_nothing_is_started_for_a_dialog_that_is_gone(monkeypatch):
-    monkeypatch.setattr(telling.subprocess, "Popen", lambda *words, **named: pytest.fail("a process was started"))
+    monkeypatch.setattr(
+        json_subprocess.subprocess, "Popen", lambda *words, **named: pytest.fail("a process was started")
+    )
     waits = threading.Event()
     needed = TimeNeeded([200], lambda: waits.wait(60))
     needed.close()

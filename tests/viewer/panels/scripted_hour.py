@@ -209,11 +209,11 @@ class Hour:
         """Everything closed, and a picture of it: where memory is compared."""
         app = self.app
         app.cancel_loading()
-        app.file_request = app.choosing = None
+        app.file_request = app.open_prompt = None
         if app.making.plan is not None:
             app.making.dismiss(app)
         app.messages.dialogs.clear()
-        app.shelf.packs.clear()
+        app.open_packs.packs.clear()
         app.close()
         app.interface.help_shown, app.interface.scale = False, 1.0
         app.interface.reset_layout()

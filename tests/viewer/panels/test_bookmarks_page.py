@@ -55,7 +55,7 @@ def test_a_click_on_a_row_goes_there(ui, app):
     x0, y0, x1, y1 = rows[1]
     ui.click(0.5 * (x0 + x1), 0.5 * (y0 + y1))
     ui.settle()
-    view = app.marking.marks.bookmarks[1]
+    view = app.annotations.current.bookmarks[1]
     assert app.bookmarks.selected == 1
     assert np.allclose(app.scene.rig.matrix[:3, 3], view.eye, atol=1e-3)
 

@@ -6,8 +6,8 @@ import pytest
 from tests.viewer.panels.test_panels import PAGES
 from viewer.app import preferences
 from viewer.app.application import App
-from viewer.app.carried_over import take_over, to_remember
 from viewer.app.commands import run
+from viewer.app.preferences import apply_preferences, current_preferences
 from viewer.panels.docking import HEADER
 
 
@@ -76,9 +76,9 @@ def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pac
     ui.settle()
     app.interface.layout = ui.ui.layout
     file = tmp_path / "viewer.json"
-    assert preferences.save(to_remember(app), file) is None
+    assert preferences.save(current_preferences(app), file) is None
     again = App()
-    take_over(again, preferences.load(file))
+    apply_preferences(again, preferences.load(file))
     other = offscreen(again)
     again.show(pack, pack_folder)
     other.settle()

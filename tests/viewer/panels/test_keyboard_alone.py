@@ -197,7 +197,7 @@ def test_down_and_enter_within_one_slow_frame_open_the_picked_line(
     for key in (*downs * [DOWN], ENTER):
         stroke(ui, key)
     ui.frame()
-    assert opened == [folder / picked] and app.choosing is None
+    assert opened == [folder / picked] and app.open_prompt is None
 
 
 def test_keys_that_overlap_and_a_folder_that_is_looked_into_within_one_slow_frame(offscreen, app, two_scenes):
@@ -226,10 +226,10 @@ def test_down_leaves_the_keyboard_with_the_line_to_type_into(offscreen, app, two
     ui: OffscreenUi = offscreen(app, size=(800, 600))
     ui.key(*CTRL_O)
     ui.key(DOWN), ui.key(DOWN), ui.key(imgui.Key.up_arrow)
-    assert app.choosing.picked == 0
+    assert app.open_prompt.picked == 0
     for letter in f"{folder}/b":
         ui.io.add_input_character(ord(letter))
     ui.frame()
-    assert app.choosing.text == f"{folder}/b"
+    assert app.open_prompt.text == f"{folder}/b"
     ui.key(imgui.Key.keypad_enter)
     assert opened == [folder / "b"]

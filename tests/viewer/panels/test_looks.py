@@ -11,9 +11,8 @@ from baker.reference_marcher import render_reference
 from tests.viewer.app.scenes import photographed
 from tests.viewer.offscreen_ui import OffscreenUi
 from viewer.app.backdrops import STYLES, backdrop
-from viewer.app.carried_over import take_over, to_remember
 from viewer.app.commands import run
-from viewer.app.preferences import Preferences, load, save
+from viewer.app.preferences import Preferences, apply_preferences, current_preferences, load, save
 from viewer.panels import theme
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -62,9 +61,9 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
     ui.settle()
     assert app.interface.scale == 1.5 and app.viewport.width < width - 140 and ui.ui.scale == 1.5
     file = tmp_path / "viewer.json"
-    assert save(to_remember(app), file) is None
+    assert save(current_preferences(app), file) is None
     again = type(app)()
-    take_over(again, load(file))
+    apply_preferences(again, load(file))
     assert (again.interface.theme, again.interface.scale) == ("light", 1.5)
     run(app, "usual-size"), run(app, "theme")
     ui.settle()

@@ -9,8 +9,8 @@ from tests.viewer.rendering.shapes import surroundings_pack
 from tests.viewer.waiting import until
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
-from viewer.app.carried_over import take_over, to_remember
 from viewer.app.commands import run
+from viewer.app.preferences import apply_preferences, current_preferences
 from viewer.panels.layout import PAGES
 from viewer.rendering.settings import MODES
 
@@ -124,10 +124,10 @@ def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(
     whole = scene_part(ui)
     ui.click(*place)
     ui.settle()
-    assert not app.settings.surroundings and not to_remember(app).surroundings
+    assert not app.settings.surroundings and not current_preferences(app).surroundings
     assert np.abs(scene_part(ui).astype(int) - whole).mean() > 20
     again = App()
-    take_over(again, to_remember(app))
+    apply_preferences(again, current_preferences(app))
     assert not again.settings.surroundings
     ui.click(*place)
     ui.settle()

@@ -81,12 +81,12 @@ def test_lengths_between_known_corners_are_right_to_half_a_voxel(ui, app, azimut
     app.show(tiled_pack(), Path("tiles"))
     run(app, "measure")
     look_from(ui, azimuth, elevation, 5.0)
-    assert app.measuring.tool == "line" and app.interface.page == "measure"
+    assert app.measure_tool.tool == "line" and app.interface.page == "measure"
     for ends in TILES:
         for voxel in ends:
             ui.click(*place_of(app, -1.0 + VOXEL * np.array(voxel)))
         ui.key(imgui.Key.enter)
-    measurements = app.marking.marks.measurements
+    measurements = app.annotations.current.measurements
     assert [len(m.points) for m in measurements] == [2] * len(TILES)
     for measurement, (a, b) in zip(measurements, TILES, strict=True):
         assert abs(dist(*measurement.points) / VOXEL - dist(a, b)) < 0.5, (a, b)
@@ -100,7 +100,7 @@ def test_a_blocks_edges_are_right_to_a_voxel_though_its_corners_are_round(ui, ap
         for point in (a, b):
             ui.click(*place_of(app, corner(*point)))
         ui.key(imgui.Key.enter)
-    for measurement, (a, b) in zip(app.marking.marks.measurements, EDGES, strict=True):
+    for measurement, (a, b) in zip(app.annotations.current.measurements, EDGES, strict=True):
         known = float(np.linalg.norm(known_corner(*a) - known_corner(*b)))
         assert abs(dist(*measurement.points) - known) < VOXEL, (a, b)
 
@@ -113,15 +113,15 @@ def test_a_double_click_ends_a_line_and_an_angle_ends_by_itself(ui, app):
     for point in corners:
         ui.click(*place_of(app, point))
     ui.click(*place_of(app, corners[-1]))  # so soon that the two are one double click
-    (line,) = app.marking.marks.measurements
+    (line,) = app.annotations.current.measurements
     assert len(line.points) == 3 and app.scene.rig.goal.pivot == pivot
-    assert not app.measuring.draft
-    app.measuring.choose(app, "angle")
+    assert not app.measure_tool.draft
+    app.measure_tool.choose(app, "angle")
     for point in corners:
         ui.click(*place_of(app, point))
-    turn = app.marking.marks.measurements[1]
-    assert turn.kind == "angle" and not app.measuring.draft
-    words = app.measuring.words(app)
+    turn = app.annotations.current.measurements[1]
+    assert turn.kind == "angle" and not app.measure_tool.draft
+    words = app.measure_tool.length_format(app)
     assert abs(float(words.measurement(turn)[:-1]) - 90.0) < 2.0
 
 
@@ -131,20 +131,20 @@ def test_backspace_takes_points_back_escape_stops_and_undo_brings_back(ui, app):
     for point in (corner(0, 0, 1), corner(1, 0, 1)):
         ui.click(*place_of(app, point))
     ui.key(imgui.Key.backspace)
-    assert len(app.measuring.draft) == 1
+    assert len(app.measure_tool.draft) == 1
     ui.key(imgui.Key.mod_ctrl, imgui.Key.z)
-    assert len(app.measuring.draft) == 2
+    assert len(app.measure_tool.draft) == 2
     ui.key(imgui.Key.enter)
-    assert len(app.marking.marks.measurements) == 1 and app.measuring.selected == 0
+    assert len(app.annotations.current.measurements) == 1 and app.measure_tool.selected == 0
     ui.key(imgui.Key.delete)
-    assert not app.marking.marks.measurements
+    assert not app.annotations.current.measurements
     ui.key(imgui.Key.mod_ctrl, imgui.Key.z)
-    assert len(app.marking.marks.measurements) == 1
+    assert len(app.annotations.current.measurements) == 1
     ui.click(*place_of(app, corner(1, 1, 1)))
     ui.key(imgui.Key.escape)
-    assert not app.measuring.draft and app.measuring.tool == "line"
+    assert not app.measure_tool.draft and app.measure_tool.tool == "line"
     ui.key(imgui.Key.escape)
-    assert not app.measuring.tool and app.interface.page == "measure"
+    assert not app.measure_tool.tool and app.interface.page == "measure"
 
 
 def test_a_point_is_dragged_along_the_surface_and_the_camera_stays(ui, app):
@@ -159,11 +159,11 @@ def test_a_point_is_dragged_along_the_surface_and_the_camera_stays(ui, app):
     goal = app.scene.rig.goal
     start, end = place_of(app, corner(1, 0, 1)), place_of(app, corner(1, 1, 1))
     ui.drag([tuple((1 - s) * a + s * b for a, b in zip(start, end, strict=True)) for s in np.linspace(0, 1, 5)])
-    (line,) = app.marking.marks.measurements
+    (line,) = app.annotations.current.measurements
     known = float(np.linalg.norm(known_corner(0, 0, 1) - known_corner(1, 1, 1)))
     assert abs(dist(*line.points) - known) < VOXEL and app.scene.rig.goal == goal
     ui.key(imgui.Key.mod_ctrl, imgui.Key.z)
-    assert abs(dist(*app.marking.marks.measurements[0].points) - 41 * VOXEL) < VOXEL
+    assert abs(dist(*app.annotations.current.measurements[0].points) - 41 * VOXEL) < VOXEL
 
 
 def test_a_known_distance_gives_lengths_a_unit(ui, app):
@@ -185,13 +185,13 @@ def test_a_known_distance_gives_lengths_a_unit(ui, app):
         ui.io.add_input_characters_utf8("8.2")
         ui.frame()
         press("Set the scale")
-    scale = app.marking.marks.scale
+    scale = app.annotations.current.scale
     assert scale.unit == "m" and abs(scale.factor * 41 * VOXEL - 8.2) < 8.2 * 0.5 / 41
-    assert app.measuring.tool == "line"
-    app.measuring.show_in(app, "ft")
-    assert abs(app.marking.marks.scale.factor * 41 * VOXEL - 8.2 / 0.3048) < 27 * 0.5 / 41
+    assert app.measure_tool.tool == "line"
+    app.measure_tool.show_in(app, "ft")
+    assert abs(app.annotations.current.scale.factor * 41 * VOXEL - 8.2 / 0.3048) < 27 * 0.5 / 41
     run(app, "undo")
-    assert app.marking.marks.scale.unit == "m"
+    assert app.annotations.current.scale.unit == "m"
 
 
 def test_what_is_under_the_cursor_is_told_while_the_page_is_open(ui, app):
@@ -199,13 +199,13 @@ def test_what_is_under_the_cursor_is_told_while_the_page_is_open(ui, app):
     middle = 0.5 * (corner(0, 0, 1) + corner(1, 1, 1))
     ui.io.add_mouse_pos_event(*place_of(app, middle))
     ui.frame()
-    assert app.measuring.cursor is None  # another page is open
+    assert app.measure_tool.cursor is None  # another page is open
     app.interface.page = "measure"
     ui.settle()
-    assert np.linalg.norm(app.measuring.cursor.point - middle) < 0.5 * VOXEL
+    assert np.linalg.norm(app.measure_tool.cursor.point - middle) < 0.5 * VOXEL
     ui.io.add_mouse_pos_event(5.0, app.viewport.y + 5.0)
     ui.settle()
-    assert app.measuring.cursor is None
+    assert app.measure_tool.cursor is None
 
 
 @pytest.mark.parametrize("background", [(1.0, 1.0, 1.0), (0.0, 0.0, 0.0)])
@@ -230,4 +230,4 @@ def test_another_scene_takes_its_marks_with_it(ui, app):
     run(app, "measure")
     ui.click(*place_of(app, corner(1, 1, 1)))
     app.show(toy_pack(), Path("toy"))
-    assert not app.measuring.draft and not app.measuring.tool and app.marking.marks.empty
+    assert not app.measure_tool.draft and not app.measure_tool.tool and app.annotations.current.empty

@@ -26,12 +26,12 @@ from tests.viewer.rendering.pictures import FAILURES, skip
 from tests.viewer.waiting import until
 from tools.procedural import write_procedural_scene
 from viewer.app import crop, make_plan
+from viewer.app.annotations import Annotations, Measurement, Scale
 from viewer.app.commands import run
-from viewer.app.job import Job
+from viewer.app.frame_stats import FrameStats
 from viewer.app.log import LogLine
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan, Survey
-from viewer.app.marks import Marks, Measurement, Scale
-from viewer.app.timing import FrameTimes
 from viewer.panels.layout import PAGES
 from viewer.panels.theme import THEMES
 
@@ -99,7 +99,7 @@ def _in_units(ui: OffscreenUi) -> np.ndarray:
 def _freeze(ui: OffscreenUi) -> None:
     """Sets what differs from run to run."""
     app = ui.app
-    app.times = FrameTimes()
+    app.times = FrameStats()
     for i in range(120):
         app.times.add(9.0 + 3 * np.sin(i / 5), 17.0 + 6 * np.sin(i / 9) + 20 * (i % 40 == 7), None)
     ui.canvas.picture_ms = 41.5
@@ -132,7 +132,9 @@ def test_each_page_looks_as_before(ui, app, compare, page):
             run(app, "bookmark")
     elif page == "measure":
         points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
-        app.marking.marks = Marks(Scale(2.0, "m"), (Measurement("line", points), Measurement("point", points[:1])))
+        app.annotations.current = Annotations(
+            Scale(2.0, "m"), (Measurement("line", points), Measurement("point", points[:1]))
+        )
     elif page == "photographs":
         app.gallery.frusta = True
     elif page == "compare":
@@ -174,9 +176,9 @@ def test_measurements_look_as_before(ui, app, compare):
     """A line and an angle in the picture, light and dark behind them, and a point that is about to be placed."""
     app.interface.page = "measure"
     on_the_plate = ((-0.6, -0.64, 0.2), (0.0, -0.64, 0.6), (0.6, -0.64, 0.2))
-    app.marking.marks = Marks(measurements=(Measurement("line", on_the_plate), Measurement("angle", TURN)))
-    app.measuring.tool, app.measuring.selected = "line", 1
-    app.measuring.draft = ((-1.2, 0.6, 0.0), (-0.4, 0.6, 0.0))
+    app.annotations.current = Annotations(measurements=(Measurement("line", on_the_plate), Measurement("angle", TURN)))
+    app.measure_tool.tool, app.measure_tool.selected = "line", 1
+    app.measure_tool.draft = ((-1.2, 0.6, 0.0), (-0.4, 0.6, 0.0))
     compare(ui, "measure")
 
 
@@ -252,7 +254,7 @@ def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(u
 
 def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
     child = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
-    job = app.making.job = Job(plan_of(photographs), child)
+    job = app.making.job = MakeJob(plan_of(photographs), child)
     job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
     job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
     with Image.open(photographs / "test" / "r_0.png") as opened:

@@ -13,7 +13,7 @@ from scenepack.pack import Pack
 from tests.scenepack.random_packs import random_pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from tests.viewer.rendering.shapes import BALL, FLOOR, SKY
-from viewer.app.first_view import view_from_within
+from viewer.app.orbit_camera import view_from_within
 from viewer.app.projection import project, ray_through
 from viewer.app.surface import surface_at
 from viewer.rendering.camera import ViewCamera, content_box

@@ -125,7 +125,7 @@ def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_tr
     press(opened, xdotool, "Make it")
     assert app.making.plan is None
     live(window, lambda: app.making.review is not None)
-    assert "--poses-only" in real[0] and app.making.points_shown(app)
+    assert "--poses-only" in real[0] and app.making.sparse_preview_shown(app)
     live(window, lambda: len(app.gallery.thumbnails.boxes) == 10)  # the photographs in their frusta
     assert drawn_pixels(window.screenshot(), app) > 500
     box = app.viewport
@@ -161,4 +161,4 @@ def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_tr
     words = real[-1]
     top_of_box = float(words[words.index("--aabb") + 1].split(",")[-1])
     assert abs(top_of_box - app.making.job.plan.aabb[5]) < 1e-3 and app.settings.crop is None
-    assert app.making.points_shown(app)  # while the field trains
+    assert app.making.sparse_preview_shown(app)  # while the field trains

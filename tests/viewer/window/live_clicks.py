@@ -125,8 +125,8 @@ class Hand:
         else:
             if canvas.renderer is None or canvas.renderer.pack is not self.scenes.pack:
                 canvas.show(self.scenes.pack)
-            app.show(self.scenes.pack, self.scenes.path)  # without a stage, for the card has it
-        app.stage = canvas
+            app.show(self.scenes.pack, self.scenes.path)  # without a canvas, for the card has it
+        app.canvas = canvas
         self.frames(2)  # the usual layout is there before a page is moved out of it
         PLACES[place](app, self.scenes)
         self.settle()

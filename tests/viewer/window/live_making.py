@@ -56,21 +56,21 @@ def test_a_click_on_the_ground_sets_up(opened, window, xdotool, tmp_path):
     from viewer.app.ground import normal_at
 
     app, folder = window.app, write_colmap(tmp_path / "scene", around(), tilted_ground())
-    app.making.look = look_at(folder)
-    review = app.making.review = Review(Plan("scene", folder, tmp_path / "out"), app.making.look)
+    app.making.sparse_preview = look_at(folder)
+    review = app.making.review = Review(Plan("scene", folder, tmp_path / "out"), app.making.sparse_preview)
     app.making.show_points(app)
     pump(window)
 
     def leaning() -> float:
         """Degrees between the ground and what is level."""
-        places = app.making.look.points.places
-        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.look.eyes())
+        places = app.making.sparse_preview.points.places
+        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.sparse_preview.eyes())
         return float(np.degrees(np.arccos(min(normal[2], 1.0))))
 
     def click_on_ground() -> None:
         """Clicks on a point of the ground that no card covers."""
         scale, box = app.viewport.pixels_per_unit, app.viewport
-        pixels, before = project(app.camera(), app.making.look.places_in_grid())
+        pixels, before = project(app.camera(), app.making.sparse_preview.places_in_grid())
         seen = pixels[before] / scale
         free = seen[
             (seen[:, 0] > 0.55 * box.width) & (seen[:, 0] < box.width - 60) & (abs(seen[:, 1] - 0.5 * box.height) < 150)
@@ -87,7 +87,7 @@ def test_a_click_on_the_ground_sets_up(opened, window, xdotool, tmp_path):
     assert review.picking and review.seconds_left is None
     click_on_ground()
     live(window, lambda: app.making.review is not None and app.making.review is not review)
-    assert leaning() < 3 and app.making.points_shown(app) and app.making.review.plan.up is not None
+    assert leaning() < 3 and app.making.sparse_preview_shown(app) and app.making.review.plan.up is not None
     press(opened, xdotool, "As it was")
     live(window, lambda: app.making.review is not None and app.making.review.plan.up is None)
     assert leaning() > 15
@@ -107,14 +107,14 @@ def test_what_is_trained_so_far_is_flown_through_while_it_is_exchanged(opened, w
     app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
     app.making.start(app)
     write(1200, 1.0)
-    live(window, lambda: app.scene is not None and not app.stage.pending)
+    live(window, lambda: app.scene is not None and not app.canvas.pending)
     assert "preview after 1,200 steps" in window._title
     first = window.screenshot()
     start = app.scene.rig.goal
     drag(window, xdotool, 120, 20)
     chosen = app.scene.rig.goal
     assert chosen != start
-    live(window, lambda: app.scene.rig.shown == chosen and not app.stage.pending)
+    live(window, lambda: app.scene.rig.shown == chosen and not app.canvas.pending)
     before = window.screenshot()
     assert (before != first).any()
     blank = []
@@ -125,7 +125,7 @@ def test_what_is_trained_so_far_is_flown_through_while_it_is_exchanged(opened, w
         box = app.viewport
         part = shown[round(box.y) : round(box.y + 0.5 * box.height), round(box.x) : round(box.x + box.width)]
         blank.append((part.min(axis=-1) < 200).mean())
-        return app.making.so_far.steps == 2400 and not app.stage.pending
+        return app.making.training_preview.steps == 2400 and not app.canvas.pending
 
     live(window, exchanged)
     assert min(blank) > 0.5 * blank[0] > 0, "something is to be seen all the time"

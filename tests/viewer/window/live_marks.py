@@ -36,30 +36,30 @@ def place_of(window: Window, point: tuple[float, float, float]) -> tuple[int, in
 def test_m_measures_between_clicks_and_the_result_is_on_the_clipboard(window, xdotool):
     app = window.app
     xdotool("mousemove", *place_of(window, (0.0, -0.25, 0.0)), "key", "m")
-    wait(window, lambda: app.measuring.tool == "line" and app.interface.page == "measure")
+    wait(window, lambda: app.measure_tool.tool == "line" and app.interface.page == "measure")
     app.scene.rig.frame()
     app.scene.rig.shown = app.scene.rig.goal
-    wait(window, lambda: app.measuring.cursor is not None)  # the ball
+    wait(window, lambda: app.measure_tool.cursor is not None)  # the ball
     for i, point in enumerate(((-0.15, -0.25, 0.0), (0.2, -0.1, 0.0), (0.0, -0.45, 0.0)), 1):
         xdotool("mousemove", *place_of(window, point), "click", 1)
-        wait(window, lambda i=i: len(app.measuring.draft) == i)
+        wait(window, lambda i=i: len(app.measure_tool.draft) == i)
     xdotool("key", "BackSpace")
-    wait(window, lambda: len(app.measuring.draft) == 2)
+    wait(window, lambda: len(app.measure_tool.draft) == 2)
     xdotool("key", "Return")
-    wait(window, lambda: len(app.marking.marks.measurements) == 1)
+    wait(window, lambda: len(app.annotations.current.measurements) == 1)
     xdotool("key", "ctrl+shift+c")
     wait(window, lambda: app.clipboard.get().startswith("line 1: 0."))
-    before = app.marking.marks.measurements[0].points[0]
+    before = app.annotations.current.measurements[0].points[0]
     goal = app.scene.rig.goal
     xdotool("mousemove", *place_of(window, before), "mousedown", 1)
     pump(window)
     xdotool("mousemove_relative", 0, 25)
     pump(window)
     xdotool("mouseup", 1)
-    wait(window, lambda: app.marking.marks.measurements[0].points[0] != before)
+    wait(window, lambda: app.annotations.current.measurements[0].points[0] != before)
     assert app.scene.rig.goal == goal
     xdotool("key", "Escape", "key", "ctrl+z")
-    wait(window, lambda: not app.measuring.tool and app.marking.marks.measurements[0].points[0] == before)
+    wait(window, lambda: not app.measure_tool.tool and app.annotations.current.measurements[0].points[0] == before)
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
@@ -82,30 +82,30 @@ def test_a_scale_is_typed_after_two_clicks(window, xdotool):
     app = window.app
     app.interface.page = "measure"
     press(window, xdotool, "Set by two points")
-    wait(window, lambda: app.measuring.tool == "scale")
+    wait(window, lambda: app.measure_tool.tool == "scale")
     for i, point in enumerate(((-0.15, -0.25, 0.0), (0.2, -0.1, 0.0)), 1):
         xdotool("mousemove", *place_of(window, point), "click", 1)
-        wait(window, lambda i=i: len(app.measuring.draft) == i)
+        wait(window, lambda i=i: len(app.measure_tool.draft) == i)
     press(window, xdotool, "##known")
     pump(window)
     xdotool("key", "ctrl+a", "type", "2.5")
     pump(window)
     xdotool("key", "Return")
-    wait(window, lambda: app.marking.marks.scale.unit == "m")
+    wait(window, lambda: app.annotations.current.scale.unit == "m")
     between = np.linalg.norm(np.subtract((-0.15, -0.25), (0.2, -0.1)))
-    assert 2.0 < app.marking.marks.scale.factor * between < 3.0
+    assert 2.0 < app.annotations.current.scale.factor * between < 3.0
 
 
 def test_views_are_bookmarked_named_stepped_through_and_filmed(window, xdotool):
     app = window.app
     xdotool("mousemove", 200, 300, "key", "ctrl+d")
-    wait(window, lambda: len(app.marking.marks.bookmarks) == 1)
+    wait(window, lambda: len(app.annotations.current.bookmarks) == 1)
     first = app.scene.rig.goal
     xdotool("key", "2")
     wait(window, lambda: app.scene.rig.goal != first and app.scene.rig.shown == app.scene.rig.goal)
     second = app.scene.rig.goal
     xdotool("key", "ctrl+d")
-    wait(window, lambda: len(app.marking.marks.bookmarks) == 2)
+    wait(window, lambda: len(app.annotations.current.bookmarks) == 2)
     xdotool("key", "Next")  # page down
     wait(
         window,
@@ -122,15 +122,15 @@ def test_views_are_bookmarked_named_stepped_through_and_filmed(window, xdotool):
     xdotool("key", "ctrl+a", "type", "--delay", 20, "The post")
     pump(window)
     xdotool("key", "Return")
-    wait(window, lambda: app.marking.marks.bookmarks[1].name == "The post")
+    wait(window, lambda: app.annotations.current.bookmarks[1].name == "The post")
     press(window, xdotool, "##bookmark0")
     wait(window, lambda: app.bookmarks.selected == 0)
     press(window, xdotool, "##down")
-    wait(window, lambda: app.marking.marks.bookmarks[0].name == "The post")
+    wait(window, lambda: app.annotations.current.bookmarks[0].name == "The post")
     press(window, xdotool, "Film through the bookmarks")
     wait(window, lambda: len(app.filming.path.keyframes) == 2 and app.interface.page == "film")
     xdotool("mousemove", 200, 300, "key", "ctrl+z")
-    wait(window, lambda: app.marking.marks.bookmarks[1].name == "The post")
+    wait(window, lambda: app.annotations.current.bookmarks[1].name == "The post")
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
@@ -149,16 +149,16 @@ def test_a_session_is_saved_and_opened_again(window, xdotool, tmp_path):
     xdotool("key", "Return")
     wait(window, file.exists)
     assert not app.messages.dialogs
-    again = type(app)(stage=window.canvas)
+    again = type(app)(canvas=window.canvas)
     again.clipboard, window.app = app.clipboard, again
     window.canvas.show(None)
     xdotool("mousemove", 200, 300, "key", "ctrl+o")
-    wait(window, lambda: again.choosing is not None)
+    wait(window, lambda: again.open_prompt is not None)
     pump(window)
     xdotool("type", "--delay", 20, str(file))
     pump(window)
     xdotool("key", "Return")
     wait(window, lambda: again.scene is not None and again.scene.whole and again.loading is None)
     assert np.allclose(again.scene.rig.matrix, seen, atol=1e-6)
-    assert [view.name for view in again.marking.marks.bookmarks] == ["View 1"]
+    assert [view.name for view in again.annotations.current.bookmarks] == ["View 1"]
     assert not again.messages.dialogs and window.ctx.error == "GL_NO_ERROR"

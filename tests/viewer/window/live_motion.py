@@ -63,7 +63,7 @@ def opened(display) -> Iterator[Window]:
 
 @pytest.fixture
 def window(opened, pack, pack_folder) -> Window:
-    app = opened.app = App(stage=opened.canvas)
+    app = opened.app = App(canvas=opened.canvas)
     app.resolution = Wavering()
     app.interface.page, app.interface.axes_shown = "", False
     glfw.set_window_size(opened.handle, *SIZE)

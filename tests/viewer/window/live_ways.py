@@ -88,13 +88,13 @@ def test_ctrl_tab_goes_through_the_open_packs_and_ctrl_w_closes_one(window, xdot
     app = window.app
     for name in ("one", "two"):
         app.show(toy_pack(view_mlp=False), tmp_path / name)
-    first = app.shelf.packs[0].scene.name
+    first = app.open_packs.packs[0].scene.name
     xdotool("key", "ctrl+Tab")
     wait_until(window, lambda: app.scene.name == first)
     xdotool("key", "ctrl+shift+Tab")
     wait_until(window, lambda: app.scene.name == "two")
     xdotool("key", "ctrl+w")
-    wait_until(window, lambda: app.scene.name == "one" and len(app.shelf.packs) == 1)
+    wait_until(window, lambda: app.scene.name == "one" and len(app.open_packs.packs) == 1)
     assert app.interface.panels_shown and window.ctx.error == "GL_NO_ERROR"
 
 
@@ -118,29 +118,29 @@ def test_open_takes_a_typed_path_a_line_below_it_and_a_recent_one(window, xdotoo
     (folder / "inner" / "deeper").mkdir(parents=True)
     shutil.copytree(pack_folder, folder / "inner" / "deeper" / "pack one")
     xdotool("key", "ctrl+o")
-    wait_until(window, lambda: app.choosing is not None and window.ui.typing)
+    wait_until(window, lambda: app.open_prompt is not None and window.ui.typing)
     xdotool("type", "--delay", 5, f"{folder}/inn")
-    wait_until(window, lambda: app.choosing.text.endswith("inn"))
+    wait_until(window, lambda: app.open_prompt.text.endswith("inn"))
     xdotool("key", "Down")
-    wait_until(window, lambda: app.choosing.picked == 0)
+    wait_until(window, lambda: app.open_prompt.picked == 0)
     xdotool("key", "Return")
-    wait_until(window, lambda: app.choosing.text.endswith("inner/") and window.ui.typing)
+    wait_until(window, lambda: app.open_prompt.text.endswith("inner/") and window.ui.typing)
     pump(window, 0.2)  # the frames in which the field is entered anew
     xdotool("type", "--delay", 5, "deeper/pa")
-    wait_until(window, lambda: app.choosing.text.endswith("deeper/pa"))
+    wait_until(window, lambda: app.open_prompt.text.endswith("deeper/pa"))
     xdotool("key", "Down")
-    wait_until(window, lambda: app.choosing.picked == 0)
+    wait_until(window, lambda: app.open_prompt.picked == 0)
     xdotool("key", "Return")
-    wait_until(window, lambda: app.scene.name == "pack one" and app.choosing is None)
+    wait_until(window, lambda: app.scene.name == "pack one" and app.open_prompt is None)
     app.close()
     xdotool("key", "ctrl+o")
-    wait_until(window, lambda: app.choosing is not None and window.ui.typing)
+    wait_until(window, lambda: app.open_prompt is not None and window.ui.typing)
     xdotool("type", "--delay", 5, "one")
-    wait_until(window, lambda: app.choosing.text == "one")
+    wait_until(window, lambda: app.open_prompt.text == "one")
     xdotool("key", "Return")
     wait_until(window, lambda: app.scene is not None and app.scene.name == "pack one")
     xdotool("key", "ctrl+o")
-    wait_until(window, lambda: app.choosing is not None)
+    wait_until(window, lambda: app.open_prompt is not None)
     xdotool("key", "Escape")
-    wait_until(window, lambda: app.choosing is None)
+    wait_until(window, lambda: app.open_prompt is None)
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"

@@ -24,9 +24,8 @@ from viewer.app import loading
 from viewer.app.application import App
 from viewer.app.make_plan import Plan
 from viewer.panels.ui import Ui
-from viewer.rendering import gpu_scene
+from viewer.rendering import texture_preallocation
 from viewer.rendering.settings import RenderSettings
-from viewer.window import rooms
 from viewer.window.window import Window
 
 SIZE = (900, 600)
@@ -47,7 +46,7 @@ def opened(display):
 @pytest.fixture
 def window(opened, pack, pack_folder):
     """The window as it was, with a new app in it and the toy open."""
-    app = App(stage=opened.canvas)
+    app = App(canvas=opened.canvas)
     app.clipboard, opened.app = opened.app.clipboard, app
     glfw.set_window_size(opened.handle, *SIZE)
     app.show(pack, pack_folder)
@@ -166,9 +165,9 @@ def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_p
 
 
 def test_room_is_made_beside_the_window_while_a_pack_is_read(window, tmp_path, monkeypatch):
-    monkeypatch.setattr(gpu_scene, "WORTH_A_THREAD", 0)
-    made, make = [], rooms.make_room
-    monkeypatch.setattr(rooms, "make_room", lambda *words: made.append(make(*words)) or made[-1])
+    monkeypatch.setattr(texture_preallocation, "WORTH_A_THREAD", 0)
+    made, make = [], texture_preallocation.preallocate
+    monkeypatch.setattr(texture_preallocation, "preallocate", lambda *words: made.append(make(*words)) or made[-1])
     reads, whole = threading.Event(), loading.load_pack
 
     def once_there_is_room(path, *, on_begin, **options):

@@ -71,7 +71,7 @@ def opened_window(display: str, size: tuple[int, int]) -> Iterator[tuple[Window,
 def at_start_page(window: Window) -> Iterator[Window]:
     """The window with a new app, at its start page; what is being made ends with it."""
     window.canvas.show(None)
-    app = App(stage=window.canvas)
+    app = App(canvas=window.canvas)
     app.clipboard, window.app = window.app.clipboard, app
     window.draw_frames(3)
     yield window

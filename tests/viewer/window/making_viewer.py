@@ -11,14 +11,14 @@ FAKE = Path(__file__).parents[1] / "app" / "fake_make.py"
 
 def main(folder: Path) -> int:
     Plan.command = lambda plan: [sys.executable, str(FAKE), "wait", str(folder)]
-    start = view.take_over
+    start = view.apply_preferences
 
     def use(app, preferences) -> None:
         start(app, preferences)
         app.making.plan = Plan("scene", folder / "photographs", folder)
         app.making.start(app)
 
-    view.take_over = use
+    view.apply_preferences = use
     return view.main([])
 
 

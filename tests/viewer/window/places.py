@@ -13,16 +13,16 @@ import numpy as np
 from console.driven import Report
 from training.scenes.colmap import SparsePoints
 from viewer.app import crop
+from viewer.app.annotations import Annotations, Bookmark, Measurement, Scale
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.exporting import Writing
 from viewer.app.files import FileRequest
-from viewer.app.first_look import Look
-from viewer.app.job import Job
+from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan
-from viewer.app.marks import Bookmark, Marks, Measurement, Scale
 from viewer.app.review import Review
 from viewer.app.session import Seen, Session
+from viewer.app.sparse_preview import SparsePreview
 from viewer.panels.layout import PAGES
 
 
@@ -80,7 +80,7 @@ def _export(app: App, scenes: Scenes) -> None:
 
 
 def _job(app: App, scenes: Scenes) -> None:
-    job = app.making.job = Job(scenes.plan, child())  # type: ignore[arg-type]
+    job = app.making.job = MakeJob(scenes.plan, child())  # type: ignore[arg-type]
     job.report, job.figures = job.child.report(), [20.0, 22.0, 23.0]
     job.picture = np.full((64, 128, 3), 99, np.uint8)
 
@@ -91,8 +91,8 @@ def _review(app: App, scenes: Scenes) -> None:
     boxes = {"subject": np.array([low, high]), "room": np.array([low, high])}
     scene = SimpleNamespace(splits={"train": range(4)}, aabb=boxes["subject"])
     points = SparsePoints(np.zeros((99, 3)), np.zeros((99, 3), np.uint8), np.ones(99))
-    app.making.look = Look(pack, scene, points, "forward", boxes)  # type: ignore[arg-type]
-    app.making.review = Review(scenes.plan, app.making.look)
+    app.making.sparse_preview = SparsePreview(pack, scene, points, "forward", boxes)  # type: ignore[arg-type]
+    app.making.review = Review(scenes.plan, app.making.sparse_preview)
     app.making.review.hold()
     app.making.choose_kind(app, "room")
 
@@ -109,9 +109,9 @@ def _plan(subject: str, **changes: object) -> Prepare:
 
 
 def _compare(app: App, scenes: Scenes) -> None:
-    stage, app.stage = app.stage, None if app.stage.other is not None else app.stage
+    canvas, app.canvas = app.canvas, None if app.canvas.other is not None else app.canvas
     app.compare_with(scenes.other, scenes.path)
-    app.stage, app.comparison.how = stage, "difference"
+    app.canvas, app.comparison.how = canvas, "difference"
 
 
 def _stand_in(app: App, scenes: Scenes) -> None:
@@ -130,12 +130,12 @@ def _crop(app: App, scenes: Scenes) -> None:
 def _measured(app: App, scenes: Scenes) -> None:
     points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
     measurements = tuple(Measurement(kind, points[:count]) for kind, count in (("line", 3), ("angle", 3), ("point", 1)))
-    app.marking.marks = Marks(Scale(2.0, "m"), measurements)
-    app.measuring.selected = 0
+    app.annotations.current = Annotations(Scale(2.0, "m"), measurements)
+    app.measure_tool.selected = 0
 
 
 def _scaling(app: App, scenes: Scenes) -> None:
-    app.measuring.tool, app.measuring.draft = "scale", ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0))
+    app.measure_tool.tool, app.measure_tool.draft = "scale", ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0))
 
 
 def _bookmarked(app: App, scenes: Scenes) -> None:

@@ -1,0 +1,192 @@
+"""Decoder sandbox: decodes pieces in subprocesses and kills those that need more time or memory than a piece explains.
+
+Films and pictures can make a decoder do far more work than their size suggests: hidden frames, samples that share bytes, repeated
+scans. No check before decoding finds all of that, and a thread cannot be stopped inside a library. A subprocess can: the caller
+gets an error and goes on. scenepack.decoding_process is the code of the subprocess.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from scenepack.codecs.base import CodecError, Shape
+
+PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # time limit of a decoder: PATIENCE_S + decoded bytes / BYTES_PER_S
+SPARE_BYTES, TIMES_DECODED = 1 << 30, 12  # memory limit: SPARE_BYTES + TIMES_DECODED · decoded bytes
+START_S = 120.0  # time limit of the start, on a busy machine
+IDLE_S = 10.0  # idle processes end after this time
+# One thread and few arenas each, for what is reserved counts as taken.
+LONGEST_LINE = 1 << 16
+PROGRAM = "from scenepack.decoding_process import serve; serve()"
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
+
+Decoded = tuple[np.ndarray, np.ndarray | None]
+_idle: list[_Process] = []
+_ending: threading.Timer | None = None
+_lock = threading.Lock()
+
+
+class Decoders:
+    """Decodes pieces, from several threads at once, until stop(), which must be called."""
+
+    def __init__(self) -> None:
+        self._busy: set[_Process] = set()
+        self._stopped = False
+
+    def decode(
+        self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
+    ) -> Decoded:
+        """Result of `decode` of the codec of that name.
+
+        CodecError also if it takes too long or too much memory, crashes, or is stopped.
+        """
+        if self._stopped:
+            raise CodecError("decoding was stopped")
+        process = _taken() or _Process()
+        with _lock:
+            self._busy.add(process)
+        try:
+            if self._stopped:  # meanwhile
+                raise CodecError("decoding was stopped")
+            answer = process.ask(codec, files, names, shape, features)
+        except BaseException:
+            process.end()
+            raise
+        finally:
+            with _lock:
+                self._busy.discard(process)
+        with _lock:
+            _idle.append(process)
+        return answer
+
+    def stop(self) -> None:
+        """Kills running decoders; their callers get a CodecError."""
+        with _lock:
+            self._stopped = True
+            busy = list(self._busy)
+        for process in busy:
+            process.end()
+        _end_idle_later()
+
+
+def _taken() -> _Process | None:
+    """An idle process, if there is one."""
+    while True:
+        with _lock:
+            process = _idle.pop() if _idle else None
+        if process is None or process.lives:
+            return process
+        process.end()
+
+
+def _end_idle_later() -> None:
+    global _ending
+    with _lock:
+        if _ending is not None:
+            _ending.cancel()
+        _ending = threading.Timer(IDLE_S, _end_idle)
+        _ending.daemon = True
+        _ending.start()
+
+
+def _end_idle() -> None:
+    while (process := _taken()) is not None:
+        process.end()
+
+
+class _Process:
+    """The caller's side of one subprocess."""
+
+    def __init__(self) -> None:
+        # The same modules from the same places, whatever lies in the current folder.
+        code = f"import sys; sys.path[:] = {sys.path!r}; {PROGRAM}"
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **ENVIRONMENT},
+            start_new_session=True,  # Ctrl-C is for those who ask
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        )
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._in, self._out = self._process.stdin, self._process.stdout
+        self._late = False
+
+    @property
+    def lives(self) -> bool:
+        return self._process.poll() is None
+
+    def ask(
+        self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
+    ) -> Decoded:
+        """The decoded piece. CodecError if decoding fails or the process ends."""
+        decoded = 4 * int(np.prod(shape)) * (2 if features else 1)
+        patience = PATIENCE_S + decoded / BYTES_PER_S
+        question = {"codec": codec, "names": names, "sizes": [len(files[name]) for name in names], "shape": shape,
+                    "features": features, "memory": SPARE_BYTES + TIMES_DECODED * decoded}  # fmt: skip
+        try:
+            with self._ended_after(START_S):
+                self._in.write(json.dumps(question).encode() + b"\n")
+                for name in names:
+                    self._in.write(files[name])
+                self._in.flush()
+                self._line()  # it has begun
+            with self._ended_after(patience):
+                answer = self._line()
+                if "error" in answer:
+                    told = CodecError(str(answer["error"]))
+                    told.file = answer.get("file") if answer.get("file") in names else None
+                    raise told
+                parts = [self._part(shape) for _ in range(2 if features else 1)]
+        except (OSError, EOFError, ValueError) as error:
+            what = f"did not come to an end within {patience:.0f} s" if self._late else "crashed"
+            raise CodecError(f"its decoder {what}") from error
+        return parts[0], parts[1] if features else None
+
+    def end(self) -> None:
+        """Kills the process. Safe from any thread, any number of times."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._in, self._out):  # whoever reads from it in another thread has met its end, or does now
+            with contextlib.suppress(OSError, ValueError):
+                pipe.close()
+
+    @contextlib.contextmanager
+    def _ended_after(self, seconds: float) -> Iterator[None]:
+        def late() -> None:
+            self._late = True
+            self._process.kill()
+
+        timer = threading.Timer(seconds, late)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+    def _line(self) -> dict[str, Any]:
+        line = self._out.readline(LONGEST_LINE)
+        if not line:
+            raise EOFError
+        return dict(json.loads(line))
+
+    def _part(self, shape: Shape) -> np.ndarray:
+        part = np.empty((*shape, 4), np.uint8)
+        view = part.reshape(-1).data
+        while view:
+            count = self._out.readinto(view)  # type: ignore[attr-defined]  (a BufferedReader)
+            if not count:
+                raise EOFError
+            view = view[count:]
+        return part

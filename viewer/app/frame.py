@@ -1,0 +1,99 @@
+"""Draws one frame's picture, for the window and the offscreen UI: the scene, the comparison, and their figures.
+
+viewer.panels.viewport calls it while it builds the panels, so that the picture, the comparison and the overlays show one camera
+and this frame's layout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from console import UserError
+from viewer.app.application import App
+from viewer.app.canvas_interface import CanvasInterface, Drawn, Layer, Picture
+from viewer.rendering.settings import RenderSettings
+
+PHOTOGRAPH = "photograph"
+
+
+def draw_frame(app: App, canvas: CanvasInterface) -> None:
+    """Draws as much as one frame has time for and sets canvas.drawn. A failure opens a dialog."""
+    canvas.drawn = None
+    try:
+        canvas.drawn = _draw(app, canvas)
+    except UserError as error:  # e.g. no room for a picture of this size
+        app.messages.fail("The picture cannot be drawn", error)
+        app.settings = RenderSettings()
+        app.comparison.stop()
+        canvas.forget()
+        app.touch()
+
+
+def _draw(app: App, canvas: CanvasInterface) -> Drawn | None:
+    settings = app.settings
+    if (
+        app.comparison.against == "photograph" and settings.backdrop is not None
+    ):  # a photograph has the plain background
+        settings = replace(settings, backdrop=None)
+    comparison, scene = app.comparison, (app.viewport.camera, settings, app.resolution)
+    before = unfinished(app, canvas)
+    shown: list[Picture] = [canvas]
+    if comparison.against == "pack" and canvas.other is not None:
+        shown.append(canvas.other)
+    drew = [each for each in shown if each.follow(*scene)]
+    if drew:  # two pictures that are compared are of one sharpness
+        drew += [each for each in shown if each not in drew and each.follow(*scene, anew=True)]
+    for each in shown:
+        if not drew and each.sharpen(*scene):  # one tile a frame
+            drew = [each]
+    pair = _compared(app, canvas)
+    if comparison.how == "difference" and pair is not None:
+        settled = before and not unfinished(app, canvas)  # without drawing: the last tile has appeared
+        if drew or settled or canvas.difference is None or app.frames_owed:
+            canvas.subtract(*pair, app.viewport.pixels, comparison.gain)
+    else:
+        canvas.difference = None
+    if not drew:
+        if not unfinished(app, canvas):
+            comparison.measure(app)
+            app.costs.measure(app)
+        return None
+    gpu = [each.gpu_ms for each in drew if each.gpu_ms is not None]
+    return Drawn(sum(each.scene_ms for each in drew), sum(gpu) if gpu else None)
+
+
+def _compared(app: App, canvas: CanvasInterface) -> tuple[Layer, Layer] | None:
+    """The picture and what it is compared with. Of two packs, quick pictures are compared until both full ones are done."""
+    other = other_layers(app, canvas)
+    if not other or not canvas.layers:
+        return None
+    if app.comparison.against == "pack" and canvas.other is not None and unfinished(app, canvas):
+        return (canvas.quick, canvas.other.quick) if canvas.quick and canvas.other.quick else None
+    return canvas.layers[0], other[0]
+
+
+def other_layers(app: App, canvas: CanvasInterface) -> list[Layer]:
+    """Layers of what the picture is compared with; empty without a comparison."""
+    comparison = app.comparison
+    if comparison.against == "pack" and canvas.other is not None:
+        return canvas.other.layers
+    if comparison.against == "photograph" and comparison.pixels is not None:
+        texture = canvas.image(PHOTOGRAPH, comparison.pixels)
+        return [Layer(texture, (0.0, 0.0), (1.0, 1.0), comparison.box(app))]
+    canvas.drop_image(PHOTOGRAPH)
+    return []
+
+
+def unfinished(app: App, canvas: CanvasInterface) -> bool:
+    """Whether the picture, or the one compared with, is not yet at full resolution."""
+    comparing = app.comparison.against == "pack" and canvas.other is not None
+    return canvas.pending or (comparing and canvas.other is not None and canvas.other.pending)
+
+
+def is_waiting(app: App) -> bool:
+    """Whether a thread works on something that will be shown."""
+    thumbnails = app.gallery.thumbnails
+    asked_about = app.making.plan is not None and app.making.busy
+    preview = app.exporting.preview
+    coming = (thumbnails is not None and thumbnails.coming) or (preview is not None and preview.working)
+    return app.loading is not None or asked_about or coming

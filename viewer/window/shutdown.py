@@ -1,0 +1,80 @@
+"""Shutdown without the window: SIGTERM, SIGHUP, Ctrl-C in the terminal, and a lost display.
+
+They end the program like Quit: preferences are saved, and a running job is asked to save. No question is shown, because nobody
+may be there to answer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import FrameType
+
+SIGNALED = 128  # exit status of a program that a signal ended: 128 + its number, as shells say it
+HUNG_UP = SIGNALED + 1  # SIGHUP's
+ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT", "SIGBREAK") if hasattr(signal, name)]
+_kept: list[object] = []  # keeps handlers for C code from garbage collection
+
+
+@dataclass
+class EndingSignal:
+    """signal: the number of the signal that ended the program; None before."""
+
+    signal: int | None = None
+
+    @property
+    def status(self) -> int:
+        """The exit status for this signal; 0 without one."""
+        return SIGNALED + self.signal if self.signal is not None else 0
+
+
+@contextlib.contextmanager
+def signals_ask(ask: Callable[[], None]) -> Iterator[EndingSignal]:
+    """Within the block, a signal that would end the program calls `ask`; a second one ends it at once."""
+    ended = EndingSignal()
+    before: dict[int, object] = {}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]  (as signal.signal gave it)
+
+    def came(number: int, _: FrameType | None) -> None:
+        ended.signal = number
+        restore()
+        ask()
+
+    for number in ENDING:
+        if signal.getsignal(number) not in (signal.SIG_IGN, None):  # as under nohup
+            before[number] = signal.signal(number, came)
+    try:
+        yield ended
+    finally:
+        restore()
+
+
+def on_lost_display(end: Callable[[], None]) -> None:
+    """When the connection to the X server breaks, calls `end` and ends the program; Xlib itself would end it at once.
+
+    `end` may not talk to the display.
+    """
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError:
+        return
+
+    def lost(_: object) -> int:
+        try:
+            end()
+            print("snerg-view: the connection to the display is lost; settings are saved", file=sys.stderr, flush=True)
+        finally:
+            os._exit(HUNG_UP)  # Xlib must not go on, and Python's own end would close the window, through Xlib
+
+    handler = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(lost)
+    _kept[:] = [handler]
+    x11.XSetIOErrorHandler.restype = ctypes.c_void_p
+    x11.XSetIOErrorHandler(handler)
