@@ -137,6 +137,8 @@ def snerg_make(
     trained = time.monotonic()
     if resolution is None:
         pixels = max(max(photo.camera.width, photo.camera.height) for photo in run.scene.splits["train"])
+        if run.dataset.facts.contraction is not None:  # half of the grid's side is the inner cube
+            pixels *= 2
         baking = dataclasses.replace(baking, resolution=PRESETS[preset].resolution_for(pixels))
     bake_to(run, baking, pack_path, codec, last=True)
     shown.remove()
