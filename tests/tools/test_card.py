@@ -70,7 +70,7 @@ def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(
         "step of paper": "skipped",
         "step of full, in parts": "skipped",
     }
-    assert parts["device"]["renderer"] and len(parts["golden pictures"]["pictures"]) == 18
+    assert parts["device"]["renderer"] and len(parts["golden pictures"]["pictures"]) == 21
     for name in ("shapes", "fern-pack"):
         facts = parts[f"pack {name}"]
         assert facts["exactness"]["holds"] and facts["exactness"]["views"] == 2

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 # from bottom to top: a module of multires/ may import those before it
-MULTIRES = ["config", "settings", "levels", "occupancy", "state", "field", "engine", "hull", "saving", "jax_engine", "engines",
+MULTIRES = ["config", "settings", "levels", "occupancy", "state", "field", "hull", "saving", "jax_engine", "engines",
             "method"]  # fmt: skip
 
 
