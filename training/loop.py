@@ -37,7 +37,7 @@ AGREE_EVERY = 10  # steps between asking the other processes whether one was tol
 
 
 class Watcher(Protocol):
-    """Sees a run while it trains, and leaves it as it is. The time that this takes does not count as training."""
+    """Reads a run during training and does not change it. Its time is not counted as training time."""
 
     def due(self, run: Run) -> bool: ...  # asked after each step: whether to look
 
@@ -55,7 +55,7 @@ def train(
 ) -> Run:
     """Trains into the folder `out` until config.steps, and returns the finished run.
 
-    options: how the photographs are read. resume: goes on from the newest checkpoint in `out`, whose photographs are read as
+    options: how the photographs are read. resume: continue from the newest checkpoint in `out`; its photographs are read as
     before; its description, where that was read already. watcher: asked after each step, in a single process. Ctrl-C saves a
     checkpoint and raises a KeyboardInterrupt that says how to go on. UserError for bad scenes, divergence, a full disk, and an
     `out` that exists already or that another process trains into.

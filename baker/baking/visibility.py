@@ -18,6 +18,7 @@ from baker.baking.grid import BakeGrid
 from baker.tuning.marcher import PART, TOGETHER, box_of, lines_in_grid
 from training.dataset import RayDataset
 from training.marching.rays import GridFrameRays
+from training.multires.fused.march import piece_from
 from training.multires.fused.workers import Workers
 
 RAYS = 1_000_000  # training rays marched; with 100 views of 200 × 200 every fourth
@@ -55,21 +56,15 @@ def best_transmittance(
 @njit(nogil=True, cache=True)
 def _raise_best(density, blocks, rays, length, low, high, best):
     """Raises best [cells] to the T of rays low … high - 1 at the cells that they meet. length [N]: world units per cell."""
-    origins, directions, begins = rays.origins, rays.directions, rays.begins
     depth, height, width = density.shape
     half, one = np.float32(0.5), np.float32(1.0)
     for ray in range(low, high):
-        piece, last, until, stop = -1, begins.shape[1] - 1, np.float32(-1.0), rays.end[ray]
-        ox, oy, oz, dx, dy, dz = until, until, until, until, until, until
         k, passed = np.int64(0), one
-        along = rays.start[ray] + half
+        stop, along = rays.end[ray], rays.start[ray] + half
+        piece, until, ox, oy, oz, dx, dy, dz = piece_from(rays, ray, 0, along)
         while along < stop and passed > np.float32(EARLY_TERMINATION):
-            while piece < 0 or along >= until:
-                piece += 1
-                until = stop if piece == last else min(begins[ray, piece + 1], stop)
-                if along < until:
-                    ox, oy, oz = origins[ray, piece, 0], origins[ray, piece, 1], origins[ray, piece, 2]
-                    dx, dy, dz = directions[ray, piece, 0], directions[ray, piece, 1], directions[ray, piece, 2]
+            if along >= until:
+                piece, until, ox, oy, oz, dx, dy, dz = piece_from(rays, ray, piece, along)
             gx, gy, gz = ox + along * dx, oy + along * dy, oz + along * dz
             x, y, z = np.int64(np.floor(gx)), np.int64(np.floor(gy)), np.int64(np.floor(gz))
             steps = np.int64(1)

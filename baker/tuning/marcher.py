@@ -25,6 +25,7 @@ from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.layout import GridBox
 from training.marching.rays import GridFrameRays, GridRays, to_grid
+from training.multires.fused.march import piece_from
 from training.multires.fused.workers import Workers
 
 OnShare = Callable[[float], None]
@@ -148,10 +149,7 @@ def list_samples(tables: Tables, rays, ray, k, room, found):
 
     Samples lie at start + 0.5 + k; the ray has no more where fewer than `room` are listed.
     """
-    origins, directions, begins = rays.origins, rays.directions, rays.begins
     start, stop = rays.start[ray], rays.end[ray]
-    piece, last, until = -1, begins.shape[1] - 1, np.float32(-1.0)
-    ox, oy, oz, dx, dy, dz = until, until, until, until, until, until
     slots, support, near = tables.slots, tables.support, tables.near
     most_x, most_y, most_z = tables.blocks[0] - 1, tables.blocks[1] - 1, tables.blocks[2] - 1
     size = np.int64(tables.size)
@@ -159,13 +157,10 @@ def list_samples(tables: Tables, rays, ray, k, room, found):
     half = np.float32(0.5)
     count = 0
     along = start + half + np.float32(k)
+    piece, until, ox, oy, oz, dx, dy, dz = piece_from(rays, ray, 0, along)
     while along < stop and count < room:
-        while piece < 0 or along >= until:
-            piece += 1
-            until = stop if piece == last else min(begins[ray, piece + 1], stop)
-            if along < until:
-                ox, oy, oz = origins[ray, piece, 0], origins[ray, piece, 1], origins[ray, piece, 2]
-                dx, dy, dz = directions[ray, piece, 0], directions[ray, piece, 1], directions[ray, piece, 2]
+        if along >= until:
+            piece, until, ox, oy, oz, dx, dy, dz = piece_from(rays, ray, piece, along)
         gx, gy, gz = ox + along * dx, oy + along * dy, oz + along * dz
         bx = min(max(np.int64(gx) // size, 0), most_x)
         by = min(max(np.int64(gy) // size, 0), most_y)

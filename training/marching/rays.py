@@ -39,13 +39,13 @@ class GridFrameRays(NamedTuple):
 class GridRays(NamedTuple):
     """Rays in grid coordinates, each of P straight pieces: one, unless the grid is contracted."""
 
-    origins: jax.Array  # [N, P, 3]: at distance s from where pieces begin on, a ray is at origins + s directions
+    origins: jax.Array  # [N, P, 3]: on a piece, the point at distance s along the ray is origins + s directions
     directions: jax.Array  # [N, P, 3], unit length
     begins: jax.Array  # [N, P] voxels: where a piece begins; infinite where there is none
     start: jax.Array  # [N] voxels
     end: jax.Array  # [N] voxels
-    scale: jax.Array  # [N] voxels per t; per unit of the ray's length in units of the inner cube, where contracted
-    length: jax.Array  # [N] world units per voxel along the ray, of contracted space
+    scale: jax.Array  # [N] voxels per t; in a contracted grid, voxels per half side of the inner cube
+    length: jax.Array  # [N] world units per voxel along the ray; in a contracted grid, units of contracted space
     path: Path | None = None
 
     def points(self, ray: jax.Array, s: jax.Array) -> jax.Array:

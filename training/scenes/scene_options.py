@@ -84,7 +84,7 @@ def box_line(scene: Scene, given: bool, contracted: bool = False) -> str | None:
     if contracted:
         return (
             f"unbounded: what lies within {scene.contraction:.4g} of the origin on every axis is trained finely, all else more "
-            f"coarsely the farther it is; for a box alone: {AABB} x0,y0,z0,x1,y1,z1"
+            f"coarsely the farther it is; to train only a box: {AABB} x0,y0,z0,x1,y1,z1"
         )
     eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
     distance = np.linalg.norm(eyes, axis=-1).mean()

@@ -46,6 +46,23 @@ def _leaving(origin, direction, cell, bits):
     return (np.float32(wall) - origin) / direction
 
 
+@njit(nogil=True, cache=True, inline="always")
+def piece_from(rays, ray, piece, t):
+    """The piece of a ray that holds t, found from `piece` on: its number, its end, origin (x, y, z) and direction (x, y, z).
+
+    rays: origins, directions, begins and end as in training.multires.fused.rays.Batch.
+    """
+    origins, directions, begins = rays.origins, rays.directions, rays.begins
+    last = begins.shape[1] - 1
+    while piece < last and begins[ray, piece + 1] <= t:
+        piece += 1
+    until = rays.end[ray] if piece == last else min(begins[ray, piece + 1], rays.end[ray])
+    return (
+        piece, until, origins[ray, piece, 0], origins[ray, piece, 1], origins[ray, piece, 2],
+        directions[ray, piece, 0], directions[ray, piece, 1], directions[ray, piece, 2],
+    )  # fmt: skip
+
+
 @njit(nogil=True, cache=True)
 def next_sample(grid, batch, ray, k, step):
     """(k of the next sample at or after k in an occupied cell, its t, its piece of the ray); k is -1 where there is none before
@@ -54,20 +71,10 @@ def next_sample(grid, batch, ray, k, step):
     coarse = side >> BLOCK_BITS
     start, stop, phase = batch.start[ray], batch.end[ray], batch.phase[ray]
     t = start + (phase + np.float32(k)) * step
-    piece, last = -1, batch.begins.shape[1] - 1
-    until, ox, oy, oz = np.float32(-1.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    dx, dy, dz = ox, oy, oz
+    piece, until, ox, oy, oz, dx, dy, dz = piece_from(batch, ray, 0, t)
     while t < stop:
-        while piece < 0 or t >= until:
-            piece += 1
-            until = stop if piece == last else min(batch.begins[ray, piece + 1], stop)
-            if t < until:
-                ox, oy, oz = batch.origins[ray, piece, 0], batch.origins[ray, piece, 1], batch.origins[ray, piece, 2]
-                dx, dy, dz = (
-                    batch.directions[ray, piece, 0],
-                    batch.directions[ray, piece, 1],
-                    batch.directions[ray, piece, 2],
-                )
+        if t >= until:
+            piece, until, ox, oy, oz, dx, dy, dz = piece_from(batch, ray, piece, t)
         x = min(max(np.int64(ox + t * dx), 0), side - 1)
         y = min(max(np.int64(oy + t * dy), 0), side - 1)
         z = min(max(np.int64(oz + t * dz), 0), side - 1)
