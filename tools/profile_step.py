@@ -158,7 +158,9 @@ def steps_in_parts(engine: Any, state: State, step: int, progress: float) -> Ite
     dataset, compiled = engine.dataset.in_average_look(state.gains), partial(jax.jit, static_argnames="constants")
     samples, target = compiled(jax_engine.draw)(cells, dataset, engine.key, np.int32(step), constants=constants)
     yield "draw", samples
-    gradient, metrics = compiled(jax_engine.loss_and_gradient)(state.values, maps, samples, target, constants=constants)
+    gradient, metrics = compiled(jax_engine.loss_and_gradient)(
+        state.values, maps, samples, target, engine.pairs(state, step), constants=constants
+    )
     yield "gradient", gradient
     rates = np.array(engine.settings.rates_at(state.updates, progress), np.float32)
     state.values, state.first, state.second = compiled(jax_engine.adam)(

@@ -57,6 +57,10 @@ class MultiresConfig:
     """Weight of the distortion loss of mip-NeRF 360, with distances relative to the cube; 0 for none."""
     sparsity_factor: float | None = None
     """Factor on the sparsity weight."""
+    density_smoothness: float | None = None
+    """Weight of the squared difference of density between neighbouring points, as ln(1 + optical depth of a cell); 0 for none."""
+    colour_smoothness: float | None = None
+    """The same of colours and features."""
     least_views: int | None = None
     """Where fewer training photographs look, nothing is."""
     ndc_depth: float = 4.0
@@ -75,6 +79,8 @@ class KindSettings:
     distortion_weight: float
     sparsity_factor: float
     least_views: int
+    density_smoothness: float = 0.0
+    colour_smoothness: float = 0.0
 
 
 BY_KIND: Mapping[Kind, KindSettings] = {

@@ -217,6 +217,18 @@ def distortion(samples: Samples, weights: jax.Array, step: jax.Array, count: int
     return jnp.where(samples.valid, pairs + jnp.square(weights) * step / 3.0, 0.0).sum()
 
 
+def roughness(
+    table: jax.Array, parameters: jax.Array, levels: tuple[Level, ...], maps: jax.Array, pairs: jax.Array
+) -> jax.Array:  # fmt: skip
+    """Means [2] over pairs of points [M, 2, 3] of the unit cube: the squared difference of ln(1 + optical depth of a cell of the
+    finest level), and those of colours and features, summed."""
+    x = encode(table, levels, maps, pairs.reshape(-1, 3))
+    density, values = activate(decode(parameters, x))
+    depth, values = jnp.log1p(density / levels[-1].resolution).reshape(-1, 2), values.reshape(-1, 2, OUTPUTS - 1)
+    of_depth, of_values = jnp.square(depth[:, 0] - depth[:, 1]), jnp.square(values[:, 0] - values[:, 1])
+    return jnp.stack([of_depth.mean(), of_values.sum(-1).mean()])
+
+
 class Target(NamedTuple):
     """What N rays should show. viewdirs, colours, background [N, 3]; step_lengths [N]: distance between a ray's samples, in sides
     of the cube; side []: world units of one."""
@@ -230,10 +242,10 @@ class Target(NamedTuple):
 
 def loss(
     table: jax.Array, parameters: jax.Array, levels: tuple[Level, ...], maps: jax.Array, samples: Samples, target: Target,
-    step_cells: jax.Array, sizes: MarchSizes, settings: Settings,
+    pairs: jax.Array, step_cells: jax.Array, sizes: MarchSizes, settings: Settings,
 ) -> tuple[jax.Array, dict[str, jax.Array]]:  # fmt: skip
     """The loss of a batch's samples, and its metrics: the mean, over rays that have samples, of squared error, distortion
-    and SNeRG's sparsity loss (section 4.3), the last over all that is in the way of a ray."""
+    and SNeRG's sparsity loss (section 4.3), the last over all that is in the way of a ray, and roughness of pairs of points."""
     count = target.colours.shape[0]
     x = encode(table, levels, maps, samples.g / settings.resolution)
     density, values = activate(decode(parameters, x))
@@ -252,5 +264,9 @@ def loss(
         "distortion": settings.distortion * spread,
         "sparsity": sparsity,
     }
+    total_loss = colour + settings.distortion * spread + sparsity
+    if settings.pairs:
+        metrics["smoothness"] = roughness(table, parameters, levels, maps, pairs) @ jnp.asarray(settings.smoothness)
+        total_loss += metrics["smoothness"]
     metrics |= {"rays": total, "samples": samples.valid.sum()}
-    return colour + settings.distortion * spread + sparsity, metrics
+    return total_loss, metrics

@@ -39,7 +39,7 @@ from training.multires.field import (
     static_levels,
 )
 from training.multires.levels import absent_rows, make_levels
-from training.multires.occupancy import is_on
+from training.multires.occupancy import is_on, neighbouring_points
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Plan, Settings
 from training.multires.state import State, Trainable
 
@@ -84,12 +84,14 @@ Optimised = tuple[Trainable, Trainable, Trainable]  # values, and Adam's first a
 
 
 def update(
-    optimised: Optimised, cells: Cells, maps: jax.Array, absent: jax.Array, dataset: RayDataset, key: jax.Array, step: jax.Array,
-    rates: jax.Array, *, constants: Constants,
+    optimised: Optimised, cells: Cells, maps: jax.Array, absent: jax.Array, pairs: jax.Array, dataset: RayDataset, key: jax.Array,
+    step: jax.Array, rates: jax.Array, *, constants: Constants,
 ) -> tuple[Optimised, dict[str, jax.Array]]:  # fmt: skip
-    """One step. rates [3]: Adam's, of table, decoder and view MLP. absent bool [E]: rows that never learn."""
+    """One step. rates [3]: Adam's, of table, decoder and view MLP. absent bool [E]: rows that never learn. pairs [M, 2, 3]: of
+    points that the smoothness loss compares."""
     samples, target = draw(cells, dataset, key, step, constants)
-    gradient, metrics = loss_and_gradient(optimised[0], maps, split(samples, dataset.mesh), target, constants)
+    samples, pairs = split((samples, pairs), dataset.mesh)
+    gradient, metrics = loss_and_gradient(optimised[0], maps, samples, target, pairs, constants)
     return adam(optimised, gradient, absent, rates, constants), metrics
 
 
@@ -118,14 +120,14 @@ def sampled(
 
 
 def loss_and_gradient(
-    values: Trainable, maps: jax.Array, samples: Samples, target: Target, constants: Constants
+    values: Trainable, maps: jax.Array, samples: Samples, target: Target, pairs: jax.Array, constants: Constants
 ) -> tuple[Trainable, dict[str, jax.Array]]:  # fmt: skip
     """The gradient of a batch's loss, and its metrics; jittable."""
 
     def loss_of(values: Trainable) -> tuple[jax.Array, dict[str, jax.Array]]:
         return loss(
-            *values, constants.levels, maps, samples, target, jnp.float32(constants.step_cells), constants.lists.sizes,
-            constants.settings,
+            *values, constants.levels, maps, samples, target, pairs, jnp.float32(constants.step_cells),
+            constants.lists.sizes, constants.settings,
         )  # fmt: skip
 
     (value, metrics), gradient = jax.value_and_grad(loss_of, has_aux=True)(values)
@@ -165,7 +167,8 @@ class JaxEngine:
     """See training.multires.engines.Engine."""
 
     def __init__(self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> None:
-        self.dataset, self.plan, self.settings, self.key = dataset, plan, settings, jax.random.key(seed)
+        self.dataset, self.plan, self.settings = dataset, plan, settings
+        self.seed, self.key = seed, jax.random.key(seed)
         self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
 
     def adopt(self, state: State) -> State:
@@ -181,12 +184,25 @@ class JaxEngine:
         dataset = self.dataset.in_average_look(state.gains)
         rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
         optimised, metrics = compiled_update(mesh)(
-            (state.values, state.first, state.second), *put_whole((cells, maps, absent), mesh), dataset, self.key,
-            np.int32(step), rates, constants=self._constants(state),
+            (state.values, state.first, state.second), *put_whole((cells, maps, absent, self.pairs(state, step)), mesh),
+            dataset, self.key, np.int32(step), rates, constants=self._constants(state),
         )  # fmt: skip
         state.values, state.first, state.second = optimised
         state.updates += 1
         return metrics
+
+    def pairs(self, state: State, step: int) -> jax.Array:
+        """The pairs of points of a step's smoothness loss; the same in every process."""
+        settings = self.settings
+        if not settings.pairs:
+            return jnp.zeros((0, 2, 3))
+        if "occupied" not in state.kept:
+            state.kept["occupied"] = np.flatnonzero(is_on(state.codes))
+        random = np.random.default_rng((self.seed, step, 3))
+        finest = self.plan.resolutions[-1]
+        return jnp.asarray(
+            neighbouring_points(state.kept["occupied"], settings.resolution, 1 / finest, settings.pairs, random)
+        )
 
     def _constants(self, state: State) -> Constants:
         return Constants(self._derived(state)[-1], self._lists(state), state.step_cells, self.settings)

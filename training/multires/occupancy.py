@@ -57,6 +57,18 @@ def visited(
     return flat.reshape(codes.shape)
 
 
+def neighbouring_points(
+    cells: np.ndarray, side: int, spacing: float, count: int, random: np.random.Generator
+) -> np.ndarray:  # fmt: skip
+    """Pairs [count, 2, 3] of points of the unit cube: a random one of the cells int [C] of side³, and one `spacing` further along
+    an axis."""
+    chosen = cells[random.integers(0, len(cells), count)]
+    corner = np.stack([chosen % side, chosen // side % side, chosen // side**2], -1)
+    pairs = np.repeat(((corner + random.random((count, 3))) / side).astype(np.float32)[:, None], 2, 1)
+    pairs[np.arange(count), 1, random.integers(0, 3, count)] += np.float32(spacing)
+    return np.minimum(pairs, np.float32(1 - 1e-6))
+
+
 def _picked(flat: np.ndarray, random: np.random.Generator, whole: bool) -> Iterator[np.ndarray]:
     """Cells int [N] to visit, in order, some at a time."""
     cells = np.flatnonzero(flat != NEVER)

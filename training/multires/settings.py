@@ -17,6 +17,7 @@ from training.multires.config import STEPS_ACROSS, MultiresConfig, settings_for
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
 COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
 SAMPLES, MOST_SAMPLES = 65_536, 262_144  # of a step
+SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 LARGEST_RAW = 12.0  # of density, before its exponential
 LEAST_LIGHT = 1e-3  # a ray ends where its transmittance falls below this
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
@@ -29,7 +30,8 @@ class Settings(NamedTuple):
 
     resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances
     in sides of the cube. sparsity: weight of the loss summed over lengths of rays in world units; sparsity_scale: its scale.
-    rates: of table, decoder, view MLP. octaves: of the view direction; has_view_mlp.
+    smoothness: weights of density, and of colours and features; pairs: of points that it compares in a step. rates: of table,
+    decoder, view MLP. octaves: of the view direction; has_view_mlp.
     """
 
     resolution: int
@@ -38,6 +40,8 @@ class Settings(NamedTuple):
     distortion: float
     sparsity: float
     sparsity_scale: float
+    smoothness: tuple[float, float]
+    pairs: int
     rates: tuple[float, float, float]
     final_rate_factor: float
     warmup_steps: int
@@ -148,6 +152,8 @@ def samples_for(pixels: int) -> int:
 def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
     """The constants of a run's steps."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
+    smoothness = by_kind.density_smoothness, by_kind.colour_smoothness
+    samples = own.samples_per_step or samples_for(longest_side(dataset))
     return Settings(
         resolution=by_kind.occupancy,
         background=dataset.background,
@@ -155,6 +161,8 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
         distortion=by_kind.distortion_weight,
         sparsity=config.sparsity_weight * by_kind.sparsity_factor * SPARSITY_SAMPLES / _ray_length(dataset),
         sparsity_scale=config.sparsity_scale,
+        smoothness=smoothness,
+        pairs=samples // SAMPLES_PER_PAIR if any(smoothness) else 0,
         rates=(own.table_rate, own.decoder_rate, own.view_rate),
         final_rate_factor=own.final_rate_factor,
         warmup_steps=own.warmup_steps,

@@ -32,7 +32,10 @@ pytest.importorskip("numba", reason="the fused engine needs Numba: pip install '
 from training.multires.fused.engine import FusedEngine
 from training.multires.fused.rays import Batch
 
-SMALL = MultiresConfig(resolutions=(16, 32, 128), occupancy=32, samples_per_step=4096, steps_across=(20, 64, 96))
+SMALL = MultiresConfig(
+    resolutions=(16, 32, 128), occupancy=32, samples_per_step=4096, steps_across=(20, 64, 96), density_smoothness=0.05,
+    colour_smoothness=0.1,
+)  # fmt: skip
 HASHED = dataclasses.replace(SMALL, resolutions=(16, 64, 256))
 CONFIG = TrainConfig(method="multires", engine="fused", steps=40, multires=SMALL)
 TRAINED = 12  # steps: enough for mist of all densities, and for rays that end
@@ -86,7 +89,7 @@ class Trained:
         target = Target(*(jnp.asarray(a) for a in (b.viewdirs, b.target, b.background, lengths, reference)))
         compiled = jax.jit(loss_and_gradient, static_argnames="constants")
         values = Trainable(*(jnp.asarray(a) for a in state.values))
-        gradient, metrics = compiled(values, maps, samples, target, constants=constants)
+        gradient, metrics = compiled(values, maps, samples, target, jnp.asarray(b.pairs), constants=constants)
         used = np.ones(gradient.parameters.shape, bool)  # by Adam: see training.multires.jax_engine.adam
         decoder = decoder_size(inputs_of(len(levels)))
         used[decoder : decoder + 34 * 16] = np.repeat(seen_inputs(self.method.settings.octaves), 16)
@@ -112,9 +115,9 @@ def test_losses_and_gradients_are_those_of_the_definition(trained: Trained) -> N
     _, expected, expected_gradient = trained.jax()
     assert metrics["rays"] == int(expected["rays"])
     assert loss == pytest.approx(float(expected["loss"]), rel=1e-4)
-    for name in ("mse", "distortion", "sparsity"):
+    for name in ("mse", "distortion", "sparsity", "smoothness"):
         assert metrics[name] == pytest.approx(float(expected[name]), rel=1e-3, abs=1e-9)
-    assert float(expected["distortion"]) > 0
+    assert float(expected["distortion"]) > 0 and float(expected["smoothness"]) > 0
     for ours, theirs in zip(gradient, expected_gradient, strict=True):
         theirs = np.asarray(theirs)
         np.testing.assert_allclose(ours, theirs, rtol=2e-2, atol=2e-3 * np.abs(theirs).max())

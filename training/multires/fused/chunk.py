@@ -21,7 +21,7 @@ from training.multires.fused.march import next_sample
 from training.multires.fused.network import SAMPLES as TOGETHER
 from training.multires.fused.network import activate, add_gradient, decode
 from training.multires.fused.vectors import FEATURES
-from training.multires.fused.view_mlp import DISTORTION, SAMPLES, SPARSITY, shade_chunk
+from training.multires.fused.view_mlp import DISTORTION, SAMPLES, SMOOTHNESS, SPARSITY, shade_chunk
 from training.multires.levels import Levels
 
 CHUNK = 128  # rays
@@ -45,7 +45,7 @@ class Numbers(NamedTuple):
     step: distance between samples, in cells. reference: world units of a side of the cube. distortion: weight by distances in
     cells. sparsity: weight by lengths in world units, and its scale. shaded_below: T at which the view MLP, if has_view_mlp,
     counts. octaves: of the direction that it sees. first_view: where its parameters begin; first_turned: in what the gradients'
-    products read.
+    products read. smoothness: weights of density and of colours and features; cell: side of the finest level's, of the cube.
     """
 
     step: float
@@ -60,6 +60,8 @@ class Numbers(NamedTuple):
     has_view_mlp: bool
     first_view: int
     first_turned: int
+    smoothness: tuple[float, float]
+    cell: float
 
 
 class Scratch(NamedTuple):
@@ -291,6 +293,13 @@ def train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, outp
     shade_chunk(low, listed, batch, field, numbers, scratch, shading, metrics, gradient)
     _pull_together(low, count, batch, numbers, scratch, metrics)
     _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics)
+    metrics[SAMPLES] = _leave_slopes(chunk, count, field, scratch, output, gradient)
+
+
+@njit(nogil=True, cache=True)
+def _leave_slopes(chunk, count, field, scratch, output, gradient):
+    """From scratch.slopes of `count` samples to gradients of the parameters and to slopes of features in `output`; how many
+    samples count."""
     base, place, table_room = chunk * (scratch.ray.size - BLOCK), 0, output.xs.size
     for first in range(0, count, TOGETHER):
         some = min(TOGETHER, count - first)
@@ -305,7 +314,39 @@ def train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, outp
                 for f in range(FEATURES):
                     output.slopes[at + f] = scratch.x_slopes[source + f]
             place += 1
-    output.counts[chunk], metrics[SAMPLES] = place, place
+    output.counts[chunk] = place
+    return place
+
+
+@njit(nogil=True, cache=True)
+def smooth_chunk(chunk, part, pairs, low, high, scale, field, numbers, scratch, output):
+    """The smoothness loss of pairs low … high - 1 of points [M, 2, 3], times scale: gradients into `output`."""
+    one, two, count = np.float32(1.0), np.float32(2.0), 2 * (high - low)
+    for n in range(count):
+        point = pairs[low + n // 2, n % 2]
+        scratch.ray[n], scratch.light[n] = 0, one
+        scratch.xs[n], scratch.ys[n], scratch.zs[n] = point[0], point[1], point[2]
+    end = _pad(scratch, count)
+    evaluate(field, numbers.largest_raw, scratch, 0, end)
+    scratch.slopes[: end * OUTPUTS] = np.float32(0.0)
+    of_density, of_colour = numbers.smoothness
+    total = 0.0
+    for n in range(0, count, 2):
+        a, b = scratch.density[n] * numbers.cell, scratch.density[n + 1] * numbers.cell
+        apart = np.log1p(a) - np.log1p(b)
+        total += np.float64(of_density) * apart * apart
+        slope = two * of_density * scale * apart
+        scratch.slopes[n * OUTPUTS] = slope * a / (one + a)
+        scratch.slopes[(n + 1) * OUTPUTS] = -slope * b / (one + b)
+        for c in range(1, OUTPUTS):
+            u, v = scratch.raw[n * OUTPUTS + c], scratch.raw[(n + 1) * OUTPUTS + c]
+            total += np.float64(of_colour) * (u - v) * (u - v)
+            slope = two * of_colour * scale * (u - v)
+            scratch.slopes[n * OUTPUTS + c] = slope * u * (one - u)
+            scratch.slopes[(n + 1) * OUTPUTS + c] = -slope * v * (one - v)
+    output.metrics[chunk, :] = 0.0
+    output.metrics[chunk, SMOOTHNESS] = total * scale
+    _leave_slopes(chunk, end, field, scratch, output, output.gradient[part])
 
 
 @njit(nogil=True, cache=True)

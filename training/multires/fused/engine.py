@@ -37,6 +37,7 @@ from training.multires.fused.chunk import (
     gather_chunk,
     make_scratch,
     query_points,
+    smooth_chunk,
     train_chunk,
 )
 from training.multires.fused.corners import BLOCK, scatter
@@ -50,6 +51,7 @@ from training.multires.fused.view_mlp import (
     RAYS,
     SAMPLES,
     SIZE,
+    SMOOTHNESS,
     SPARSITY,
     SQUARED,
     make_shading,
@@ -58,7 +60,7 @@ from training.multires.fused.view_mlp import packed as packed_view_mlp
 from training.multires.fused.view_mlp import turned as turned_view_mlp
 from training.multires.fused.workers import Workers
 from training.multires.levels import HASHED, ROWS_OF_BRICK, Levels, absent_rows, make_levels
-from training.multires.occupancy import is_on
+from training.multires.occupancy import is_on, neighbouring_points
 from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Plan, Settings
 from training.multires.state import State, Trainable
 
@@ -66,6 +68,7 @@ CHUNKS_TOGETHER = 4  # that a worker claims, and that share one sum of parameter
 POINTS_TOGETHER = 4096  # that are queried together
 RENDERED_TOGETHER = 16_384  # rays
 SPARE = 1.5, 8  # room of a chunk: times the mean of samples a ray, and so many more
+PAIRS_TOGETHER = CHUNK * SPARE[1] // 2  # of points: as many as the smallest chunk has room for
 
 
 class FusedEngine:
@@ -124,6 +127,11 @@ class FusedEngine:
             fill_batch(photographs, ids, box.origin, box.cell, box.dims, batch, low, high)
 
         self.workers.share(-(-rays // size), fill)
+        if self.settings.pairs:
+            cells, finest = self._derived(state)[2], self.plan.resolutions[-1]
+            batch = batch._replace(
+                pairs=neighbouring_points(cells, self.settings.resolution, 1 / finest, self.settings.pairs, random)
+            )
         return batch
 
     def differentiate(self, state: State, batch: Batch) -> Output:
@@ -131,10 +139,11 @@ class FusedEngine:
         chunks = -(-len(batch.start) // CHUNK)
         parts = -(-chunks // CHUNKS_TOGETHER)
         grid, numbers = self._derived(state)[0], self._numbers(state)
-        field = self._field(state)
+        field, pairs = self._field(state), batch.pairs
+        of_pairs = -(-len(pairs) // PAIRS_TOGETHER)  # chunks, and parts
         while True:
             room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
-            output = self._make_room(room, chunks, parts, len(field.levels.resolution))
+            output = self._make_room(room, chunks + of_pairs, parts + of_pairs, len(field.levels.resolution))
 
             def work(worker: int, part: int, output: Output = output) -> None:
                 for chunk in range(part * CHUNKS_TOGETHER, min((part + 1) * CHUNKS_TOGETHER, chunks)):
@@ -144,12 +153,24 @@ class FusedEngine:
 
             self.workers.share(parts, work)
             if output.counts.min() >= 0:
-                return output
+                break
             self._spare *= 1.5  # all is done again: what chunks leave does not depend on their room
+        scale = np.float32(
+            output.metrics[:, RAYS].sum() / max(len(pairs), 1)
+        )  # the mean over pairs, as others are over rays
+
+        def smooth(worker: int, part: int) -> None:
+            low, high = part * PAIRS_TOGETHER, min((part + 1) * PAIRS_TOGETHER, len(pairs))
+            smooth_chunk(
+                chunks + part, parts + part, pairs, low, high, scale, field, numbers, self.scratch[worker], output
+            )
+
+        self.workers.share(of_pairs, smooth)
+        return output
 
     def scatter(self, state: State, output: Output) -> tuple[np.ndarray, np.ndarray]:
         """The gradient [E, 4] of the table, summed over rays, and the marks of the blocks that it is not zero in."""
-        _, levels = self._derived(state)
+        levels = self._derived(state)[1]
         gradient, marks = self._accumulators(state)
         slabs = self.workers.count
         joined = [int(level) for level in np.argsort(-levels.rows, kind="stable") if levels.offset[level] >= 0]
@@ -222,11 +243,12 @@ class FusedEngine:
             room *= 2
         return gathered
 
-    def _derived(self, state: State) -> tuple[Grid, Levels]:
-        """What the loops need of codes and bricks."""
+    def _derived(self, state: State) -> tuple[Grid, Levels, np.ndarray]:
+        """What the loops need of codes and bricks: grid, levels, and which cells are occupied."""
         if state.kept.get("of") != (id(state.codes), id(state.bricks)):
             state.kept["of"] = id(state.codes), id(state.bricks)
-            state.kept["derived"] = grid_of(is_on(state.codes)), make_levels(self.plan.resolutions, state.bricks)
+            on = is_on(state.codes)
+            state.kept["derived"] = grid_of(on), make_levels(self.plan.resolutions, state.bricks), np.flatnonzero(on)
         return state.kept["derived"]
 
     def _accumulators(self, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -270,10 +292,11 @@ class FusedEngine:
         mse = sums[SQUARED] / (3 * rays)
         sparsity = self.settings.sparsity * state.box.cell[0] * self.settings.resolution * sums[SPARSITY] / rays
         metrics = {
-            "loss": sums[COLOUR] / rays + spread + sparsity,
+            "loss": (sums[COLOUR] + sums[SMOOTHNESS]) / rays + spread + sparsity,
             "mse": mse,
             "distortion": spread,
             "sparsity": sparsity,
+            "smoothness": sums[SMOOTHNESS] / rays,
         }
         if not np.isfinite(output.gradient).all():
             metrics["loss"] = np.nan
@@ -286,6 +309,7 @@ class FusedEngine:
             f(settings.sparsity), f(settings.sparsity_scale),
             f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED), np.int64(settings.octaves), settings.has_view_mlp,
             decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
+            (f(settings.smoothness[0]), f(settings.smoothness[1])), f(1 / self.plan.resolutions[-1]),
         )  # fmt: skip
 
     def _field(self, state: State) -> Field:

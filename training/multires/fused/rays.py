@@ -45,7 +45,7 @@ class Batch(NamedTuple):
 
     origins, directions (unit) [N, P, 3] in voxels: at distance s, a ray is at origins + s directions of the last piece whose
     begins [N, P] is not beyond s. start, end [N] in voxels; length [N] world units per voxel; viewdirs, target and background
-    [N, 3]; phase [N]: of the samples, in steps.
+    [N, 3]; phase [N]: of the samples, in steps. pairs [M, 2, 3]: neighbouring points of the unit cube, for the smoothness loss.
     """
 
     origins: np.ndarray
@@ -58,6 +58,7 @@ class Batch(NamedTuple):
     target: np.ndarray
     background: np.ndarray
     phase: np.ndarray
+    pairs: np.ndarray = np.zeros((0, 2, 3), np.float32)
 
 
 def photographs_of(dataset: RayDataset) -> Photographs:

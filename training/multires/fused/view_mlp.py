@@ -29,10 +29,9 @@ SIZE = B2 + OUTPUTS
 TURNED_W1 = OUTPUTS * HIDDEN
 TURNED_W0 = TURNED_W1 + HIDDEN * HIDDEN
 ZEROS = TURNED_W0 + HIDDEN * OUTPUTS
-METRICS = (
-    6  # sums over rays: squared error, the same of clipped colours, distortion, sparsity, counts of rays and samples
-)
-COLOUR, SQUARED, DISTORTION, SPARSITY, RAYS, SAMPLES = range(METRICS)
+# sums over rays: squared error, the same of clipped colours, distortion, sparsity, smoothness, counts of rays and samples
+METRICS = 7
+COLOUR, SQUARED, DISTORTION, SPARSITY, SMOOTHNESS, RAYS, SAMPLES = range(METRICS)
 
 
 def _places() -> np.ndarray:
