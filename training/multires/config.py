@@ -23,7 +23,7 @@ class MultiresConfig:
 
     resolutions: tuple[int, ...] | None = None
     """Cells along the cube of each level, coarse to fine. None: powers of two from 16 to about the photographs' pixels, at most
-    512."""
+    512; in contracted space to four times as many, at most 1024."""
     occupancy: int | None = None
     """Cells of the occupancy grid along the cube; a multiple of 8. Here and below, None means: chosen by the kind of scene, but
     where something else is said."""
@@ -36,7 +36,7 @@ class MultiresConfig:
     to 262,144 for those of 512 pixels and more."""
     steps_across: tuple[int, ...] | None = None
     """Samples along the cube's side: at first, and after each of steps_from. None: half as many as the finest level has cells, as
-    many, at last twice as many."""
+    many, at last twice as many; in contracted space an eighth, a quarter, at last as many."""
     steps_from: tuple[float, ...] = (0.25, 0.85)
     """When samples lie closer, as fractions of all steps."""
     view_octaves: int = 1
@@ -87,13 +87,16 @@ BY_KIND: Mapping[Kind, KindSettings] = {
     "object": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
     "surroundings": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
     "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=3),
-    "forward": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.003, sparsity_factor=0.2, least_views=3),
+    "forward": KindSettings(
+        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=3, density_smoothness=0.01,
+        colour_smoothness=0.1,
+    ),
 }  # fmt: skip
 # Samples along the cube's side, over the cells of the finest level, where steps_across is None; of contracted space few at first,
 # for what lies far away is not seen finely
 STEPS_ACROSS: Mapping[Kind, tuple[float, ...]] = {
     **dict.fromkeys(BY_KIND, (0.5, 1.0, 2.0)),
-    "unbounded": (0.25, 0.5, 2.0),
+    "unbounded": (0.125, 0.25, 1.0),
 }
 
 

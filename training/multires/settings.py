@@ -16,6 +16,8 @@ from training.multires.config import STEPS_ACROSS, MultiresConfig, settings_for
 
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
 COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
+FINEST_CONTRACTED = 1024
+CONTRACTED_FINER = 4  # contracted space has the inner cube in half of its side, and what is looked at in half of that
 SAMPLES, MOST_SAMPLES = 65_536, 262_144  # of a step
 SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 LARGEST_RAW = 12.0  # of density, before its exponential
@@ -90,9 +92,7 @@ class Plan:
 def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
     """The plan of a run."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
-    # contracted space has the inner cube in half of its side
-    pixels = longest_side(dataset) * (1 if dataset.facts.contraction is None else 2)
-    resolutions = own.resolutions or resolutions_for(pixels)
+    resolutions = own.resolutions or resolutions_for(longest_side(dataset), dataset.facts.contraction is not None)
     steps_across = own.steps_across or tuple(
         max(int(n * resolutions[-1]), by_kind.occupancy // 2) for n in STEPS_ACROSS[dataset.kind]
     )
@@ -138,9 +138,10 @@ def longest_side(dataset: RayDataset) -> int:
     return int(max(width.max(), height.max()))
 
 
-def resolutions_for(pixels: int) -> tuple[int, ...]:
+def resolutions_for(pixels: int, contracted: bool = False) -> tuple[int, ...]:
     """Powers of two from COARSEST to about as many as a photograph has pixels along its longer side."""
-    finest = int(np.clip(1 << round(np.log2(pixels * 1.25)), 64, FINEST))
+    pixels, most = (pixels * CONTRACTED_FINER, FINEST_CONTRACTED) if contracted else (pixels, FINEST)
+    finest = int(np.clip(1 << round(np.log2(pixels * 1.25)), 64, most))
     return tuple(COARSEST << i for i in range(int(np.log2(finest / COARSEST)) + 1))
 
 
