@@ -11,10 +11,10 @@ import pytest
 from baker.baking.bake import bake, bake_floats
 from baker.baking.config import BakeConfig
 from baker.baking.float_grid import FloatGrid
-from baker.reference_marcher import render_reference
 from baker.reports.float_pictures import float_pictures
 from scenepack.blocks import block_copy
 from scenepack.pack import Pack
+from tests.reference_marcher import render_reference
 from training.run import Run, load_run
 from viewer.rendering.camera import ViewCamera
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
-from baker.reference_marcher import fetch, march, view_residual
 from baker.tuning.marcher import pack_rays
 from scenepack import Pack
 from scenepack.blocks import block_copy, dense_from_pack
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, UNPREMULTIPLY_GAIN
 from scenepack.pack import ViewMlp
+from tests.reference_marcher import fetch, march, view_residual
 from training.dataset import RayDataset
 
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baker.reference_marcher import render_reference
 from baker.tuning.marcher import PackMarcher
 from scenepack import Pack
 from tests.baker.tuning.reference import VoxelRays, accumulated, sampled, voxel_rays
+from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import random_pack
 from tests.viewer.rendering.shapes import surroundings_pack
 from training.dataset import RayDataset, make_dataset

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from imgui_bundle import ImVec2, imgui
 
-from baker.reference_marcher import render_reference
+from tests.reference_marcher import render_reference
 from tests.viewer.app.scenes import photographed
 from tests.viewer.offscreen_ui import OffscreenUi
 from viewer.app.backdrops import STYLES, backdrop

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baker.reference_marcher import pixel_directions
 from scenepack.pack import Pack
+from tests.reference_marcher import pixel_directions
 from training.scenes.scene import Camera
 from viewer.rendering.camera import ViewCamera, content_box, forward_facing_path, is_mirrored, orbit_path
 

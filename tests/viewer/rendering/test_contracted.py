@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baker.reference_marcher import render_reference
 from scenepack.pack import Pack
+from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import random_pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from tests.viewer.rendering.shapes import BALL, FLOOR, SKY

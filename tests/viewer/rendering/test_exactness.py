@@ -1,6 +1,6 @@
 """Every marcher but `paper` gives the picture that taking every sample gives (docs/rendering.md, "Marchers").
 
-The judge is baker.reference_marcher, which shares no code with the shaders.
+The judge is tests.reference_marcher, which shares no code with the shaders.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from baker.reference_marcher import render_reference
 from scenepack.pack import Pack
+from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import packs, random_pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from viewer.app.projection import project

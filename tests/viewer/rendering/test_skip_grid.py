@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from baker.reference_marcher import fetch
 from scenepack.pack import Pack
+from tests.reference_marcher import fetch
 from tests.scenepack.random_packs import packs
 from viewer.rendering.skip_grid import (
     CELL,
