@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from baker.baking import culling
 from baker.commands.bake import main as snerg_bake
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.make import main as snerg_make
@@ -26,7 +27,7 @@ from viewer.commands.view import main as snerg_view
 
 pytestmark = pytest.mark.slow
 
-UNTUNED = ["--fine-tune", "none"]  # where it does not matter how good the pack is
+UNTUNED = ["--quality", "draft"]  # where it does not matter how good the pack is
 
 
 @pytest.fixture(scope="module")
@@ -95,16 +96,15 @@ def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene:
 
 
 def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, capsys) -> None:
-    line = [str(made / "run"), "--out", str(tmp_path / "pack"), "--resolution", "60", "--tau-weight", "0"]
+    line = [str(made / "run"), "--out", str(tmp_path / "pack"), "--resolution", "60"]
     box = np.array([[-0.6, -0.5, -0.3], [0.6, 0.5, 0.4]])
     text = ",".join(map(str, box.ravel()))
-    assert snerg_bake([*line, "--fine-tune-epochs", "2", "--aabb", text]) == 0
+    assert snerg_bake([*line, "--aabb", text]) == 0
     pack = load_pack(tmp_path / "pack")
     assert pack.voxel_size == pytest.approx(1.2 / 60), "as many voxels along the longest side of the box"
     assert pack.metadata["provenance"]["aabb"] == pytest.approx(box.ravel())
     tuned = pack.metadata["provenance"]["fine_tuning"]
-    # How much tuning helps so coarse a part of the scene depends on the processor; what follows from it has tests of its own.
-    assert tuned["of"] in ("compact", "all") and tuned["held_out_psnr_after"] >= tuned["held_out_psnr_before"]
+    assert tuned["quality"] in ("compact", "full") and tuned["held_out_psnr_after"] >= tuned["held_out_psnr_before"]
     z, y, x = np.nonzero(dense_from_pack(pack)[0][..., 3])
     content = (np.stack([x, y, z], -1) + 0.5) * pack.voxel_size + pack.min_xyz
     places = content @ pack.worldspace_T_opengl[:3, :3].T
@@ -261,16 +261,11 @@ def test_a_run_whose_checkpoints_are_all_damaged_cannot_be_baked(made: Path, tmp
     assert [path.name for path in tmp_path.iterdir()] == ["run"], "nothing is left half-written"
 
 
-def test_a_field_with_nothing_in_it_cannot_be_baked(made: Path, tmp_path: Path, capsys) -> None:
-    arguments = [
-        "--out",
-        str(tmp_path / "pack"),
-        "--resolution",
-        "40",
-        "--tau-alpha",
-        "1",
-    ]  # fainter than this is all
-    line = one_line(capsys, snerg_bake, [str(made / "run"), *arguments])
+def test_a_field_with_nothing_in_it_cannot_be_baked(
+    made: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(culling, "TAU_ALPHA", 1.0)  # fainter than this is all
+    line = one_line(capsys, snerg_bake, [str(made / "run"), "--out", str(tmp_path / "pack"), "--resolution", "40"])
     assert "contains nothing" in line and str(made / "run") in line
     assert not (tmp_path / "pack").exists()
 
@@ -282,7 +277,7 @@ def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(
     """Files beyond `limit` bytes are refused by the system, as they are by a full disk: of the bake's work, or of the pack."""
     resource = pytest.importorskip("resource")
     pack = Path(shutil.copytree(made / "pack", tmp_path / "pack"))
-    words = [str(made / "run"), "--out", str(pack), "--resolution", "60", "--tau-weight", "0", *UNTUNED]
+    words = [str(made / "run"), "--out", str(pack), "--resolution", "60", *UNTUNED]
     before = {path.name: path.read_bytes() for path in pack.iterdir()}
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))

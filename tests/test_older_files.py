@@ -117,7 +117,7 @@ def test_an_older_run_goes_on_with_the_steps_it_would_have_taken_then(name: str,
 @pytest.mark.parametrize("name", RUNS)
 def test_an_older_run_can_be_baked(name: str, tmp_path: Path) -> None:
     pack = tmp_path / "pack"
-    line = [str(OLDER / name), "--out", str(pack), "--resolution", "31", "--tau-weight", "0", "--fine-tune", "none"]
+    line = [str(OLDER / name), "--out", str(pack), "--resolution", "31", "--quality", "draft"]
     assert snerg_bake([*line, "--scene", str(SCENE)]) == 0
     assert snerg_eval([str(pack), "--scene", str(SCENE), "--json", str(tmp_path / "baked.json")]) == 0
     baked = [view["psnr"] for view in json.loads((tmp_path / "baked.json").read_text())["views"]]

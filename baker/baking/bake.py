@@ -1,6 +1,9 @@
-"""From a trained run to a pack (SNeRG section 5.4): box, culling, supersampling, quantisation, pruning, fine-tuning.
+"""From a trained run to a pack (SNeRG sections 5.3 to 5.5), pass by pass:
 
-Works macroblock by macroblock, and keeps on disk what is done: no array of N³ × channels is ever made, and a bake that
+    box, opacity, visibility, supersampling      the field becomes voxels of 8 bits      this module
+    padding, pruning, tuning, hidden voxels      the voxels become the pack              baker.baking.passes
+
+It works macroblock by macroblock, and keeps on disk what is done: no array of N³ × channels is ever made, and a bake that
 was killed goes on where it was (baker.baking.work_folder).
 """
 
@@ -11,27 +14,25 @@ import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from baker.baking.config import BLOCK_SIZE, BakeConfig
-from baker.baking.culling import Culling, content_box, cull
+from baker.baking.culling import Culling, content_box, opaque_macroblocks, seen_macroblocks
 from baker.baking.field_query import FieldQuery, field_query, occupied_query, within
 from baker.baking.float_grid import FloatGrid, assemble
 from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
-from baker.baking.stages import STAGE, Stages
+from baker.baking.passes import Voxels, passes_of
+from baker.baking.stages import Stages
 from baker.baking.supersample import Sampler, supersample, supersample_floats
-from baker.baking.tuned_voxels import pruned, thinned, with_tuned_voxels
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
-from baker.tuning.fine_tune import fine_tune
-from baker.tuning.pruning import Pruned
 from baker.view_mlp import from_params
-from console import Notice, UserError, progress
+from console import Notice, UserError
 from console.progress import Progress
 from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
-from scenepack.padding import restore_padding
 from training.memory import keep_freed_memory
 from training.method import ViewMlpParams
 from training.run import Run, require_bakeable
@@ -40,20 +41,30 @@ from training.scenes.scene_options import AABB, box_text, with_box
 
 BYTES = 32**3 * 8  # of a macroblock, with padding: colour, opacity, features
 COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
-FORMAT = 2  # of a work folder: raised whenever the same key would give other pieces
+FORMAT = 3  # of a work folder: raised whenever the same key would give other pieces
 
 
-def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
-    """What the voxels of a bake depend on, for its work folder: the run as it is now, and the options before fine-tuning."""
-    crc = 0
-    for name, array in sorted(run.method.save(run.state).items()):
-        crc = zlib.crc32(np.ascontiguousarray(array).data, zlib.crc32(name.encode(), crc))
-    return {
-        "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
-        "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
-        "resolution": config.resolution, "tau_alpha": config.tau_alpha, "tau_vis": config.tau_vis,
-        "most_macroblocks": config.most_macroblocks, "aabb": config.aabb, "supersampling": config.supersampling,
-    }  # fmt: skip
+@dataclass(frozen=True)
+class Bake:
+    """What is baked and how. work: where a broken-off bake with the same work_key goes on, and where other processes help (its
+    share); the caller removes it when the pack is saved."""
+
+    run: Run
+    config: BakeConfig
+    work: WorkFolder | None = None
+    stages: Stages = field(default_factory=Stages)
+
+    @property
+    def query(self) -> FieldQuery:
+        """The field; empty outside of the box that is baked, where one is asked for: grids are whole macroblocks and reach
+        further."""
+        query, box = field_query(self.run), self.config.aabb
+        return query if box is None else within(query, _box_to_bake(self.run, box))
+
+    @property
+    def frame(self) -> np.ndarray:
+        """float64 [4, 4]: worldspace_T_opengl."""
+        return np.asarray(self.run.scene.worldspace_T_opengl, np.float64)
 
 
 def bake(
@@ -61,76 +72,123 @@ def bake(
 ) -> Pack:
     """Bakes the run's field. UserError where the field holds nothing that a training camera sees.
 
-    work: where a broken-off bake with the same work_key goes on, and where other processes help (its share); the caller
-    removes it when the pack is saved. last: nobody needs the run's state after this; it is given up once the voxels are made,
-    which leaves a gigabyte to what follows.
+    work: see Bake. last: nobody needs the run's state after this; it is given up once the voxels are made, which leaves a
+    gigabyte to what follows.
     """
     check_bake(run, config)
-    stages = stages or Stages()
-    grid, culling = _culled(run, config, work, stages)
-    with stages("supersampling"):
-        atlas = fill_atlas(_content(run, config, work, grid, culling), culling.kept, BLOCK_SIZE)
-    head = run.method.view_mlp(run.state)
+    job = Bake(run, config, work, stages or Stages())
+    grid, culling = culled_grid(job)
+    pack = supersampled(job, grid, culling)
     photographs = run.dataset.in_average_look(run.method.gains(run.state))  # as the field shows them
     if last:
         run.state = None
-    pack = assembled(run, grid, atlas, head)
-    with stages("padding"), progress("filling the borders of macroblocks", len(atlas) - 1, stage=STAGE) as bar:
-        for part in atlas[1:]:
-            restore_padding(part, atlas[0], BLOCK_SIZE)
-            bar.advance()
-    del atlas, part  # what pruning leaves takes their place
-    counts, removed = culling.counts(), None
-    by_opacity = config.aabb is not None  # photographs also show what lies outside of the box that is baked
-    if config.tau_weight > 0:
-        with stages("pruning"), progress("emptying faint voxels", 1.0, stage=STAGE) as bar:
-            pack, removed = pruned(pack, photographs, config, by_opacity, bar)
-            bar.update(1.0)
-    tuned: dict[str, Any] = {}
-    if config.fine_tune != "none":
-        with stages("view MLP"), progress("fine-tuning the view MLP", 1.0, stage=STAGE) as bar:
-            pack, before, after = fine_tune(
-                pack, photographs, epochs=config.fine_tune_epochs, most_pixels=config.fine_tune_pixels, seed=config.seed,
-                on_share=bar.update, by_opacity=by_opacity,
-            )  # fmt: skip
-        if np.isfinite(after):
-            tuned = {
-                "epochs": config.fine_tune_epochs,
-                "train_psnr_before": round(float(before), 3), "train_psnr_after": round(float(after), 3),
-            }  # fmt: skip
-    if config.fine_tune in ("auto", "all", "compact"):
-        handed_over = [pack]
-        del pack  # nobody else holds it, so that what pruning leaves takes its place
-        pack, figures, again = with_tuned_voxels(handed_over.pop(), photographs, config, stages, by_opacity)
-        tuned |= figures
-        if removed and again:
-            removed = removed.then(again)
-    thin: Pruned | None = None
-    if config.thin > 0:
-        with stages("thinning"), progress("thinning", 1.0, stage=STAGE) as bar:
-            compact = tuned.get("of") == "compact"
-            pack, thin = thinned(pack, photographs, config, by_opacity, compact, bar)
-            bar.update(1.0)
-        if thin:
-            removed = removed.then(thin) if removed else thin
-    if removed:
-        counts |= {"below_tau_weight": removed.macroblocks, "kept": counts["kept"] - removed.macroblocks}
+    voxels = Voxels(pack, photographs, config)
+    del pack  # what pruning leaves takes its place
+    for name, improve in passes_of(config):
+        with job.stages(name) as bar:
+            voxels = improve(voxels, bar)
+    counts = culling.counts()
+    if (pruned := voxels.pruned) is not None:
+        counts |= {"below_tau_weight": pruned.macroblocks, "kept": counts["kept"] - pruned.macroblocks}
     provenance: dict[str, Any] = {  # no times here: a resumed bake must give the same bytes
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "method": run.config.method,
         **vars(run.options), "aabb": config.aabb or run.options.aabb, "resolution": grid.resolution,
-        "tau_weight": config.tau_weight, "supersampling": config.supersampling, "macroblocks": counts,
+        "preset": config.preset, "quality": config.quality, "macroblocks": counts, **voxels.notes,
     }  # fmt: skip
-    if removed:
-        provenance["voxels"] = {
-            "before": removed.voxels_before, "after": removed.voxels_after, "tau_weight": removed.tau_weight,
-        }  # fmt: skip
-    if thin:
-        provenance["thin"] = {
-            "most_lost": config.thin, "tau_weight": thin.tau_weight, "before": thin.voxels_before, "after": thin.voxels_after,
-        }  # fmt: skip
-    if tuned:
-        provenance["fine_tuning"] = {"of": config.fine_tune, **tuned}  # of auto, tuning tells what it came to
-    return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
+    return voxels.pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
+
+
+def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
+    """What `bake` quantises, as it is: neither pruned nor tuned, and not kept on disk. UserError as there."""
+    check_bake(run, config)
+    job = Bake(run, config)
+    grid, culling = culled_grid(job)
+    grain, as_paper = run.method.grain(run.state), config.preset == "paper"
+    sampler, count = (
+        Sampler.of(job.query, grid, culling, grain, config.seed, as_paper=as_paper),
+        int(culling.kept.sum()),
+    )
+    with job.stages("supersampling, in floats", count) as bar:
+        return assemble(supersample_floats(sampler, _Rate(bar, count)), culling.kept, grid)
+
+
+def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
+    """Makes pieces of a bake that another process ends, until none is missing: density and content of macroblocks.
+
+    What comes after (pruning, tuning) is not shared.
+    """
+    check_bake(run, config)
+    job = Bake(run, config, work)
+    with suppress(BakeEnded):
+        next(_content(job, *culled_grid(job)), None)  # the first is there once none is missing
+
+
+def check_bake(run: Run, config: BakeConfig) -> None:
+    """UserError where this run cannot be baked so; before anything is written."""
+    require_bakeable(run)
+    config.check()
+    if config.aabb is not None:
+        _box_to_bake(run, config.aabb)
+    keep_freed_memory()
+
+
+def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
+    """What the voxels of a bake depend on, for its work folder: the run as it is now, and the options before tuning."""
+    crc = 0
+    for name, array in sorted(run.method.save(run.state).items()):
+        crc = zlib.crc32(np.ascontiguousarray(array).data, zlib.crc32(name.encode(), crc))
+    return {
+        "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
+        "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
+        "resolution": config.resolution, "preset": config.preset, "most_macroblocks": config.block_limit,
+        "aabb": config.aabb,
+    }  # fmt: skip
+
+
+def culled_grid(job: Bake) -> tuple[BakeGrid, Culling]:
+    """The grid around the content, as fine as the limit of macroblocks allows, and which of them are kept."""
+    run, config = job.run, job.config
+    with job.stages("box"):
+        box = once(job.work, "box", lambda: _find_box(job))
+    contraction = run.dataset.facts.contraction if config.aabb is None else None
+    resolution = config.resolution
+    while True:
+        grid = make_grid(box["low"], box["high"], resolution, BLOCK_SIZE, job.frame, contraction)
+        with job.stages("opacity") as bar:
+            opacity = opaque_macroblocks(job.query, grid, occupied_query(run), bar.update, job.work)
+        with job.stages("visibility") as bar:
+            culling = seen_macroblocks(opacity, grid, run.dataset, bar.update, job.work)
+        kept = int(culling.kept.sum())
+        if not kept:
+            raise _nothing_there(run)
+        if kept <= config.block_limit or resolution == BLOCK_SIZE:
+            return grid, culling
+        coarser = max(int(COARSER * resolution * (config.block_limit / kept) ** 0.5), BLOCK_SIZE)
+        warnings.warn(
+            Notice(f"a grid of {resolution} voxels would keep {kept} macroblocks, {kept * BYTES / 1e9:.1f} GB on the "
+                   f"graphics card: {coarser} voxels instead; for larger packs: --most-macroblocks {kept}"),
+            stacklevel=2,
+        )  # fmt: skip
+        resolution = coarser
+
+
+def _find_box(job: Bake) -> Arrays:
+    """low, high: of the box that is baked, grid frame."""
+    run, config = job.run, job.config
+    if config.aabb is not None:
+        found = box_in_grid_frame(_box_to_bake(run, config.aabb), job.frame)
+    else:
+        whole = box_in_grid_frame(run.dataset.aabb, job.frame)
+        found = content_box(job.query, *whole, config.resolution, job.frame)
+    if found is None:
+        raise _nothing_there(run)
+    return {"low": found[0], "high": found[1]}
+
+
+def supersampled(job: Bake, grid: BakeGrid, culling: Culling) -> Pack:
+    """The kept macroblocks, 8 bits a value; their borders are still empty."""
+    atlas = fill_atlas(_content(job, grid, culling), culling.kept, BLOCK_SIZE)
+    return assembled(job.run, grid, atlas, job.run.method.view_mlp(job.run.state))
 
 
 def assembled(
@@ -147,83 +205,15 @@ def assembled(
     return pack if grid.contraction is None else pack.with_metadata(contraction=grid.contraction)
 
 
-def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
-    """What `bake` quantises, as it is: neither pruned nor fine-tuned, and not kept on disk. UserError as there."""
-    check_bake(run, config)
-    grid, culling = _culled(run, config, None, Stages())
-    grain = run.method.grain(run.state)
-    sampler = Sampler.of(_query(run, config), grid, culling, grain, config.supersampling, config.seed)
-    count = int(culling.kept.sum())
-    with progress("supersampling, in floats", count, stage=STAGE) as bar:
-        return assemble(supersample_floats(sampler, _Rate(bar, count)), culling.kept, grid)
-
-
-def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
-    """Makes pieces of a bake that another process ends, until none is missing: density and content of macroblocks.
-
-    What comes after (pruning, fine-tuning) is not shared.
-    """
-    check_bake(run, config)
-    with suppress(BakeEnded):
-        grid, culling = _culled(run, config, work, Stages())
-        next(_content(run, config, work, grid, culling), None)  # the first is there once none is missing
-
-
-def check_bake(run: Run, config: BakeConfig) -> None:
-    """UserError where this run cannot be baked so; before anything is written."""
-    require_bakeable(run)
-    config.check()
-    if config.aabb is not None:
-        _box_to_bake(run, config.aabb)
-    keep_freed_memory()
-
-
-def _culled(run: Run, config: BakeConfig, work: WorkFolder | None, stages: Stages) -> tuple[BakeGrid, Culling]:
-    """The grid, as fine as config.most_macroblocks allows, and which of its macroblocks are kept."""
-    query = _query(run, config)
-    frame = np.asarray(run.scene.worldspace_T_opengl, np.float64)
-
-    def find_box() -> Arrays:
-        if config.aabb is not None:
-            low, high = box_in_grid_frame(_box_to_bake(run, config.aabb), frame)
-            return {"low": low, "high": high}
-        found = content_box(
-            query, *box_in_grid_frame(run.dataset.aabb, frame), config.resolution, frame, config.tau_alpha
-        )
-        if found is None:
-            raise _nothing_there(run)
-        return {"low": found[0], "high": found[1]}
-
-    with stages("box"), progress("looking for content", 1.0, stage=STAGE) as bar:
-        box = once(work, "box", find_box)
-        bar.update(1.0)
-    contraction = run.dataset.facts.contraction if config.aabb is None else None
-    grid = make_grid(box["low"], box["high"], config.resolution, BLOCK_SIZE, frame, contraction)
-    while True:
-        with progress("culling", 1.0, stage=STAGE) as bar:
-            culling = cull(
-                query, grid, run.dataset, occupied=occupied_query(run), tau_alpha=config.tau_alpha,
-                tau_vis=config.tau_vis, on_blocks=lambda share, bar=bar: bar.update(0.75 * share, "opacity"),
-                on_rays=lambda share, bar=bar: bar.update(0.75 + 0.25 * share, "visibility"), work=work, stages=stages,
-            )  # fmt: skip
-        kept = int(culling.kept.sum())
-        if not kept:
-            raise _nothing_there(run)
-        if kept <= config.most_macroblocks or grid.resolution == BLOCK_SIZE:
-            return grid, culling
-        coarser = max(int(COARSER * grid.resolution * (config.most_macroblocks / kept) ** 0.5), BLOCK_SIZE)
-        warnings.warn(
-            Notice(f"a grid of {grid.resolution} voxels would keep {kept} macroblocks, {kept * BYTES / 1e9:.1f} GB on the "
-                   f"graphics card: {coarser} voxels instead; for larger packs: --most-macroblocks {kept}"),
-            stacklevel=2,
+def _content(job: Bake, grid: BakeGrid, culling: Culling) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """The kept macroblocks' voxels, as baker.baking.supersample.supersample gives them, with a progress line."""
+    run, count = job.run, int(culling.kept.sum())
+    with job.stages("supersampling", count) as bar:
+        yield from supersample(
+            job.query, grid, culling,
+            grain=run.method.grain(run.state), as_paper=job.config.preset == "paper", seed=job.config.seed,
+            on_blocks=_Rate(bar, count), work=job.work,
         )  # fmt: skip
-        grid = make_grid(box["low"], box["high"], coarser, BLOCK_SIZE, frame, contraction)
-
-
-def _query(run: Run, config: BakeConfig) -> FieldQuery:
-    """The field; empty outside of the box that is baked, where there is one: grids are whole macroblocks and reach further."""
-    query = field_query(run)
-    return query if config.aabb is None else within(query, _box_to_bake(run, config.aabb))
 
 
 def _box_to_bake(run: Run, box: Box) -> np.ndarray:
@@ -236,19 +226,6 @@ def _box_to_bake(run: Run, box: Box) -> np.ndarray:
         raise UserError("nothing was trained in this box", where=AABB, expected=f"a part of {box_text(trained)}",
                         found=box_text(asked))  # fmt: skip
     return both
-
-
-def _content(
-    run: Run, config: BakeConfig, work: WorkFolder | None, grid: BakeGrid, culling: Culling
-) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
-    """The kept macroblocks' voxels, as baker.baking.supersample.supersample gives them, with a progress line."""
-    count = int(culling.kept.sum())
-    with progress("supersampling", count, stage=STAGE) as bar:
-        yield from supersample(
-            _query(run, config), grid, culling,
-            grain=run.method.grain(run.state), how=config.supersampling, seed=config.seed,
-            on_blocks=_Rate(bar, count), work=work,
-        )  # fmt: skip
 
 
 class _Rate:

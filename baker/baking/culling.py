@@ -1,13 +1,12 @@
 """Which macroblocks are worth storing (SNeRG section 5.3): those with opacity, and seen by some training camera.
 
-Notation: tau_alpha, tau_vis the thresholds; v the voxel size in the field's frame; a cell is grid.cell³ voxels, the unit
+Notation: TAU_ALPHA, TAU_VIS the thresholds; a cell is grid.cell³ voxels, the unit
 of the visibility test (2, as in the release, which tests on a grid of half the resolution; more in very fine grids).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -32,6 +31,22 @@ Tick = Callable[[float], None]
 
 
 @dataclass(frozen=True)
+class Opacity:
+    """opaque bool [blocks z, y, x]: which macroblocks have some voxel of alpha TAU_ALPHA or more. density float32 [z, y, x]: the
+    cells' mean density, 0 where no voxel is FAINTEST."""
+
+    opaque: np.ndarray
+    density: np.ndarray
+
+    def culling(self, grid: BakeGrid, kept: np.ndarray) -> Culling:
+        """What is left where only the macroblocks `kept` are."""
+        per_block = grid.block_size // grid.cell
+        inside = np.repeat(np.repeat(np.repeat(kept, per_block, 0), per_block, 1), per_block, 2)
+        cells = dilate(self.density > 0) & inside
+        return Culling(kept, cells, int(self.opaque.sum()), int((self.opaque & ~kept).sum()))
+
+
+@dataclass(frozen=True)
 class Culling:
     """kept bool [blocks z, y, x]; cells bool [z, y, x]: cells of kept blocks that hold opacity or touch one that does.
 
@@ -51,12 +66,7 @@ class Culling:
 
 
 def content_box(
-    query: FieldQuery,
-    low: np.ndarray,
-    high: np.ndarray,
-    resolution: int,
-    worldspace_T_opengl: np.ndarray,
-    tau_alpha: float = TAU_ALPHA,
+    query: FieldQuery, low: np.ndarray, high: np.ndarray, resolution: int, worldspace_T_opengl: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """The part of the box (low, high), grid frame, that holds the content; None where nothing is opaque.
 
@@ -75,7 +85,7 @@ def content_box(
         cells = np.stack([x, y, np.full_like(x, z)], -1).reshape(-1, 3)
         points = low + (cells + rng.random(cells.shape)) * cell
         alpha = 1 - np.exp(-np.asarray(query(to_training(worldspace_T_opengl, points)).density) * length)
-        alpha[alpha < tau_alpha] = 0
+        alpha[alpha < TAU_ALPHA] = 0
         for axis in range(3):
             mass[axis] += np.bincount(cells[:, axis], alpha, minlength=counts[axis])
     if not mass[0].any():
@@ -95,61 +105,14 @@ def _without_tails(mass: np.ndarray) -> tuple[int, int]:
     return int(np.searchsorted(share, BOX_TAIL)), int(np.searchsorted(share, 1 - BOX_TAIL))
 
 
-def cull(
-    query: FieldQuery,
-    grid: BakeGrid,
-    dataset: RayDataset,
-    *,
-    occupied: Occupied | None = None,
-    tau_alpha: float = TAU_ALPHA,
-    tau_vis: float = TAU_VIS,
-    on_blocks: Tick | None = None,
-    on_rays: Tick | None = None,
+def opaque_macroblocks(
+    query: FieldQuery, grid: BakeGrid, occupied: Occupied | None = None, tick: Tick | None = None,
     work: WorkFolder | None = None,
-    stages: Callable[[str], AbstractContextManager] = nullcontext,
-) -> Culling:
-    """Both tests of section 5.3. occupied: spares asking the field where it is surely empty (baker.baking.field_query).
+) -> Opacity:  # fmt: skip
+    """The first test. The field is asked at every voxel centre, one layer of macroblocks after another; only cells are kept.
 
-    on_blocks, on_rays are told the share done of either. work: where a broken-off bake goes on. stages: times the two.
-    """
-    with stages("opacity"):
-        opaque, density = _opacity(query, occupied, grid, tau_alpha, on_blocks, work)
-    cells = density > 0
-    with stages("visibility"):
-        bits = once(work, f"{grid.resolution}_visibility", lambda: _seen(density, grid, dataset, tau_vis, on_rays))[
-            "bits"
-        ]
-    seen = np.unpackbits(bits, count=cells.size).reshape(cells.shape).astype(bool)
-    for _ in range(DILATION):
-        seen = dilate(seen)
-    per_block = grid.block_size // grid.cell
-    kept = opaque & _any_in_blocks(seen & cells, per_block)
-    inside = np.repeat(np.repeat(np.repeat(kept, per_block, 0), per_block, 1), per_block, 2)
-    return Culling(kept, dilate(cells) & inside, int(opaque.sum()), int((opaque & ~kept).sum()))
-
-
-def cull_by_opacity(
-    query: FieldQuery, grid: BakeGrid, occupied: Occupied | None, tau_alpha: float = TAU_ALPHA
-) -> Culling:
-    """The first test alone: what no camera sees stays."""
-    opaque, density = _opacity(query, occupied, grid, tau_alpha, None, None)
-    per_block = grid.block_size // grid.cell
-    inside = np.repeat(np.repeat(np.repeat(opaque, per_block, 0), per_block, 1), per_block, 2)
-    return Culling(opaque, dilate(density > 0) & inside, int(opaque.sum()), 0)
-
-
-def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
-    z, y, x = (n // per_block for n in cells.shape)
-    return np.any(cells.reshape(z, per_block, y, per_block, x, per_block), axis=(1, 3, 5))
-
-
-def _opacity(
-    query: FieldQuery, occupied: Occupied | None, grid: BakeGrid, tau_alpha: float, tick: Tick | None,
-    work: WorkFolder | None,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """bool [blocks] with some voxel's alpha >= tau_alpha, and the cells' mean density [cells], 0 where none is FAINTEST.
-
-    The field is asked at every voxel centre, one layer of macroblocks after another; only the coarser cells are kept.
+    occupied: spares asking the field where it is surely empty (baker.baking.field_query). tick: is told the share done. work:
+    where a broken-off bake goes on.
     """
     bx, by, bz = grid.blocks
     size, per_block = grid.block_size, grid.block_size // grid.cell
@@ -169,7 +132,7 @@ def _opacity(
         if tick:
             tick(min(done / total, 1.0))
 
-    layers = {k: (f"{grid.resolution}_opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, tau_alpha, on_some))
+    layers = {k: (f"{grid.resolution}_opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, on_some))
               for k in range(bz) if holds[k].any()}  # fmt: skip
     share_out(work, list(layers.values()))
     for k, piece in layers.items():
@@ -177,11 +140,29 @@ def _opacity(
         layer = once(work, *piece)
         on_some(before + int(holds[k].sum()) - done)
         opaque[k], density[k * per_block : (k + 1) * per_block] = layer["opaque"], layer["density"]
-    return opaque, density
+    return Opacity(opaque, density)
+
+
+def seen_macroblocks(
+    opacity: Opacity, grid: BakeGrid, dataset: RayDataset, tick: Tick | None = None, work: WorkFolder | None = None
+) -> Culling:
+    """The second test: what no training ray reaches with TAU_VIS goes."""
+    cells = opacity.density > 0
+    name = f"{grid.resolution}_visibility"
+    bits = once(work, name, lambda: _seen(opacity.density, grid, dataset, tick))["bits"]
+    seen = np.unpackbits(bits, count=cells.size).reshape(cells.shape).astype(bool)
+    for _ in range(DILATION):
+        seen = dilate(seen)
+    return opacity.culling(grid, opacity.opaque & _any_in_blocks(seen & cells, grid.block_size // grid.cell))
+
+
+def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
+    z, y, x = (n // per_block for n in cells.shape)
+    return np.any(cells.reshape(z, per_block, y, per_block, x, per_block), axis=(1, 3, 5))
 
 
 def _opacity_of_layer(
-    query: FieldQuery, holds: np.ndarray, k: int, grid: BakeGrid, tau_alpha: float, tick: Callable[[int], None]
+    query: FieldQuery, holds: np.ndarray, k: int, grid: BakeGrid, tick: Callable[[int], None]
 ) -> Arrays:
     """opaque bool [blocks y, x] and density float32 [cells z, y, x] of the layer k of macroblocks; holds [blocks y, x]."""
     size, per_block = grid.block_size, grid.block_size // grid.cell
@@ -197,13 +178,13 @@ def _opacity_of_layer(
         sigma = np.asarray(query(grid.training_points(points)).density).reshape(len(part), *(per_block, grid.cell) * 3)
         for (j, i), values in zip(part, sigma, strict=True):
             alpha = 1 - np.exp(-values.max(axis=(1, 3, 5)) * grid.voxel_size)
-            opaque[j, i] = alpha.max() >= tau_alpha
+            opaque[j, i] = alpha.max() >= TAU_ALPHA
             at = tuple(slice(b * per_block, (b + 1) * per_block) for b in (j, i))
             density[(slice(None), *at)] = np.where(alpha >= FAINTEST, values.mean(axis=(1, 3, 5)), 0)
         tick(len(part))
     return {"opaque": opaque, "density": density}
 
 
-def _seen(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tau_vis: float, tick: Tick | None) -> Arrays:
-    """Which cells a training ray reaches with transmittance tau_vis, as packed bits."""
-    return {"bits": np.packbits(best_transmittance(density, grid, dataset, tick) >= tau_vis)}
+def _seen(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick | None) -> Arrays:
+    """Which cells a training ray reaches with transmittance TAU_VIS, as packed bits."""
+    return {"bits": np.packbits(best_transmittance(density, grid, dataset, tick) >= TAU_VIS)}

@@ -13,7 +13,7 @@ import numpy as np
 
 from baker.baking.bake import assembled
 from baker.baking.config import BLOCK_SIZE
-from baker.baking.culling import TAU_ALPHA, content_box, cull_by_opacity
+from baker.baking.culling import content_box, opaque_macroblocks
 from baker.baking.field_query import field_query, occupied_query
 from baker.baking.grid import box_in_grid_frame, make_grid
 from baker.baking.supersample import supersample
@@ -35,11 +35,12 @@ PNG_LEVEL = 1  # fast: it lives for a minute
 def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
     """The run's field as it is now; None where it holds nothing yet."""
     query, frame = field_query(run), np.asarray(run.scene.worldspace_T_opengl, np.float64)
-    found = content_box(query, *box_in_grid_frame(run.dataset.aabb, frame), resolution, frame, TAU_ALPHA)
+    found = content_box(query, *box_in_grid_frame(run.dataset.aabb, frame), resolution, frame)
     if found is None:
         return None
     grid = make_grid(*found, resolution, BLOCK_SIZE, frame, run.dataset.facts.contraction)
-    culling = cull_by_opacity(query, grid, occupied_query(run))
+    opacity = opaque_macroblocks(query, grid, occupied_query(run))
+    culling = opacity.culling(grid, opacity.opaque)  # what no camera sees stays
     if not culling.kept.any():
         return None
     macroblocks = supersample(query, grid, culling, grain=run.method.grain(run.state), seed=run.config.seed)

@@ -1,10 +1,10 @@
-"""The content of kept macroblocks: samples within each voxel, averaged and quantised (SNeRG sections 5.4 and 5.5).
+"""The content of kept macroblocks: samples within each voxel, averaged and quantised (SNeRG sections 5.3 and 5.4).
 
-The paper takes 16 Gaussian samples a voxel, since an MLP may change within a voxel by as much as it likes. A field of voxels does
-not: it is a blurred signal already, and blurring it again is lost sharpness (0.8 dB on a lego at 512³). So the Gaussian makes
-up for no more than what the field's own grain leaves; where the field is no finer than the grid, one sample at the centre is all.
-This, with colours and features weighted by opacity before they are averaged, is Supersampling "grain". "paper" is what the paper
-writes, to the letter: 16 Gaussian samples always, and plain averages of colours, features and densities.
+The paper takes 16 Gaussian samples a voxel, since an MLP may change within a voxel by as much as it likes. The multi-resolution
+field does not: it is smooth within the cells of its finest level (its grain), and blurring it again loses sharpness. So the
+Gaussian makes up for no more than what the grain leaves; where the field is no finer than the grid, one sample at the centre is
+all. Colours and features are weighted by opacity before they are averaged. With `as_paper`, all is what the paper writes, to the
+letter: 16 Gaussian samples always, and plain averages of colours, features and densities.
 
 Macroblocks are made some at a time, in z, y, x order, and kept on disk where a work folder is given; of each only the
 voxels that are not empty. The random numbers of a macroblock depend on the seed and its place alone.
@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
@@ -33,7 +32,6 @@ VOXELS_AT_ONCE = 16_384  # of a thread: its arrays stay near its core
 MOST_THREADS = 4
 BLOCKS_AT_ONCE = 32  # macroblocks to a piece of work: about a second of it on two cores
 
-Supersampling = Literal["grain", "paper"]
 OnBlocks = Callable[[int, int], None]  # macroblocks done, samples taken since the last call
 
 
@@ -43,7 +41,7 @@ def supersample(
     culling: Culling,
     *,
     grain: np.ndarray | None = None,
-    how: Supersampling = "grain",
+    as_paper: bool = False,
     seed: int = 0,
     on_blocks: OnBlocks | None = None,
     work: WorkFolder | None = None,
@@ -52,7 +50,7 @@ def supersample(
 
     Voxels far from any opacity stay zero without being asked. grain: of the field, see training.method.Method.grain.
     """
-    blocks, sampler = np.argwhere(culling.kept), Sampler.of(query, grid, culling, grain, how, seed)
+    blocks, sampler = np.argwhere(culling.kept), Sampler.of(query, grid, culling, grain, seed, as_paper=as_paper)
     size, done, most = grid.block_size, 0, 0
 
     def make(part: np.ndarray) -> Arrays:
@@ -113,27 +111,21 @@ def spread_of(grid: BakeGrid, grain: np.ndarray | None) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sampler:
-    """Averages a field within the voxels of a grid. spread: of the Gaussian, see spread_of. how: see above."""
+    """Averages a field within the voxels of a grid. spread: of the Gaussian, see spread_of. as_paper: see above."""
 
     query: FieldQuery
     grid: BakeGrid
     culling: Culling
     spread: np.ndarray
-    how: Supersampling
     seed: int
+    as_paper: bool
 
     @classmethod
     def of(
-        cls,
-        query: FieldQuery,
-        grid: BakeGrid,
-        culling: Culling,
-        grain: np.ndarray | None,
-        how: Supersampling,
-        seed: int,
+        cls, query: FieldQuery, grid: BakeGrid, culling: Culling, grain: np.ndarray | None, seed: int, *, as_paper: bool
     ) -> Sampler:
         """The sampler of a field of this grain (training.method.Method.grain)."""
-        return cls(query, grid, culling, spread_of(grid, grain if how == "grain" else None), how, seed)
+        return cls(query, grid, culling, spread_of(grid, None if as_paper else grain), seed, as_paper)
 
     @property
     def samples(self) -> int:
@@ -172,13 +164,13 @@ class Sampler:
     def _average(self, positions: np.ndarray) -> np.ndarray:
         """float32 [N, 8], premultiplied rgb, alpha and features, averaged over positions [N, samples, 3] in voxels.
 
-        grain: colours are weighted by opacity before they are averaged, so that what is transparent does not tint what is not.
+        Colours are weighted by opacity before they are averaged, so that what is transparent does not tint what is not.
         """
         count, size = positions.shape[:2], np.float32(self.grid.voxel_size)
         field = self.query(self.grid.training_points(positions.reshape(-1, 3)))
         density = np.asarray(field.density, np.float32).reshape(count)
         diffuse, features = (np.asarray(a, np.float32).reshape(*count, -1) for a in (field.diffuse, field.features))
-        if self.how == "paper":
+        if self.as_paper:
             alpha = -np.expm1(-density.mean(1) * size)
             return np.concatenate(
                 [diffuse.mean(1) * alpha[:, None], alpha[:, None], features.mean(1) * alpha[:, None]], axis=-1

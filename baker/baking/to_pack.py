@@ -9,9 +9,9 @@ from pathlib import Path
 from baker.baking.bake import NothingThere, bake, check_bake, help_bake, work_key
 from baker.baking.config import BakeConfig
 from baker.baking.pictures import with_pictures
-from baker.baking.stages import STAGE, Stages
+from baker.baking.stages import Stages
 from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
-from console import UserError, progress
+from console import UserError
 from console.progress import duration
 from scenepack import Pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
@@ -50,19 +50,18 @@ def bake_to(
 ) -> dict[str, float]:
     """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it. last: see bake.
 
-    Where the config leaves open what is tuned (auto), nothing is rounded for a codec that rounds by itself: a lossy one spends
-    bytes on coarse steps, which are dithered.
+    For a lossy codec, quality compact is full: it rounds by itself, and spends bytes on coarse steps, which are dithered.
 
     Returns the seconds of each stage, in order; of a bake that was broken off, those since it went on.
     """
-    if config.fine_tune == "auto" and chosen_quality(codec_named(codec, "--codec"), None) is not None:
-        config = replace(config, fine_tune="all")
+    if config.quality == "compact" and chosen_quality(codec_named(codec, "--codec"), None) is not None:
+        config = replace(config, quality="full")
     check_bake(run, config)
     stages = Stages()
     work = WorkFolder(work_beside(out), work_key(run, config), share)
     try:
         pack = with_pictures(bake(run, config, work, stages, last=last), run.scene, pictures)
-        with stages("writing"), progress("writing the pack", 1, stage=STAGE) as bar:
+        with stages("writing") as bar:
             save_pack(pack, out, codec=codec, on_progress=lambda done, total: bar.update(done / total))
     except NothingThere:
         work.remove()
@@ -94,9 +93,9 @@ def describe_pack(pack: Pack, out: Path) -> str:
     made = pack.metadata["provenance"]
     tuned = made.get("fine_tuning")
     gain = (
-        f"; fine-tuning {tuned['held_out_psnr_before']} -> {tuned['held_out_psnr_after']} dB on held-out training views"
+        f"; tuning {tuned['held_out_psnr_before']} -> {tuned['held_out_psnr_after']} dB on held-out training views"
         if tuned and "held_out_psnr_after" in tuned
-        else f"; fine-tuning {tuned['train_psnr_before']} -> {tuned['train_psnr_after']} dB on training pixels"
+        else f"; tuning {tuned['train_psnr_before']} -> {tuned['train_psnr_after']} dB on training pixels"
         if tuned
         else ""
     )

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from baker.baking.presets import FineTune
+from baker.baking.config import Quality
 from console import Notice, UserError, run_command
 from console.arguments import join_negative_values
 from console.python_command import module_command
@@ -43,8 +43,8 @@ def snerg_make(
     up: str | None = None,
     steps: int | None = None,
     resolution: int | None = None,
-    fine_tune: FineTune = "auto",
     codec: CodecName = "png",
+    quality: Quality = "compact",
     exposure: Literal["auto", "on", "off"] = "auto",
     seed: int = 0,
     frames: int = FRAMES,
@@ -70,10 +70,9 @@ def snerg_make(
         steps: Number of training steps. The default is the preset's.
         resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the presets cpu and
             full, 1.25 per pixel of the photographs, from 512 to 1000.
-        fine_tune: What to tune after baking: none; view-mlp (as in the paper); all: also the voxels (sharper, takes minutes);
-            compact: as all, in coarser steps of what is stored (half the bytes, a little less sharp); or auto: compact where
-            the codec is lossless and tuning makes up for it, otherwise all.
         codec: Codec of the pack: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
+        quality: draft (nothing is tuned), compact (tuned, and stored in coarser steps where these cost little: half the bytes),
+            or full (tuned, 8 bits). compact is full where the codec is lossy. The preset paper tunes the view MLP alone.
         exposure: Fit exposure and white balance of each photograph, so that the scene has their average look. auto: for
             photographs whose exposures differ, never for rendered scenes (Blender).
         seed: Random seed of the training, and of finding poses.
@@ -84,7 +83,7 @@ def snerg_make(
         no_view: Do not open the viewer at the end.
     """
     begin_libraries()
-    from baker.baking.config import BakeConfig
+    from baker.baking.config import BakeConfig, default_resolution
     from baker.baking.preview import NAME, Previews
     from baker.baking.to_pack import bake_to
     from scenepack import check_target
@@ -103,7 +102,11 @@ def snerg_make(
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
     require_valid(config)
-    baking = BakeConfig(PRESETS[preset].resolution if resolution is None else resolution, fine_tune=fine_tune)
+    baking = BakeConfig(
+        PRESETS[preset].resolution if resolution is None else resolution,
+        "paper" if preset == "paper" else "snerg",
+        quality,
+    )
     baking.check()
     if frames < FEWEST:
         raise UserError(
@@ -135,7 +138,9 @@ def snerg_make(
     shown = Previews(out / NAME, previews)
     run = train(scene, run_path, config, options, resume=stored or False, watcher=shown if previews > 0 else None)
     trained = time.monotonic()
-    if resolution is None:
+    if resolution is None and preset == "paper":
+        baking = dataclasses.replace(baking, resolution=default_resolution("paper", run.scene))
+    elif resolution is None:
         pixels = max(max(photo.camera.width, photo.camera.height) for photo in run.scene.splits["train"])
         if run.dataset.facts.contraction is not None:  # half of the grid's side is the inner cube
             pixels *= 2

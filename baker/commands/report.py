@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from baker.baking.presets import FineTune
+from baker.baking.config import Quality
 from console import UserError, check_results, run_command, write_json, write_text
 from console.arguments import parse_size
 from training.libraries import begin_libraries
@@ -33,8 +33,7 @@ def snerg_report(
     resolution: int | None = None,
     resolutions: str = "1000,750,500",
     bake: Literal["paper", "snerg"] = "paper",
-    fine_tune: str = "auto",
-    fine_tune_epochs: int | None = None,
+    quality: str = "compact",
     most_macroblocks: int | None = None,
     against: Path | None = None,
     baselines: str | None = None,
@@ -58,9 +57,7 @@ def snerg_report(
             scenes, 1300 for photographs.
         resolutions: Voxels along the longest side, separated by commas, for the table resolution.
         bake: Which bake the tables storage and resolution are of: paper (as the paper writes), or snerg (our default settings).
-        fine_tune: Rows of our own bake in the table quality, separated by commas: auto (our default), none, view-mlp, all,
-            compact.
-        fine_tune_epochs: Passes over the training pixels while the view MLP is tuned, if not those of snerg-bake.
+        quality: Rows of our own bake in the table quality, separated by commas: draft, compact (our default), full.
         most_macroblocks: If more would be kept, grids are made coarser. The default is that of each bake: none in the paper's.
         against: A second run of the same scene, trained without the sparsity loss.
         baselines: Folders of further runs of the same scene, separated by commas: of the presets jaxnerf-plus, jaxnerf, tinyview,
@@ -72,7 +69,7 @@ def snerg_report(
         quick: For the table storage: measure only the default quality of each codec.
     """
     chosen = None if tables is None else _chosen(tables, TABLES, "--tables")
-    rungs, sides = _chosen(fine_tune, get_args(FineTune), "--fine-tune"), _resolutions(resolutions)
+    qualities, sides = _chosen(quality, get_args(Quality), "--quality"), _resolutions(resolutions)
     pixels = parse_size(size) if size else None
     if frames < 1 or views < 0 or (resolution is not None and resolution < 1):
         raise UserError("is too small", where="--resolution, --frames or --views")
@@ -90,13 +87,12 @@ def snerg_report(
     from baker.reports.performance import Drawing
     from baker.reports.report import Sources, Wanted, open_study, write_tables
 
-    overrides = {"fine_tune_epochs": fine_tune_epochs, "most_macroblocks": most_macroblocks}
-    given: Mapping[str, Any] = {name: value for name, value in overrides.items() if value is not None}
+    given: Mapping[str, Any] = {} if most_macroblocks is None else {"most_macroblocks": most_macroblocks}
     folders = [Path(word.strip()) for word in (baselines or "").split(",") if word.strip()]
     study = open_study(Sources(run, out, scene, split, views, resolution, given, against, folders))
     drawing = Drawing(frames, pixels, distance, power_seconds)
     suit = [name for name in TABLES if name != "real" or study.kind != "synthetic"]
-    write_tables(study, suit if chosen is None else chosen, Wanted(rungs, sides, bake, drawing, quick))
+    write_tables(study, suit if chosen is None else chosen, Wanted(qualities, sides, bake, drawing, quick))
 
 
 def _side_by_side(folders: Sequence[Path], out: Path) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from baker.baking.presets import BakePreset
+from baker.baking.config import BakePreset
 from baker.reports import published
 from baker.reports.missing import train_command
 from baker.reports.pack_compare import stored_bytes

@@ -27,7 +27,7 @@ def real_table(study: Study) -> dict[str, Any]:
         masked = study.score_field("field", study.run, paper)
         rows.append({"row": OWN, "label": label_of(study.run.config, study.run.step), **whole, "masked": _of(masked)})
     rows.append(_pack(study, "snerg", SNERG["snerg"], paper, paper))
-    rows.append(_pack(study, "ours-all", OURS["all"], ours, paper))
+    rows.append(_pack(study, "ours-compact", OURS["compact"], ours, paper))
     rows.append(_field(study, "diffuse", paper))
     for row in rows:
         row["paper"] = published.quality(study.kind, study.name, row["row"])

@@ -18,8 +18,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from baker.baking.config import BLOCK_SIZE
-from baker.baking.presets import BakePreset, FineTune, paper_resolution
+from baker.baking.config import BLOCK_SIZE, BakePreset, Quality, default_resolution
 from baker.reports import tables
 from baker.reports.fields import OWN, row_of
 from baker.reports.figures import FIGURES, draw_figure
@@ -37,11 +36,11 @@ from training.run import Run, load_run, read_description, require_bakeable
 
 @dataclass(frozen=True)
 class Wanted:
-    """What tables show. rungs: of our own bake, in the quality table. resolutions: of the resolution table. preset: which bake
-    the tables of storage and resolution are of. quick: only each codec's default quality.
+    """What tables show. qualities: of our own bake, in the quality table. resolutions: of the resolution table. preset: of the
+    bake in the tables of storage and resolution. quick: only each codec's default quality.
     """
 
-    rungs: Sequence[FineTune] = ("auto",)
+    qualities: Sequence[Quality] = ("compact",)
     resolutions: Sequence[int] = (1000, 750, 500)
     preset: BakePreset = "paper"
     drawing: Drawing = field(default_factory=Drawing)
@@ -72,7 +71,7 @@ def write_tables(study: Study, chosen: Sequence[str], wanted: Wanted) -> None:
     _check_resolutions([study.resolution, *wanted.resolutions])
     document = _begun(study)
     makers = {
-        "quality": lambda: tables.quality_table(study, wanted.rungs),
+        "quality": lambda: tables.quality_table(study, wanted.qualities),
         "storage": lambda: tables.storage_table(study, wanted.preset, wanted.quick),
         "performance": lambda: performance_table(study, wanted.drawing),
         "resolution": lambda: resolution_table(study, wanted.preset, wanted.resolutions, wanted.drawing),
@@ -120,7 +119,7 @@ def open_study(sources: Sources) -> Study:
         places = np.linspace(0, len(photographs) - 1, sources.views).round().astype(int)
         photographs = tuple(photographs[i] for i in places)
     scored = changed(run.scene, splits={**run.scene.splits, split: photographs})
-    resolution = paper_resolution(run.scene) if sources.resolution is None else sources.resolution
+    resolution = default_resolution("paper", run.scene) if sources.resolution is None else sources.resolution
     baselines = _baselines(run, sources.baselines)
     return Study(run, scored, split, sources.out, resolution, sources.overrides, sources.against, baselines)
 

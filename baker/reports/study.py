@@ -9,24 +9,21 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from baker.baking.bake import bake_floats, work_key
-from baker.baking.config import BakeConfig, preset_config
-from baker.baking.presets import BakePreset
+from baker.baking.config import BakeConfig, BakePreset
 from baker.baking.to_pack import bake_to
 from baker.reports.evaluation import Drawn, evaluate
 from baker.reports.float_pictures import float_pictures
 from baker.reports.published import Kind, kind_of
 from console.atomic import write_file
-from scenepack import open_pack
 from training.run import Run, load_run
 from training.scenes import Scene, picture_stems
 
 Score = dict[str, Any]
-OF_VOXELS = ("tau_weight", "fine_tune", "fine_tune_epochs", "fine_tune_pixels")  # what work_key leaves out
 
 
 @dataclass(frozen=True)
@@ -77,49 +74,39 @@ class Study:
 
     def config(self, preset: BakePreset, **changes: Any) -> BakeConfig:
         """How a pack of this report is baked."""
-        return preset_config(preset, **{"resolution": self.resolution, **self.overrides, **changes})
+        return BakeConfig(**{"resolution": self.resolution, "preset": preset, **self.overrides, **changes})
 
     def baked(self, preset: BakePreset, run: Run | None = None, **changes: Any) -> Baked:
-        """The pack of a run (by default the report's own), from the shelf where it lies there already.
+        """The pack of a run (by default the report's own), from the report's folder where it lies there already.
 
         changes: fields of BakeConfig that differ from the report's.
         """
         run, config = run or self.run, self.config(preset, **changes)
-        kept = self._kept(preset, run, config) or self._kept_as_auto(preset, run, config)
+        kept = self._kept(preset, run, config)
         if kept is not None:
             return kept
         name = self._name(preset, run, config)
-        pack, note, key = self._shelf / name, self._shelf / f"{name}.json", _key(run, config)
+        pack, note, key = self._packs / name, self._packs / f"{name}.json", _key(run, config)
         note.unlink(missing_ok=True)  # first, so that no note ever tells of another pack
-        self._shelf.mkdir(parents=True, exist_ok=True)
+        self._packs.mkdir(parents=True, exist_ok=True)
         seconds = bake_to(run, config, pack)
         write_file(note, json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n")
         return Baked(name, pack, key, seconds)
 
     @property
-    def _shelf(self) -> Path:
+    def _packs(self) -> Path:
         return self.out / "packs"
 
     def _name(self, preset: BakePreset, run: Run, config: BakeConfig) -> str:
-        return f"{preset}-{config.resolution}-{config.fine_tune}" + ("-no-sparsity" if run is self._against else "")
+        return f"{preset}-{config.resolution}-{config.quality}" + ("-no-sparsity" if run is self._against else "")
 
     def _kept(self, preset: BakePreset, run: Run, config: BakeConfig) -> Baked | None:
         name, key = self._name(preset, run, config), _key(run, config)
-        note, pack = _read(self._shelf / f"{name}.json"), self._shelf / name
+        note, pack = _read(self._packs / f"{name}.json"), self._packs / name
         same = (
             note.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(note.get("seconds"), dict)
         )
         return Baked(name, pack, key, note["seconds"]) if same else None
-
-    def _kept_as_auto(self, preset: BakePreset, run: Run, config: BakeConfig) -> Baked | None:
-        """The pack of `auto`, where its tuning came to what `config` asks for: that bake would make the same pack again."""
-        auto = self._kept(preset, run, replace(config, fine_tune="auto"))
-        if auto is None:
-            return None
-        with open_pack(auto.path) as reader:
-            provenance = reader.outline.metadata.get("provenance")
-        tuned = provenance.get("fine_tuning") if isinstance(provenance, dict) else None
-        return auto if isinstance(tuned, dict) and tuned.get("of") == config.fine_tune else None
 
     def score(self, baked: Baked, mask_of: Baked | None = None) -> Score:
         """psnr, ssim, lpips of a pack: means over the views, drawn by OpenGL, and `views`, each photograph's psnr."""
@@ -168,7 +155,7 @@ class Study:
 
 
 def _key(run: Run, config: BakeConfig) -> dict[str, Any]:
-    return work_key(run, config) | {field: getattr(config, field) for field in OF_VOXELS}
+    return work_key(run, config) | {"quality": config.quality}
 
 
 def _read(note: Path) -> dict[str, Any]:

@@ -8,13 +8,13 @@ baker.reports.published. What is not known is None. Times are seconds or, of fra
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 
-from baker.baking.presets import BakePreset, FineTune
+from baker.baking.config import BakePreset, Quality
 from baker.reports import published
 from baker.reports.codec_report import LADDER, measured
 from baker.reports.cross_sections import draw_sections, section, shares
@@ -37,26 +37,23 @@ SNERG = {
     "no-sparsity": "SNeRG (PNG, no L_s)",
 }
 CODECS = {"png": "PNG", "webp": "WebP", "jpeg": "JPEG", "h264": "H264", "avif": "AVIF"}
-OURS = {
-    "auto": "ours: by default settings",
-    "none": "ours: pruned, not fine-tuned",
-    "view-mlp": "ours: pruned, view MLP fine-tuned",
-    "all": "ours: pruned, voxels and view MLP fine-tuned",
-    "compact": "ours, the same in coarser steps",
+OURS: Mapping[Quality, str] = {
+    "draft": "ours: pruned, not tuned",
+    "compact": "ours: pruned and tuned in coarser steps",
+    "full": "ours: pruned and tuned in 8 bits",
 }
 
 
-def quality_table(study: Study, rungs: Sequence[FineTune]) -> dict[str, Any]:
-    """Table 2: from trained fields to what is shown. rungs: of our own bake, below the paper's."""
-    own = row_of(study.run.config)
+def quality_table(study: Study, qualities: Sequence[Quality]) -> dict[str, Any]:
+    """Table 2: from trained fields to what is shown. qualities: of our own bake, below the paper's."""
     rows = [field_row(study, name) for name in BEFORE]
-    if own == OWN:
+    if row_of(study.run.config) == OWN:
         rows.append(_own_field_row(study))
     rows.append(_beside(study, {"row": "float", "label": SNERG["float"], **study.score_floats()}))
-    rows.append(_baked_row(study, "8-bit", SNERG["8-bit"], study.baked("paper", fine_tune="none")))
+    rows.append(_baked_row(study, "8-bit", SNERG["8-bit"], study.baked("paper", quality="draft")))
     rows.append(_baked_row(study, "snerg", SNERG["snerg"], study.baked("paper")))
     rows.append(no_sparsity_row(study))
-    rows += [_baked_row(study, f"ours-{rung}", OURS[rung], study.baked("snerg", fine_tune=rung)) for rung in rungs]
+    rows += [_baked_row(study, f"ours-{own}", OURS[own], study.baked("snerg", quality=own)) for own in qualities]
     rows.append(field_row(study, "diffuse"))
     return {"resolution": study.resolution, "field": label_of(study.run.config, study.run.step), "rows": rows}
 

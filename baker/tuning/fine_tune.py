@@ -1,7 +1,8 @@
-"""Fine-tuning of the view MLP on what the baked grid really shows (SNeRG section 5.6).
+"""Fine-tuning of the view MLP on what the baked grid really shows (SNeRG section 5.5).
 
 Baking to 8 bits shifts accumulated colours and features; the view MLP is trained on against the photographs, with the
-grid held fixed. So every training pixel is marched once, and an epoch is a pass over what was accumulated.
+grid held fixed. So every training pixel is marched once, and an epoch is a pass over what was accumulated. The release takes a
+whole photograph a step. The paper does not say how many pixels: here as many as a photograph has, of all photographs.
 """
 
 from __future__ import annotations
@@ -27,8 +28,6 @@ from training.view_mlp import apply_view_mlp
 
 LEARNING_RATE = 3e-4
 EPOCHS = 100
-BATCH = 16_384
-FINE_TUNE_PIXELS = 1_000_000  # training pixels marched, an even random share: ample for 850 weights
 MARCHED_AT_ONCE, SCORED_AT_ONCE = 1 << 22, 1 << 20
 
 
@@ -44,23 +43,19 @@ class Pixels(NamedTuple):
 
 
 def fine_tune(
-    pack: Pack, dataset: RayDataset, *, epochs: int = EPOCHS, most_pixels: int = FINE_TUNE_PIXELS, seed: int = 0,
-    by_opacity: bool = False, on_share: Callable[[float, str], None] | None = None,
+    pack: Pack, dataset: RayDataset, *, epochs: int = EPOCHS, seed: int = 0, by_opacity: bool = False,
+    on_share: Callable[[float, str], None] | None = None,
 ) -> tuple[Pack, float, float]:  # fmt: skip
     """The pack with its view MLP refined, and the PSNR over shaded training pixels before and after.
-
-    most_pixels: how many training pixels, an even random share; 0 for all of them (the paper), which the release takes a whole
-    photograph a step. The paper does not say how many a step: here as many as a photograph has, of all photographs.
 
     by_opacity: photographs also show what lies outside of the pack's box. Errors are weighted by the pack's own opacity, as
     the paper masks pictures of such scenes (section 6).
 
     A diffuse pack, and one that no training pixel meets, comes back as it is.
     """
-    if pack.view_mlp is None or epochs < 1:
-        return pack, float("nan"), float("nan")
-    pixels = shaded_pixels(pack, dataset, most_pixels, seed, on_share)
-    if pixels is None:
+    told = on_share or (lambda share, text: None)
+    pixels = None if pack.view_mlp is None else shaded_pixels(pack, dataset, seed, told)
+    if pack.view_mlp is None or pixels is None:
         return pack, float("nan"), float("nan")
     if not by_opacity:
         pixels = pixels._replace(weight=jnp.ones_like(pixels.weight))
@@ -68,31 +63,25 @@ def fine_tune(
     before = _psnr(params, pixels)
     optimiser = optax.adam(LEARNING_RATE)
     moments, key = optimiser.init(params), jax.random.key(seed)
-    batch = BATCH if most_pixels else max(-(-len(pixels.diffuse) // dataset.views), 1)
-    for epoch in range(epochs):
-        order = _order(jax.random.fold_in(key, epoch), len(pixels.diffuse), batch, fixed=not most_pixels)
-        params, moments = _epoch(params, moments, pixels, order, optimiser)
-        if on_share:
-            on_share(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
-    after = _psnr(params, pixels)
-    return replace(pack, view_mlp=from_params(params)), before, after
+    count = len(pixels.diffuse)
+    batch = -(-count // dataset.views)
+    for epoch in range(epochs):  # pixels are in random order already: the same batches in another are enough
+        order = jax.random.permutation(jax.random.fold_in(key, epoch), -(-count // batch))
+        params, moments = _epoch(params, moments, pixels, order, batch, optimiser)
+        told(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
+    return replace(pack, view_mlp=from_params(params)), before, _psnr(params, pixels)
 
 
 def shaded_pixels(
-    pack: Pack, dataset: RayDataset, most_pixels: int, seed: int, on_share: Callable[[float, str], None] | None
+    pack: Pack, dataset: RayDataset, seed: int = 0, on_share: Callable[[float, str], None] = lambda share, text: None
 ) -> Pixels | None:
-    """Marches `most_pixels` training pixels (0: all) through the pack and keeps those that the viewer shades (T <= 254/255), in
-    random order where they are all."""
-    count, rng = dataset.count, np.random.default_rng(seed)
-    ids = rng.permutation(count)[:most_pixels].astype(np.int32) if most_pixels else np.arange(count, dtype=np.int32)
-    ids.sort()  # neighbours read the same memory
+    """Marches all training pixels through the pack and keeps those that the viewer shades (T <= 254/255), in random order."""
     marcher, parts = PackMarcher(pack, dataset), []
-    for start in range(0, len(ids), MARCHED_AT_ONCE):
-        part = ids[start : start + MARCHED_AT_ONCE]
+    for start in range(0, dataset.count, MARCHED_AT_ONCE):
+        part = np.arange(start, min(start + MARCHED_AT_ONCE, dataset.count), dtype=np.int32)
 
         def tell(share: float, done: int = start, more: int = len(part)) -> None:
-            if on_share:
-                on_share(0.5 * (done + share * more) / len(ids), "marching training pixels")
+            on_share(0.5 * (done + share * more) / dataset.count, "marching training pixels")
 
         sums = marcher.accumulate(part, tell)
         shaded = np.asarray(sums.transmittance) <= TRANSMITTANCE_SHADED
@@ -101,7 +90,7 @@ def shaded_pixels(
             parts.append(Pixels(*map(np.asarray, _pixels(sums, dataset, jnp.asarray(part[shaded]), pack.ndc))))  # type: ignore[arg-type]
     if not parts:
         return None
-    order = slice(None) if most_pixels else rng.permutation(sum(len(some.diffuse) for some in parts))
+    order = np.random.default_rng(seed).permutation(sum(len(some.diffuse) for some in parts))
     return Pixels(*(jnp.asarray(np.concatenate(of)[order]) for of in zip(*parts, strict=True)))
 
 
@@ -119,25 +108,13 @@ def _squared_error(params: ViewMlpParams, pixels: Pixels) -> jax.Array:
     return jnp.mean(jnp.square(pixels.weight * (jnp.minimum(pixels.diffuse + residual, 1.0) - pixels.target)))
 
 
-@partial(jax.jit, static_argnames=("count", "batch", "fixed"))
-def _order(key: jax.Array, count: int, batch: int, *, fixed: bool) -> jax.Array:
-    """int32 [batches, batch]: places of the pixels of an epoch's steps; the last incomplete batch is filled up with others.
+@partial(jax.jit, static_argnames=("batch", "optimiser"))
+def _epoch(params, moments, pixels: Pixels, order: jax.Array, batch: int, optimiser: optax.GradientTransformation):
+    """One pass over the pixels, in batches of neighbours, in this order; the last is filled up with the first."""
 
-    fixed: pixels are in random order already, and it is enough to take the same batches in another: no reading of gigabytes in
-    random order.
-    """
-    batches = -(-count // batch)
-    if not fixed:
-        return jnp.resize(jax.random.permutation(key, count), (batches, batch))
-    return (batch * jax.random.permutation(key, batches)[:, None] + jnp.arange(batch)) % count
-
-
-@partial(jax.jit, static_argnames="optimiser")
-def _epoch(params, moments, pixels: Pixels, order: jax.Array, optimiser: optax.GradientTransformation):
-    """One pass over the pixels, in batches of places `order`."""
-
-    def step(carry, ids):
+    def step(carry, turn):
         params, moments = carry
+        ids = (batch * turn + jnp.arange(batch)) % len(pixels.diffuse)
         slope = jax.grad(_squared_error)(params, Pixels(*(array[ids] for array in pixels)))
         updates, moments = optimiser.update(slope, moments, params)
         return (optax.apply_updates(params, updates), moments), None

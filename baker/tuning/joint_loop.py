@@ -1,9 +1,9 @@
-"""The loop around baker.tuning.tuner.Tuner: which rays, how many at once, for how long, and which state is kept."""
+"""The loop around baker.tuning.tuner.Tuner: which rays, how many at once, for how long, which state is kept."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
@@ -18,24 +18,20 @@ from scenepack.pack import Pack
 from training.dataset import RayDataset
 
 HELD_OUT_RAYS = 65_536
-# On lego at 800 × 800, cells of 2 end above cells of 4: by 0.3 dB at 512³, by 0.1 dB at 1000³, where they meet 6 rays. Cells of
-# one voxel learn the training views by heart: at 1000³ another 1.2 dB of these, but 0.03 dB of test views.
+# Small cells are sharper where enough rays meet each; cells of one voxel learn the training views by heart.
 RAYS_PER_CELL, NARROWEST, WIDEST = 6, 2, 4
 MOST_CELLS = 1 << 27  # of a grid, empty ones included: a table of all of them is kept
 LEAST_STEPS, FEWEST_SAMPLES = 200, 32_768
-# Held-out views that have lost so much (dB) after this share of the steps do not regain it. Those of mary_rose at 864 × 864,
-# whose masks disagree, lost 0.23 dB and regained 0.05 in the rest; lego's had lost 0.03 after an eighth, and won 0.26 in the end.
-HOPELESS, HOPE_FOR = 0.15, 0.25
 
 
 @dataclass(frozen=True)
 class JointConfig:
     """How to fine-tune voxels and view MLP together."""
 
-    passes: float = 1.0
+    passes: float = 1.3
     """Passes over the training rays that meet content."""
-    most_steps: int = 1000
-    """Fewer passes where they would take more steps than this: every ray of a room meets content. Lego at 1000³ takes 820."""
+    most_steps: int = 1100
+    """Fewer passes where they would take more steps than this: every ray of a room meets content."""
     samples: int = 393_216
     """Samples marched a step; rays are as many as fill them."""
     cell: int | None = None
@@ -50,49 +46,50 @@ class JointConfig:
     """The rates fall log-linearly to this share."""
     held_out: int = 10
     """One training view in so many tells which state is best, and is not trained on; 0 trains on all, to the end."""
-    least_gain: float = 0.0
-    """What held-out views must gain, dB; else all stays as it was."""
     steps: Steps = EXACT
-    """What colours and features are stored in multiples of."""
+    """What is stored in multiples of."""
+    most_lost: float = np.inf
+    """dB of held-out views that steps may cost before they are tuned in; else they are EXACT."""
     checks: int = 8
     """How often the held-out views are looked at."""
     seed: int = 0
-
-    def slower(self, share: float) -> JointConfig:
-        """The same with all rates at this share."""
-        return replace(
-            self, rate=share * self.rate, density_rate=share * self.density_rate, head_rate=share * self.head_rate
-        )
 
 
 def joint_tune(
     pack: Pack, dataset: RayDataset, config: JointConfig, on_share: Callable[[float, str], None] | None = None,
     by_opacity: bool = False,
-) -> tuple[Pack, dict[str, Any]]:  # fmt: skip
-    """The pack with voxels and view MLP refined, and figures: PSNR on held-out rays and samples a ray, before and after. The
-    arrays of `pack` are changed. Given up early where held-out views lose more than they may regain.
+) -> tuple[Pack, dict[str, Any], Steps]:  # fmt: skip
+    """The pack with voxels and view MLP refined; figures, of held-out rays before and after; and what it is stored in. The arrays
+    of `pack` are changed. The state is kept in which held-out views look best.
 
     by_opacity: see baker.tuning.shading.ErrorTerms. If no training ray meets the pack, it is returned unchanged, without figures.
     """
-    if on_share:
-        on_share(0.0, "choosing rays")
+    told = on_share or (lambda share, text: None)
+    told(0.0, "choosing rays")
     every = np.arange(dataset.count, dtype=np.int32)
     hits = every[PackMarcher(pack, dataset).meets(every)]
     trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
     if not len(trained_on):
-        return pack, {}
-    tuner = Tuner(pack, dataset, config.cell or cell_for(pack, len(hits)), by_opacity=by_opacity, steps=config.steps)
+        return pack, {}, EXACT
+    tuner = Tuner(pack, dataset, config.cell or cell_for(pack, len(hits)), by_opacity=by_opacity)
     tuner.fill(trained_on, config.samples, config.seed)
     steps = config.passes * len(trained_on) / tuner.rays
     if steps < LEAST_STEPS:  # of few rays there are more steps, each with fewer
         tuner.fill(trained_on, max(int(config.samples * steps / LEAST_STEPS), FEWEST_SAMPLES), config.seed)
         steps = config.passes * len(trained_on) / tuner.rays
     steps = min(max(int(steps), 1), config.most_steps)
-    if on_share:
-        on_share(0.0, "compiling")
+    told(0.0, "compiling")
     before = best = now = tuner.score(held_out)
-    first, done = tuner.snapshot(), 0
-    kept = first
+    stored_in = config.steps
+    if stored_in != EXACT:
+        tuner.round_to(stored_in)
+        best = now = tuner.score(held_out)
+        if before[0] - now[0] > config.most_lost:
+            stored_in = EXACT
+            tuner.round_to(EXACT)
+            best = now = before
+    figures = {"lost_to_steps": round(before[0] - now[0], 3)} if stored_in != EXACT else {}
+    kept, done = tuner.snapshot(), 0
     rng, order, at = np.random.default_rng((config.seed, 1)), trained_on[:0], 0  # not the draw of the rays to score
     colour = config.rate / 255
     rates = np.array([*[colour] * 3, config.density_rate, *[colour] * 4, config.head_rate], np.float32)
@@ -107,19 +104,12 @@ def joint_tune(
             now = tuner.score(held_out)
             if now[0] >= best[0] or not config.held_out:
                 best, kept = now, tuner.snapshot()
-        hopeless = config.held_out and done >= HOPE_FOR * steps and now[0] < before[0] - HOPELESS
-        if on_share:
-            known = f"held-out {now[0]:.2f} dB" if config.held_out else f"{now[0]:.2f} dB"
-            on_share(1.0 if hopeless else done / steps, f"step {done} of {steps}, {known}")
-        if hopeless:
-            break
-    if config.held_out and best[0] - before[0] < config.least_gain:
-        best, kept = before, first
+        told(done / steps, f"step {done} of {steps}, {'held-out ' if config.held_out else ''}{now[0]:.2f} dB")
     return tuner.tuned(kept), {
-        "passes": round(done * tuner.rays / len(trained_on), 2),
+        "passes": round(done * tuner.rays / len(trained_on), 2), **figures,
         "held_out_psnr_before": round(before[0], 3), "held_out_psnr_after": round(best[0], 3),
         "samples_a_ray_before": round(before[1], 2), "samples_a_ray_after": round(best[1], 2),
-    }  # fmt: skip
+    }, stored_in  # fmt: skip
 
 
 def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool = False) -> float:
@@ -132,19 +122,6 @@ def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool =
         dataset.colours_at(rays), jnp.ones(len(ids), bool), dataset.background, ErrorTerms(pack.ndc, by_opacity), clamped=True,
     )  # fmt: skip
     return psnr_of(float(error), float(weight))
-
-
-def lost_to_steps(pack: Pack, dataset: RayDataset, steps: Steps, seed: int, *, by_opacity: bool = False) -> float:
-    """How much of shown_psnr (dB) is lost where what is stored is rounded to `steps`, before it is tuned in them."""
-    features = None if pack.atlas_features is None else pack.atlas_features.copy()
-    copied = replace(
-        pack, atlas_rgba=pack.atlas_rgba.copy(), atlas_features=features
-    )  # a tuner works on what it is given
-    tuner = Tuner(copied, dataset, cell_for(pack, dataset.count), steps=steps)
-    rounded = tuner.tuned(tuner.snapshot())
-    return shown_psnr(pack, dataset, seed, by_opacity=by_opacity) - shown_psnr(
-        rounded, dataset, seed, by_opacity=by_opacity
-    )
 
 
 def cell_for(pack: Pack, rays: int) -> int:

@@ -1,4 +1,4 @@
-"""Emptying the voxels that no training view sees enough of, and closing what is behind surfaces (beyond SNeRG section 5.4).
+"""Emptying the voxels that no training view sees enough of, and closing what is behind surfaces (beyond SNeRG section 5.3).
 
 The paper culls whole macroblocks. What is left in them is in good part haze: voxels that never make up a hundredth of any
 pixel, yet each costs every ray that meets it a sample, and bytes. So rays are marched through the baked pack as the viewer
@@ -19,37 +19,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from baker.tuning.marcher import PackMarcher
 from baker.tuning.sighting import lines_of_sight
 from scenepack.blocks import block_copy, fill_atlas
-from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.dataset import RayDataset
 
-TAU_WEIGHT = 0.0085  # on a lego at 512³ this empties one voxel in seven and costs 0.04 dB
-# Parts of tau_weight. By 0.034 a tuned lego keeps 14.6 million voxels, by a quarter of that 16.9.
-MILDER = (0.7, 0.5, 0.35, 0.25)
+TAU_WEIGHT = 0.034  # tuning regains what this costs
+MILDER = (0.7, 0.5, 0.35, 0.25)  # parts of tau_weight that are tried where it costs too much
 DENSER = 20.0  # times itself, density grows to where it is closed
-
-
-class Closing(NamedTuple):
-    """From transmittance `hidden` down to `deep`, density grows to DENSER times itself."""
-
-    hidden: float
-    deep: float
-
-
-UNSEEN = Closing(0.3, 0.02)  # changes nothing that photographs show
-FIRM = Closing(
-    0.8, 0.3
-)  # where voxels are tuned afterwards: lego at 1000³ loses a tenth of its samples, and no quality
-# Times tau_weight and closing of a scene that gives up quality for speed: what costs little enough is taken, from above.
-THINNEST = ((8.0, Closing(1.0, 0.6)), (8.0, Closing(0.9, 0.4)), (4.0, Closing(0.9, 0.4)), (2.0, FIRM), (1.0, FIRM))
+CLOSED = (0.8, 0.3)  # transmittance: from the first down to the second, density grows to DENSER times itself
 
 
 @dataclass(frozen=True)
@@ -61,53 +44,18 @@ class Pruned:
     macroblocks: int
     tau_weight: float
 
-    def then(self, later: Pruned) -> Pruned:
-        """Both, one after the other, by the first one's tau_weight."""
-        emptied = self.macroblocks + later.macroblocks
-        return Pruned(self.voxels_before, later.voxels_after, emptied, self.tau_weight)
-
 
 def prune(
-    pack: Pack,
-    dataset: RayDataset,
-    tau_weight: float = TAU_WEIGHT,
-    seed: int = 0,
-    on_share: Callable[[float], None] | None = None,
-    closing: Closing = UNSEEN,
-    score: Callable[[Pack], float] | None = None,
-    most_lost: float = 0.0,
+    pack: Pack, light: Light, score: Callable[[Pack], float], most_lost: float, tau_weight: float = TAU_WEIGHT
 ) -> tuple[Pack, Pruned]:
-    """The pack without the voxels that would make up less than tau_weight of any pixel of a training view, closed within.
+    """The pack without the voxels that would make up less than tau_weight of any pixel in this light, closed within.
 
-    score (dB): where given, it may fall by no more than most_lost. Otherwise tau_weight is MILDER, or the pack comes back as it
-    is. What one voxel shows may be little, and all of them together a wall: rooms whose walls are mist are such scenes.
-    A pack that no view sees at all comes back as it is, too.
+    score (dB) may fall by no more than most_lost. Otherwise tau_weight is MILDER, or the pack comes back as it is. What one voxel
+    shows may be little, and all of them together a wall: rooms whose walls are mist are such scenes.
     """
-    lit = light_of(pack, dataset, seed, on_share)
-    if lit is None:
-        return pack, _untouched(pack)
-    if score is None:
-        return _thinner(pack, lit, tau_weight, closing)
     least = score(pack) - most_lost
     for part in (1.0, *MILDER):
-        thinner, pruned = _thinner(pack, lit, part * tau_weight, closing)
-        if score(thinner) >= least:
-            return thinner, pruned
-        del thinner  # before the next takes its place
-    return pack, _untouched(pack)
-
-
-def thin(
-    pack: Pack, lit: Light, tau_weight: float, steps: Steps, score: Callable[[Pack], float], most_lost: float
-) -> tuple[Pack, Pruned]:
-    """The pack as thin as it may be by THINNEST where score (dB) falls by no more than most_lost; otherwise as it is.
-
-    Rays end earlier and meet less: a scene that is faster and smaller, and a little less good. steps: what it is stored in,
-    and stays in.
-    """
-    least = score(pack) - most_lost
-    for times, closing in THINNEST:
-        thinner, pruned = _thinner(pack, lit, times * tau_weight, closing, steps)
+        thinner, pruned = _thinner(pack, light, part * tau_weight)
         if score(thinner) >= least:
             return thinner, pruned
         del thinner  # before the next takes its place
@@ -119,8 +67,8 @@ def _untouched(pack: Pack) -> Pruned:
     return Pruned(count, count, 0, 0.0)
 
 
-def _thinner(pack: Pack, lit: Light, tau_weight: float, closing: Closing, steps: Steps = EXACT) -> tuple[Pack, Pruned]:
-    """The pack without its voxels that make up less than tau_weight in this light, closed, in multiples of `steps`."""
+def _thinner(pack: Pack, lit: Light, tau_weight: float) -> tuple[Pack, Pruned]:
+    """The pack without its voxels that make up less than tau_weight in this light, closed."""
     assert pack.atlas_features is not None, "baking always stores features"
     before = after = 0
     kept = np.zeros(pack.occupied.shape, bool)
@@ -131,7 +79,7 @@ def _thinner(pack: Pack, lit: Light, tau_weight: float, closing: Closing, steps:
         before, after = before + int(np.count_nonzero(rgba[..., 3])), after + int(stays.sum())
         kept[block] = stays.any()
     indices, rgba, features = fill_atlas(
-        ((block, _thinned(pack, block, lit.at(block), tau_weight, closing, steps)) for block in blocks if kept[block]),
+        ((block, _thinned(pack, block, lit.at(block), tau_weight)) for block in blocks if kept[block]),
         kept, pack.block_size,
     )  # fmt: skip
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
@@ -145,12 +93,12 @@ def _blocks(pack: Pack) -> list[tuple[int, ...]]:
     return [tuple(block) for block in np.argwhere(pack.occupied)]
 
 
-def closing_gain(alpha: np.ndarray, transmittance: np.ndarray, closing: Closing) -> np.ndarray:
+def closing_gain(alpha: np.ndarray, transmittance: np.ndarray) -> np.ndarray:
     """What premultiplied voxels of alpha and transmittance uint8 [...] are multiplied by, float32, so that little light
     goes on.
     """
-    opacity = np.maximum(alpha, 1) / np.float32(255)
-    depth = np.clip((closing.hidden - transmittance / np.float32(255)) / (closing.hidden - closing.deep), 0, 1)
+    opacity, (shown, deep) = np.maximum(alpha, 1) / np.float32(255), CLOSED
+    depth = np.clip((shown - transmittance / np.float32(255)) / (shown - deep), 0, 1)
     return (1 - (1 - opacity) ** (1 + (DENSER - 1) * depth)) / opacity
 
 
@@ -164,25 +112,13 @@ def _stays(rgba: np.ndarray, arriving: np.ndarray, tau_weight: float) -> np.ndar
     return (rgba[..., 3] > 0) & (arriving.astype(np.float32) * rgba[..., 3] >= tau_weight * 255**2)
 
 
-def _thinned(
-    pack: Pack, block: tuple[int, ...], arriving: np.ndarray, tau_weight: float, closing: Closing, steps: Steps
-) -> np.ndarray:
-    """rgba and features uint8 [bs, bs, bs, 8] of what stays of a macroblock, closed within, in multiples of `steps`."""
+def _thinned(pack: Pack, block: tuple[int, ...], arriving: np.ndarray, tau_weight: float) -> np.ndarray:
+    """rgba and features uint8 [bs, bs, bs, 8] of what stays of a macroblock, closed within."""
     assert pack.atlas_features is not None, "baking always stores features"
     rgba = _data(pack, pack.atlas_rgba, block)
-    gain = _stays(rgba, arriving, tau_weight) * closing_gain(rgba[..., 3], arriving, closing)
+    gain = _stays(rgba, arriving, tau_weight) * closing_gain(rgba[..., 3], arriving)
     voxels = np.concatenate([rgba, _data(pack, pack.atlas_features, block)], axis=-1)
-    return _in_multiples(voxels * gain[..., None], steps)
-
-
-def _in_multiples(voxels: np.ndarray, steps: Steps) -> np.ndarray:
-    """Premultiplied voxels float32 [..., 8] in multiples of `steps`, or as much as their alpha; none is lost. uint8."""
-    step = steps.channels
-    nearest = np.round(voxels / step) * step
-    alpha = np.where(voxels[..., 3:4] > 0, np.clip(nearest[..., 3:4], step[3], 255), 0)
-    nearest = np.minimum(nearest, alpha)
-    nearest[..., 3:4] = alpha
-    return nearest.astype(np.uint8)
+    return np.round(voxels * gain[..., None]).astype(np.uint8)
 
 
 @dataclass(frozen=True)

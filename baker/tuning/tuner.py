@@ -1,4 +1,4 @@
-"""Fine-tuning of the stored voxels and the view MLP together, on exactly what the viewer shows (beyond SNeRG section 5.6).
+"""Fine-tuning of the stored voxels and the view MLP together, on exactly what the viewer shows (beyond SNeRG section 5.5).
 
 The paper trains the view MLP on against the grid as quantising left it. Here the grid moves, too: every step takes the
 viewer's own samples of some training rays from the voxels *as rounded to 8 bits*, and its gradient moves what is behind them (a
@@ -77,7 +77,7 @@ class Tuner:
     def __init__(
         self, pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False, steps: Steps = EXACT
     ) -> None:
-        self.terms, self.steps = ErrorTerms(pack.ndc, by_opacity), steps.channels
+        self.terms = ErrorTerms(pack.ndc, by_opacity)
         features = None if pack.atlas_features is None else np.ascontiguousarray(pack.atlas_features)
         self.pack = replace(pack, atlas_rgba=np.ascontiguousarray(pack.atlas_rgba), atlas_features=features)
         self.dataset, self.workers = dataset, Workers()
@@ -90,9 +90,15 @@ class Tuner:
         self.head = pack.view_mlp and to_params(pack.view_mlp)
         self.head_moments = [jax.tree.map(jnp.zeros_like, self.head) for _ in range(2)]
         self.found = [room_for_samples() for _ in range(self.workers.count)]
+        self.steps = EXACT.channels
         if steps != EXACT:
-            self._store(self.delta, np.arange(1, count, dtype=np.int32))
+            self.round_to(steps)
         self.rays, self.work = 0, work_for(0, 0)
+
+    def round_to(self, steps: Steps) -> None:
+        """From now on, what is stored is in multiples of `steps`."""
+        self.steps = steps.channels
+        self._store(self.delta, np.arange(1, self.cells.count + 1, dtype=np.int32))
 
     def fill(self, ids: np.ndarray, samples: int, seed: int) -> None:
         """Sets `rays`, so that a step on such rays takes about so many samples."""

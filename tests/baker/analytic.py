@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from baker.baking.culling import Culling, opaque_macroblocks, seen_macroblocks
+from baker.baking.field_query import FieldQuery
+from baker.baking.grid import BakeGrid
+from baker.baking.work_folder import WorkFolder
+from training.dataset import RayDataset
 from training.method import FieldOutput
 
 RADIUS, DENSITY = 0.8, 400.0
@@ -22,3 +27,8 @@ def nothing(points: np.ndarray) -> FieldOutput:
     """An empty field."""
     field = ball(points)
     return field._replace(density=np.zeros(len(points)))  # type: ignore[arg-type]
+
+
+def culled(field: FieldQuery, grid: BakeGrid, dataset: RayDataset, work: WorkFolder | None = None) -> Culling:
+    """What of a grid is worth storing, by both tests."""
+    return seen_macroblocks(opaque_macroblocks(field, grid, work=work), grid, dataset, work=work)

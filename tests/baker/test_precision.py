@@ -13,11 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.tuning import marcher
-from baker.tuning.pruning import prune
-from tests.baker.analytic import ball
+from baker.tuning.pruning import light_of
+from tests.baker.analytic import ball, culled
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.scenepack.random_packs import BLENDER_FRAME
 from training.dataset import RayDataset
@@ -53,9 +52,9 @@ def test_the_products_that_make_training_rays_ask_for_the_highest_precision(data
 
 def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
     programs = recorded(marcher, "_in_grid", monkeypatch)
-    culled = cull(ball, GRID, dataset)
+    culling = culled(ball, GRID, dataset)
     first = len(programs)
-    prune(baked(culled, GRID), dataset)
+    light_of(baked(culling, GRID), dataset, 0, None)
     assert len(programs) > first > 0
     for program in programs:
         assert len(precisions(program)) >= 3, "rays are made, and moved into the grid's frame"

@@ -46,7 +46,7 @@ PATIENCE_S = 900.0
 LIKE = 4.0  # grey levels: how far pictures of two films of the same pictures may be from each other, on average
 STEPS = "60"
 TRAINING = ["--preset", "tiny", "--steps", STEPS, "--checkpoint-every", "15", "--validate-every", "30"]
-BAKING = ["--resolution", "40", "--fine-tune", "none", "--tau-weight", "0"]
+BAKING = ["--resolution", "40", "--quality", "draft"]
 
 
 @dataclass

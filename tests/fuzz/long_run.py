@@ -34,7 +34,7 @@ TRAININGS = (  # one of each method, as long as there is something to bake
     ["--preset", "tiny", "--batch-size", "64", "--steps", "40", *SAVING],
     ["--preset", "quick", "--steps", "120", *SAVING],
 )
-BAKING = ["--resolution", "30", "--fine-tune-epochs", "1"]
+BAKING = ["--resolution", "30"]
 
 
 @dataclass(frozen=True)

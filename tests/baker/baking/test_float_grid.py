@@ -19,7 +19,7 @@ from training.run import Run, load_run
 from viewer.rendering.camera import ViewCamera
 
 OLDER = Path(__file__).parents[2] / "data/older"
-CONFIG = BakeConfig(resolution=45, tau_weight=0.0, fine_tune="none", supersampling="paper")
+CONFIG = BakeConfig(resolution=45, preset="paper", quality="draft")
 
 
 @pytest.fixture(scope="module")

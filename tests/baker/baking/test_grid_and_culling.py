@@ -10,16 +10,15 @@ import pytest
 
 from baker.baking import bake as baking
 from baker.baking.config import BakeConfig
-from baker.baking.culling import content_box, cull
+from baker.baking.culling import content_box
 from baker.baking.grid import box_in_grid_frame, make_grid
-from baker.baking.stages import Stages
 from baker.baking.supersample import spread_of, supersample
 from baker.baking.work_folder import WorkFolder
 from console import Notice, UserError
 from scenepack import Pack, check_pack
 from scenepack.blocks import dense_from_pack, fill_atlas
 from scenepack.padding import restore_padding
-from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, nothing
+from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, culled, nothing
 from tests.scenepack.random_packs import BLENDER_FRAME
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
@@ -71,7 +70,7 @@ def test_a_floating_speck_does_not_stretch_the_box() -> None:
 
 def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_middle(dataset) -> None:
     grid = make_grid(LOW * 0.7, HIGH * 0.7, 360, 30, BLENDER_FRAME)  # 12 blocks a side; the ball's radius is 4.6 blocks
-    culling = cull(ball, grid, dataset)
+    culling = culled(ball, grid, dataset)
     centres = (
         np.stack(np.meshgrid(*(np.arange(12),) * 3, indexing="ij"), -1) + 0.5
     ) * 30 * grid.voxel_size + grid.min_xyz[0]
@@ -93,14 +92,15 @@ def test_where_more_macroblocks_would_be_kept_than_cards_hold_the_grid_is_coarse
     run = SimpleNamespace(scene=scene, dataset=dataset, path=tmp_path)
     work = WorkFolder(tmp_path / "work", {"bake": 1})
 
-    def culled(most: int) -> tuple[int, int]:
-        grid, culling = baking._culled(run, BakeConfig(120, most_macroblocks=most), work, Stages())  # type: ignore[arg-type]
+    def kept_of(most: int) -> tuple[int, int]:
+        job = baking.Bake(run, BakeConfig(120, most_macroblocks=most), work)  # type: ignore[arg-type]
+        grid, culling = baking.culled_grid(job)
         return grid.resolution, int(culling.kept.sum())
 
-    resolution, kept = culled(6000)
+    resolution, kept = kept_of(6000)
     assert resolution == 120
     with pytest.warns(Notice, match=f"120 voxels would keep {kept} macroblocks.*--most-macroblocks {kept}"):
-        coarser, fewer = culled(kept // 2)
+        coarser, fewer = kept_of(kept // 2)
     assert 30 <= coarser < 120 and fewer <= kept // 2
     work.remove()
 
@@ -116,7 +116,7 @@ def baked(culling, grid, work=None) -> Pack:
 
 def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) -> None:
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
-    rgba, features = dense_from_pack(baked(cull(ball, grid, dataset), grid))
+    rgba, features = dense_from_pack(baked(culled(ball, grid, dataset), grid))
     assert features is not None
     alpha = rgba[..., 3].astype(float) / 255
     full = 1 - np.exp(-DENSITY * grid.voxel_size)
@@ -132,9 +132,9 @@ def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) 
 
 
 def test_a_field_no_finer_than_the_grid_is_asked_once_a_voxel_and_stays_as_sharp_as_it_is(dataset) -> None:
-    """What the paper's samples average out of an MLP, a field of voxels never had."""
+    """What the paper's samples average out of an MLP, a field that is smooth within its cells never had."""
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
-    culling, asked = cull(ball, grid, dataset), []
+    culling, asked = culled(ball, grid, dataset), []
 
     def ramp(points: np.ndarray):
         asked.append(points)
@@ -169,14 +169,14 @@ def test_what_the_fields_own_grain_blurs_along_an_axis_is_not_blurred_again() ->
 
 def test_the_atlas_holds_each_macroblock_and_copies_of_its_neighbours(dataset) -> None:
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
-    pack = baked(cull(ball, grid, dataset), grid)
+    pack = baked(culled(ball, grid, dataset), grid)
     assert all(finding.severity in ("ok", "note") for finding in check_pack(pack))
 
 
 def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, tmp_path, monkeypatch) -> None:
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
     monkeypatch.setattr("baker.baking.supersample.BLOCKS_AT_ONCE", 5)
-    whole = baked(cull(ball, grid, dataset), grid)
+    whole = baked(culled(ball, grid, dataset), grid)
     asked = 0
 
     def mortal(points: np.ndarray):
@@ -195,7 +195,7 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
         told.clear()
         work = WorkFolder(tmp_path / "work", {"bake": 1})
         try:
-            culling = cull(mortal, grid, dataset, work=work)
+            culling = culled(mortal, grid, dataset, work)
             blocks = supersample(mortal, grid, culling, work=work, on_blocks=lambda *now: told.append(now))
             last = fill_atlas(blocks, culling.kept, 30)
         except KeyboardInterrupt:

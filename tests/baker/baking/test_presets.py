@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,17 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from baker.baking.config import BakeConfig
-from baker.baking.culling import cull
+from baker.baking import culling
+from baker.baking.config import MOST_MACROBLOCKS, UNLIMITED, BakeConfig, BakePreset, Quality
 from baker.baking.grid import make_grid
-from baker.baking.presets import CHANGES
+from baker.baking.passes import passes_of
 from baker.baking.supersample import SAMPLES, Sampler
 from baker.commands.bake import main as snerg_bake
+from baker.commands.make import main as snerg_make
 from baker.tuning import fine_tune as tuning
 from baker.tuning.fine_tune import shaded_pixels
-from tests.baker.analytic import ball
+from tests.baker.analytic import ball, culled
 from tests.scenepack.random_packs import BLENDER_FRAME, random_pack
 from training.dataset import RayDataset
+from training.scenes import Scene
 
 
 def config_of(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str = "blender") -> BakeConfig:
@@ -34,20 +37,46 @@ def config_of(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind:
     return configs[0]
 
 
-def test_the_preset_paper_is_the_papers_and_single_options_change_it(
+def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_single_options_change_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def asked(words: str, kind: str = "blender") -> dict[str, Any]:
-        return vars(config_of(words, tmp_path, monkeypatch, kind))
+    def asked(words: str, kind: str = "blender") -> BakeConfig:
+        return config_of(words, tmp_path, monkeypatch, kind)
 
     paper = asked("--preset paper")
-    told = {"resolution": 1000, "tau_alpha": 0.005, "tau_vis": 0.01, "tau_weight": 0, "fine_tune": "view-mlp",
-            "fine_tune_epochs": 100, "fine_tune_pixels": 0, "supersampling": "paper"}  # fmt: skip
-    assert {name: paper[name] for name in told} == told
-    assert asked("--preset paper", "llff")["resolution"] == 1300
-    assert asked("--preset=paper --resolution 64 --tau-vis 0.02") == {**paper, "resolution": 64, "tau_vis": 0.02}
-    assert asked("") == vars(BakeConfig()) == asked("--preset snerg")
-    assert set(CHANGES["paper"]) <= set(vars(BakeConfig()))
+    assert (paper.preset, paper.resolution, paper.block_limit) == ("paper", 1000, UNLIMITED)
+    assert asked("--preset paper", "llff").resolution == 1300
+    assert asked("--preset=paper --resolution 64 --seed 3") == replace(paper, resolution=64, seed=3)
+    assert asked("--preset paper --most-macroblocks 9").block_limit == 9
+    assert asked("") == BakeConfig() == asked("--preset snerg") and BakeConfig().block_limit == MOST_MACROBLOCKS
+
+
+def test_snerg_make_bakes_the_preset_paper_as_the_paper_does_and_others_our_way(
+    scene: Scene, scene_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configs: list[BakeConfig] = []
+    trained = SimpleNamespace(scene=scene, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
+    monkeypatch.setattr("training.loop.train", lambda *_, **__: trained)
+    monkeypatch.setattr("baker.baking.to_pack.bake_to", lambda run, config, *_, **__: configs.append(config))
+    for words in ("--preset paper", "--preset paper --resolution 64", "--preset normal --quality full"):
+        assert snerg_make([str(scene_path), "--out", str(tmp_path / "out"), "--no-view", *words.split()]) == 0
+    papers = BakeConfig(1000, "paper")
+    assert configs == [papers, replace(papers, resolution=64), BakeConfig(512, "snerg", "full")]
+
+
+def test_each_preset_and_quality_has_its_passes_in_the_papers_order() -> None:
+    def names(preset: BakePreset, quality: Quality) -> list[str]:
+        return [name for name, _ in passes_of(BakeConfig(preset=preset, quality=quality))]
+
+    ours = ["padding", "pruning", "tuning", "hidden voxels"]
+    assert names("snerg", "compact") == names("snerg", "full") == ours and names("snerg", "draft") == ours[:2]
+    assert names("paper", "compact") == names("paper", "full") == ["padding", "view MLP"]
+    assert names("paper", "draft") == ["padding"], "the paper's row of 8 bits: nothing is emptied, nothing tuned"
+
+
+def test_the_paper_culls_by_its_thresholds_and_tunes_by_its_numbers() -> None:
+    assert (culling.TAU_ALPHA, culling.TAU_VIS) == (0.005, 0.01)
+    assert (tuning.LEARNING_RATE, tuning.EPOCHS) == (3e-4, 100)
 
 
 def test_a_preset_that_is_none_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -59,16 +88,16 @@ def test_the_paper_takes_16_gaussian_samples_of_any_field_and_averages_colours_a
     dataset: RayDataset,
 ) -> None:
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 30, 30, BLENDER_FRAME)
-    culling, asked = cull(ball, grid, dataset), []
+    kept, asked = culled(ball, grid, dataset), []
 
     def field(points: np.ndarray):
         asked.append(points)
         return ball(points)._replace(diffuse=0.5 + 0.5 * np.sin(40 * points))  # also where it is empty
 
-    grain = np.full(3, grid.voxel_size)  # of a field that "grain" asks once a voxel
-    sampler = Sampler.of(field, grid, culling, grain, "paper", 0)
+    grain = np.full(3, grid.voxel_size)  # of a field that our own bake asks once a voxel
+    sampler = Sampler.of(field, grid, kept, grain, 0, as_paper=True)
     with ThreadPoolExecutor(1) as pool:
-        places, values = sampler.content(np.argwhere(culling.kept)[:1], pool)
+        places, values = sampler.content(np.argwhere(kept.kept)[:1], pool)
     points = np.concatenate(asked).reshape(len(places), SAMPLES, 3)
     spread = (points - points.mean(1, keepdims=True)).std() * np.sqrt(SAMPLES / (SAMPLES - 1)) / grid.voxel_size
     assert spread == pytest.approx(1 / np.sqrt(12), rel=0.02)
@@ -85,27 +114,24 @@ def test_the_paper_tunes_the_view_mlp_on_all_pixels_a_photographs_worth_a_step(
 ) -> None:
     pack = random_pack(np.random.default_rng(7), block_size=14, grid_blocks=(3, 3, 3))
     monkeypatch.setattr(tuning, "MARCHED_AT_ONCE", dataset.count // 3 + 1)
-    every, some = (shaded_pixels(pack, dataset, most, 0, None) for most in (0, 1000))
-    assert every is not None and some is not None
-    assert len(some.diffuse) <= 1000 < len(every.diffuse)
+    every = shaded_pixels(pack, dataset)
     monkeypatch.setattr(tuning, "MARCHED_AT_ONCE", dataset.count)
-    at_once = shaded_pixels(pack, dataset, dataset.count, 0, None)
-    assert at_once is not None
+    at_once = shaded_pixels(pack, dataset)
+    assert every is not None and at_once is not None
     for a, b in zip(every, at_once, strict=True):
         np.testing.assert_allclose(np.sort(np.asarray(a), axis=0), np.sort(np.asarray(b), axis=0), atol=1e-6)
 
-    orders: list[np.ndarray] = []
+    taken: list[tuple[np.ndarray, int]] = []
 
-    def order(*args: Any, **options: Any) -> Any:
-        orders.append(np.asarray(real(*args, **options)))
-        return orders[-1]
+    def epoch(params: Any, moments: Any, pixels: Any, order: Any, batch: int, optimiser: Any) -> Any:
+        taken.append((np.asarray(order), batch))
+        return real(params, moments, pixels, order, batch, optimiser)
 
-    real = tuning._order
-    monkeypatch.setattr(tuning, "_order", order)
-    tuned, before, after = tuning.fine_tune(pack, dataset, epochs=2, most_pixels=0)
+    real = tuning._epoch
+    monkeypatch.setattr(tuning, "_epoch", epoch)
+    tuned, before, after = tuning.fine_tune(pack, dataset, epochs=2)
     assert after > before and tuned.view_mlp is not pack.view_mlp
     count = len(every.diffuse)
-    for one in orders:
-        assert one.shape == (dataset.views, -(-count // dataset.views))
-        assert set(one.ravel().tolist()) == set(range(count)), "each pixel in each epoch"
-    assert not np.array_equal(orders[0], orders[1])
+    for order, batch in taken:
+        assert batch == -(-count // dataset.views) and sorted(order) == list(range(-(-count // batch))), "each pixel"
+    assert not np.array_equal(taken[0][0], taken[1][0])

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.baking.supersample import supersample
 from baker.baking.to_pack import share_of
@@ -22,7 +21,7 @@ from baker.baking.work_folder import BakeEnded, Share, WorkFolder
 from baker.commands.bake import main as snerg_bake
 from console import UserError
 from scenepack.blocks import fill_atlas
-from tests.baker.analytic import ball
+from tests.baker.analytic import ball, culled
 from tests.older import OLDER, SCENE
 from tests.scenepack.random_packs import BLENDER_FRAME
 
@@ -43,7 +42,7 @@ def test_every_process_would_make_every_piece_but_its_own_share_first(process: i
 def voxels(dataset, work: WorkFolder | None) -> list[np.ndarray]:
     """indices, rgba and features of the ball, baked through a work folder."""
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
-    culling = cull(ball, grid, dataset, work=work)
+    culling = culled(ball, grid, dataset, work)
     return list(fill_atlas(supersample(ball, grid, culling, work=work), culling.kept, 30))
 
 
@@ -130,7 +129,7 @@ def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> N
     description = json.loads((run / "config.json").read_text())
     description["config"]["engine"] = "jax"  # which several devices have, and rounds otherwise than compiled loops
     (run / "config.json").write_text(json.dumps(description))
-    options = ["--scene", str(SCENE), "--resolution", "60", "--fine-tune", "none", "--tau-weight", "0"]
+    options = ["--scene", str(SCENE), "--resolution", "60", "--quality", "draft"]
     assert snerg_bake([str(run), "--out", str(one), *options]) == 0
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
     environment = os.environ | {"XLA_FLAGS": flags}

@@ -11,6 +11,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from baker.baking import passes
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.report import main as snerg_report
 from baker.reports.cross_sections import OPAQUE, draw_sections, placed, section, shares
@@ -27,6 +29,8 @@ from baker.reports.missing import train_command
 from baker.reports.pack_compare import stored_bytes
 from baker.reports.performance import Drawing
 from baker.reports.report import Sources, Wanted, open_study, write_tables
+from baker.tuning.fine_tune import fine_tune
+from baker.tuning.joint_loop import JointConfig
 from scenepack import load_pack
 from scenepack.blocks import dense_from_pack
 from tests.scenepack.random_packs import random_pack
@@ -39,8 +43,8 @@ pytestmark = pytest.mark.slow
 DATA = Path(__file__).parents[2] / "data"
 SCENE, RECORD = DATA / "older/scene", DATA / "report.json"
 TABLES = ("quality", "storage", "performance", "resolution", "real", "sparsity")
-# As the command's, but for epochs, and for the tuning of voxels, which tests of its own look at.
-QUICK = {"fine_tune_epochs": 2, "fine_tune": "view-mlp"}
+# Of tuning, so that the tests are quick, and their figures hardly depend on the processor. Tests of its own look at it.
+EPOCHS, STEPS = 2, 3
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +63,12 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.fixture(scope="module")
 def out(runs: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("report") / "out"
-    sources = Sources(runs[0], out, SCENE, resolution=46, overrides=QUICK, against=runs[1])
-    wanted = Wanted(("view-mlp",), (40, 46), "paper", Drawing(2, (32, 32)), quick=True)
-    write_tables(open_study(sources), TABLES, wanted)
+    sources = Sources(runs[0], out, SCENE, resolution=46, against=runs[1])
+    wanted = Wanted(("draft",), (40, 46), "paper", Drawing(2, (32, 32)), quick=True)
+    with pytest.MonkeyPatch.context() as quick:
+        quick.setattr(passes, "fine_tune", partial(fine_tune, epochs=EPOCHS))
+        quick.setattr(passes, "JointConfig", partial(JointConfig, most_steps=STEPS))
+        write_tables(open_study(sources), TABLES, wanted)
     return out
 
 
@@ -145,10 +152,10 @@ def test_the_fast_field_is_never_called_the_papers(out: Path, tables: dict[str, 
 
 def test_scores_are_those_of_snerg_eval(out: Path, tables: dict[str, Any], tmp_path: Path) -> None:
     quality, real = rows_of(tables["quality"]), rows_of(tables["real"])
-    paper = out / "packs/paper-46-view-mlp"
+    paper = out / "packs/paper-46-compact"
     for row, subject, extra in (
         (quality["snerg"], paper, []),
-        (real["ours-all"]["masked"], out / "packs/snerg-46-view-mlp", ["--mask-of", str(paper)]),
+        (real["ours-compact"]["masked"], out / "packs/snerg-46-compact", ["--mask-of", str(paper)]),
     ):
         words = [str(subject), "--scene", str(SCENE), "--json", str(tmp_path / "e.json"), *extra]
         assert snerg_eval(words) == 0
@@ -156,16 +163,16 @@ def test_scores_are_those_of_snerg_eval(out: Path, tables: dict[str, Any], tmp_p
         assert row["psnr"] == pytest.approx(told_by["psnr"], abs=1e-6)
         assert row["ssim"] == pytest.approx(told_by["ssim"], abs=1e-6)
     assert quality["float"]["psnr"] != quality["8-bit"]["psnr"] != quality["snerg"]["psnr"]
-    assert quality["8-bit"]["bytes"] == stored_bytes(out / "packs/paper-46-none")
+    assert quality["8-bit"]["bytes"] == stored_bytes(out / "packs/paper-46-draft")
     text = (out / "report.md").read_text()
     assert f"| {quality['8-bit']['psnr']:.2f} |" in text and f"{quality['field']['psnr']:.2f}" in text
 
 
 def test_resolutions_codecs_and_times_are_of_the_packs(out: Path, tables: dict[str, Any]) -> None:
     fine, *_ = tables["resolution"]["rows"]
-    pack = load_pack(out / "packs/paper-46-view-mlp")
+    pack = load_pack(out / "packs/paper-46-compact")
     assert fine["grid"] == list(pack.grid_size) and fine["macroblocks"] == pack.occupied.sum()
-    assert fine["bytes"] == stored_bytes(out / "packs/paper-46-view-mlp")
+    assert fine["bytes"] == stored_bytes(out / "packs/paper-46-compact")
     assert fine["ms_p50"] > 0 and fine["gpu_bytes"] > 0 and tables["resolution"]["renderer"]
     codecs = rows_of(tables["storage"])
     assert codecs["png"]["psnr"] == pytest.approx(fine["psnr"], abs=1e-6) == pytest.approx(codecs["webp"]["psnr"])
@@ -175,7 +182,7 @@ def test_resolutions_codecs_and_times_are_of_the_packs(out: Path, tables: dict[s
 def test_the_sparsity_table_counts_what_is_in_both_packs(out: Path, tables: dict[str, Any]) -> None:
     rows = tables["sparsity"]["rows"]
     assert rows[0]["sparsity_weight"] > rows[1]["sparsity_weight"] == 0
-    for row, name in zip(rows, ("paper-46-view-mlp", "paper-46-view-mlp-no-sparsity"), strict=True):
+    for row, name in zip(rows, ("paper-46-compact", "paper-46-compact-no-sparsity"), strict=True):
         pack = load_pack(out / "packs" / name)
         alpha = dense_from_pack(pack)[0][..., 3]
         assert row["macroblocks"]["occupied"] == pack.occupied.sum()
@@ -228,8 +235,8 @@ def test_the_same_study_again_bakes_and_scores_nothing(
     for name in ("bake_to", "evaluate", "bake_floats"):
         monkeypatch.setattr(f"baker.reports.study.{name}", again)
     figures = json.loads((out / "report.json").read_text())
-    sources = Sources(runs[0], out, SCENE, resolution=46, overrides=QUICK, against=runs[1])
-    write_tables(open_study(sources), ["quality", "real"], Wanted(("view-mlp",), (46,)))
+    sources = Sources(runs[0], out, SCENE, resolution=46, against=runs[1])
+    write_tables(open_study(sources), ["quality", "real"], Wanted(("draft",), (46,)))
     assert json.loads((out / "report.json").read_text()) == figures, "tables that are not asked for stay"
 
 

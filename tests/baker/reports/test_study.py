@@ -19,14 +19,12 @@ DATA = Path(__file__).parents[2] / "data/older"
 
 @pytest.fixture
 def bakes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What was baked so far; tuning by `auto` always comes to `all`."""
+    """What was baked so far."""
     made: list[str] = []
 
     def bake_to(run: Run, config: BakeConfig, out: Path) -> dict[str, float]:
-        made.append(config.fine_tune)
-        came_to = "all" if config.fine_tune == "auto" else config.fine_tune
-        pack = random_pack(np.random.default_rng(0))
-        save_pack(pack.with_metadata(provenance={"fine_tuning": {"of": came_to}}), out)
+        made.append(f"{config.preset} {config.quality} {config.seed}")
+        save_pack(random_pack(np.random.default_rng(0)), out)
         return {"writing": float(len(made))}
 
     monkeypatch.setattr("baker.reports.study.bake_to", bake_to)
@@ -38,21 +36,11 @@ def study(tmp_path: Path) -> Study:
     return open_study(Sources(DATA / "multires", tmp_path / "out", DATA / "scene", resolution=46))
 
 
-def test_what_auto_came_to_is_not_baked_again(study: Study, bakes: list[str]) -> None:
-    auto = study.baked("snerg", fine_tune="auto")
-    assert study.baked("snerg", fine_tune="all") == auto
-    assert study.baked("snerg", fine_tune="auto") == auto
-    assert bakes == ["auto"]
-
-
-def test_what_auto_did_not_come_to_is_baked(study: Study, bakes: list[str]) -> None:
-    auto = study.baked("snerg", fine_tune="auto")
-    compact = study.baked("snerg", fine_tune="compact")
-    assert bakes == ["auto", "compact"]
-    assert compact.path != auto.path
-
-
-def test_a_pack_of_auto_with_other_options_does_not_stand_for_all(study: Study, bakes: list[str]) -> None:
-    study.baked("snerg", fine_tune="auto", tau_weight=0.1)
-    study.baked("snerg", fine_tune="all")
-    assert bakes == ["auto", "all"]
+def test_each_pack_is_baked_once_and_none_stands_for_one_of_other_options(study: Study, bakes: list[str]) -> None:
+    compact = study.baked("snerg")
+    full = study.baked("snerg", quality="full")
+    assert study.baked("snerg", quality="compact") == compact and study.baked("snerg", quality="full") == full
+    assert full.path != compact.path
+    study.baked("paper")
+    assert study.baked("snerg", seed=7).key != compact.key
+    assert bakes == ["snerg compact 0", "snerg full 0", "paper compact 0", "snerg compact 7"]

@@ -7,26 +7,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baker.baking.culling import cull
 from baker.baking.grid import make_grid
 from baker.tuning import pruning, sighting
 from baker.tuning.marcher import PackMarcher
-from baker.tuning.pruning import FIRM, THINNEST, UNSEEN, closing_gain, light_of, prune, thin
+from baker.tuning.pruning import CLOSED, Pruned, closing_gain, light_of, prune
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
-from scenepack.codecs.quantisation import EXACT, Steps, steps_of
-from tests.baker.analytic import RADIUS, ball
+from tests.baker.analytic import RADIUS, ball, culled
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.scenepack.random_packs import BLENDER_FRAME
+from training.dataset import RayDataset
 from training.scenes import Scene
 
 HAZE = 2  # of 255
 
 
+def emptied(pack: Pack, dataset: RayDataset, tau_weight: float) -> tuple[Pack, Pruned]:
+    """The pack pruned, whatever it costs."""
+    light = light_of(pack, dataset, 0, None)
+    assert light is not None
+    return prune(pack, light, lambda _: 0.0, 0.0, tau_weight)
+
+
 def hazy_ball(dataset) -> tuple[Pack, np.ndarray]:
     """The baked ball in thin haze that fills its grid of 4³ macroblocks, and each voxel's distance from the middle."""
     grid = make_grid(np.full(3, -1.5), np.full(3, 1.5), 56, 14, BLENDER_FRAME)
-    pack = baked(cull(ball, grid, dataset), grid)
+    pack = baked(culled(ball, grid, dataset), grid)
     rgba, features = dense_from_pack(pack)
     empty = rgba[..., 3] == 0
     rgba[empty] = (0, 0, HAZE, HAZE)
@@ -39,7 +45,7 @@ def hazy_ball(dataset) -> tuple[Pack, np.ndarray]:
 def test_haze_and_the_hidden_middle_go_and_what_cameras_see_stays(dataset) -> None:
     pack, distance = hazy_ball(dataset)
     before = dense_from_pack(pack)[0]
-    thinner, figures = prune(pack, dataset, tau_weight=0.02)
+    thinner, figures = emptied(pack, dataset, 0.02)
     after, features = dense_from_pack(thinner)
     assert features is not None
     stays = after[..., 3] > 0
@@ -59,11 +65,11 @@ def test_haze_and_the_hidden_middle_go_and_what_cameras_see_stays(dataset) -> No
 
 def test_a_lower_threshold_keeps_the_haze_in_front_of_the_ball_and_none_goes_twice(dataset) -> None:
     pack, distance = hazy_ball(dataset)
-    thin = prune(pack, dataset, tau_weight=0.001)[0]
+    thin = emptied(pack, dataset, 0.001)[0]
     stays = dense_from_pack(thin)[0][..., 3] > 0
     assert stays[distance > RADIUS + 4 * pack.voxel_size].mean() > 0.1
-    once = prune(thin, dataset, tau_weight=0.02)[1]
-    again = prune(prune(hazy_ball(dataset)[0], dataset, 0.02)[0], dataset, 0.02)[1]
+    once = emptied(thin, dataset, 0.02)[1]
+    again = emptied(emptied(hazy_ball(dataset)[0], dataset, 0.02)[0], dataset, 0.02)[1]
     assert once.voxels_after < once.voxels_before
     assert again.voxels_after > 0.85 * again.voxels_before, "a pack that was thinned has little left to lose"
 
@@ -76,62 +82,29 @@ def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
         return float(np.count_nonzero(thinner.atlas_rgba[..., 3] == HAZE))
 
     tau = 0.009  # full light keeps the mist of 2 / 255 at 0.7 times that
-    hard, milder, mild = (prune(pack, dataset, part * tau) for part in (1, 0.7, 0.5))
-    most = lost_mist(pack)
+    hard, milder, mild = (emptied(pack, dataset, part * tau) for part in (1, 0.7, 0.5))
+    most, light = lost_mist(pack), light_of(pack, dataset, 0, None)
+    assert light is not None
     assert most > lost_mist(mild[0]) > lost_mist(milder[0]) > lost_mist(hard[0])
     for allowed, expected in ((1e9, hard), (most - lost_mist(milder[0]), milder), (most - lost_mist(mild[0]), mild)):
-        thinner, figures = prune(pack, dataset, tau, score=lost_mist, most_lost=allowed)
+        thinner, figures = prune(pack, light, lost_mist, allowed, tau)
         assert np.array_equal(thinner.atlas_rgba, expected[0].atlas_rgba) and figures == expected[1]
-    untouched, figures = prune(pack, dataset, tau, score=lost_mist)
+    untouched, figures = prune(pack, light, lost_mist, 0.0, tau)
     assert untouched is pack and figures.tau_weight == 0 and figures.voxels_after == figures.voxels_before > 0
 
 
-def test_a_pack_that_no_camera_sees_is_left_alone(dataset) -> None:
+def test_a_pack_that_no_camera_sees_has_no_light(dataset) -> None:
     pack, _ = hazy_ball(dataset)
     away = replace(pack, min_xyz=np.asarray(pack.min_xyz) + 100.0)
-    untouched, figures = prune(away, dataset)
-    assert untouched is away and figures.voxels_after == figures.voxels_before > 0
-
-
-def test_a_scene_gets_as_thin_as_the_score_allows(dataset) -> None:
-    pack, _ = hazy_ball(dataset)
-    light = light_of(pack, dataset, 0, None)
-    assert light is not None
-    full = np.count_nonzero(dense_from_pack(pack)[0][..., 3])
-
-    def score(of: Pack) -> float:
-        return 30.0 * np.count_nonzero(dense_from_pack(of)[0][..., 3]) / full
-
-    thinnest, figures = thin(pack, light, 0.002, EXACT, score, 30.0)
-    assert figures.tau_weight == pytest.approx(THINNEST[0][0] * 0.002) and figures.voxels_after < figures.voxels_before
-    allowed = score(pack) - score(thinnest) - 0.01
-    milder, between = thin(pack, light, 0.002, EXACT, score, allowed)
-    assert score(milder) >= score(pack) - allowed and between.voxels_after > figures.voxels_after
-    untouched, none = thin(pack, light, 0.002, EXACT, score, 0.0)
-    assert untouched is pack and none.tau_weight == 0.0
-
-
-def test_what_gets_thinner_stays_in_its_steps(dataset) -> None:
-    pack, _ = hazy_ball(dataset)
-    light, steps = light_of(pack, dataset, 0, None), Steps(3, 12, 8)
-    assert light is not None
-    made, _ = thin(pack, light, 0.002, steps, lambda _: 30.0, 0.0)
-    assert steps_of(made.atlas_rgba, made.atlas_features) == steps
-    (exact, _), (rounded, _) = (
-        dense_from_pack(of) for of in (thin(pack, light, 0.002, EXACT, lambda _: 30.0, 0.0)[0], made)
-    )
-    assert np.array_equal(exact[..., 3] > 0, rounded[..., 3] > 0), "rounding empties nothing"
-    assert np.abs(exact[..., 3].astype(int) - rounded[..., 3])[exact[..., 3] > 8].max() <= 4
+    assert light_of(away, dataset, 0, None) is None
 
 
 def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None:
     alpha, transmittance = np.full(4, 51, np.uint8), np.array([255, 77, 38, 3], np.uint8)
-    made = alpha * closing_gain(alpha, transmittance, UNSEEN)
-    assert np.all(np.round(made[:2]) == 51), "with a transmittance above `hidden` nothing changes"
-    assert 51 < made[2] < made[3] <= 255
-    np.testing.assert_allclose(made[3] / 255, 1 - 0.8**20, rtol=0.02)
-    firmer = alpha * closing_gain(alpha, transmittance, FIRM)
-    assert np.round(firmer[0]) == 51 and np.all(firmer[1:] >= made[1:]) and np.all(firmer[1:] > 200)
+    made = alpha * closing_gain(alpha, transmittance)
+    assert np.round(made[0]) == 51, "in more light than the first of CLOSED nothing changes"
+    assert 51 < made[1] <= made[2] <= made[3] <= 255 and transmittance[2] < 255 * CLOSED[1]
+    np.testing.assert_allclose(made[2:] / 255, 1 - 0.8**20, rtol=0.02)
 
 
 def fine_ball(side: int) -> tuple[Pack, np.ndarray]:
@@ -165,7 +138,7 @@ def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_fin
     seen = surface[shown(pack, surface, scene)]
     assert len(seen) > 4 * sighting.MOST_RAYS, "this many voxels cannot all have a ray of their own"
     before = np.count_nonzero(dense_from_pack(pack)[0][..., 3])
-    thinner, figures = prune(pack, dataset)
+    thinner, figures = emptied(pack, dataset, 0.0085)
     stays = dense_from_pack(thinner)[0][..., 3] > 0
     assert stays[tuple(seen.T)].all()
     assert figures.voxels_before == before and figures.voxels_after < 0.8 * before, "what lies inside goes"

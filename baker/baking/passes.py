@@ -1,0 +1,130 @@
+"""Passes over a bake's voxels, from what the field gave to the pack; see passes_of for their order.
+
+padding         the borders of macroblocks repeat their neighbours                       SNeRG section 5.1
+pruning         voxels that hardly show in any photograph are emptied                    not in the paper
+tuning          voxels and view MLP together, on what the viewer shows                   not in the paper
+view MLP        the view MLP alone, on what the viewer shows                             section 5.5
+hidden voxels   what little light reaches is like its neighbour, which takes fewer bytes  not in the paper
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from baker.baking.config import BakeConfig
+from baker.baking.views_between import with_views_between
+from baker.tuning.fine_tune import EPOCHS, fine_tune
+from baker.tuning.hidden import smooth_hidden
+from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
+from baker.tuning.pruning import Light, Pruned, light_of, prune
+from console.progress import Progress
+from scenepack.codecs.quantisation import EXACT, Steps
+from scenepack.pack import Pack
+from scenepack.padding import restore_padding
+from training.dataset import RayDataset
+
+COMPACT = Steps(3, 12, 8)  # of what a compact pack stores
+# dB of training rays that COMPACT may cost before it is tuned in. Surfaces lose half as much, and regain it. Mist, which is made
+# of faint voxels, loses more, and keeps a grain on walls.
+MOST_LOST_ROUNDED = 0.4
+MOST_LOST_PRUNED = 0.2  # dB of training rays, which tuning regains
+MOST_LOST_HIDDEN = 0.03  # dB of training rays, which nothing regains
+
+
+@dataclass(frozen=True)
+class Voxels:
+    """What a bake has after the passes so far."""
+
+    pack: Pack
+    photographs: RayDataset
+    """In the look of the field."""
+    config: BakeConfig
+    pruned: Pruned | None = None
+    steps: Steps = EXACT
+    """What is stored in multiples of."""
+    notes: Mapping[str, Any] = field(default_factory=dict)
+    """For the pack's provenance."""
+
+    @property
+    def by_opacity(self) -> bool:
+        """Whether photographs also show what lies outside of the pack's box; see baker.tuning.shading.ErrorTerms."""
+        return self.config.aabb is not None
+
+    def score(self, pack: Pack) -> float:
+        """How well a pack shows training rays, dB."""
+        return shown_psnr(pack, self.photographs, self.config.seed, by_opacity=self.by_opacity)
+
+    def light(self, bar: Progress) -> Light | None:
+        """What arrives at the voxels from the photographs and from views between them; half of the work of its pass."""
+        views = with_views_between(self.photographs)
+        return light_of(self.pack, views, self.config.seed, lambda share: bar.update(0.5 * share, "light"))
+
+    def noted(self, **notes: Any) -> Voxels:
+        """The same with more for the provenance."""
+        return replace(self, notes={**self.notes, **notes})
+
+
+Pass = Callable[[Voxels, Progress], Voxels]
+
+
+def passes_of(config: BakeConfig) -> list[tuple[str, Pass]]:
+    """The passes of a bake by name, in order."""
+    passes: list[tuple[str, Pass]] = [("padding", padded)]
+    if config.preset == "paper":
+        return passes if config.quality == "draft" else [*passes, ("view MLP", with_tuned_view_mlp)]
+    passes.append(("pruning", pruned))
+    return passes if config.quality == "draft" else [*passes, ("tuning", tuned), ("hidden voxels", smoothed)]
+
+
+def padded(voxels: Voxels, bar: Progress) -> Voxels:
+    """In place."""
+    pack = voxels.pack
+    for part in (pack.atlas_rgba, pack.atlas_features):
+        if part is not None:
+            restore_padding(part, pack.atlas_indices, pack.block_size)
+    return voxels
+
+
+def pruned(voxels: Voxels, bar: Progress) -> Voxels:
+    """Without the voxels that are faint, as far as the photographs allow it."""
+    light = voxels.light(bar)
+    if light is None:
+        return voxels
+    pack, done = prune(voxels.pack, light, voxels.score, MOST_LOST_PRUNED)
+    told = {"before": done.voxels_before, "after": done.voxels_after, "tau_weight": done.tau_weight}
+    return replace(voxels, pack=pack, pruned=done).noted(voxels=told)
+
+
+def tuned(voxels: Voxels, bar: Progress) -> Voxels:
+    """In place, but for the view MLP."""
+    compact = voxels.config.quality == "compact"
+    config = JointConfig(seed=voxels.config.seed, steps=COMPACT if compact else EXACT, most_lost=MOST_LOST_ROUNDED)
+    pack, figures, steps = joint_tune(voxels.pack, voxels.photographs, config, bar.update, voxels.by_opacity)
+    if not figures:
+        return voxels
+    quality = "full" if steps == EXACT else "compact"
+    return replace(voxels, pack=pack, steps=steps).noted(fine_tuning={"quality": quality, **figures})
+
+
+def with_tuned_view_mlp(voxels: Voxels, bar: Progress) -> Voxels:
+    """As in the paper."""
+    pack, before, after = fine_tune(
+        voxels.pack, voxels.photographs, seed=voxels.config.seed, by_opacity=voxels.by_opacity, on_share=bar.update
+    )
+    if not np.isfinite(after):
+        return voxels
+    told = {"epochs": EPOCHS, "train_psnr_before": round(before, 3), "train_psnr_after": round(after, 3)}
+    return replace(voxels, pack=pack).noted(fine_tuning=told)
+
+
+def smoothed(voxels: Voxels, bar: Progress) -> Voxels:
+    """Of a compact pack; another is as it was."""
+    light = None if voxels.steps == EXACT else voxels.light(bar)
+    if light is None:
+        return voxels
+    pack, below = smooth_hidden(voxels.pack, light, voxels.steps, voxels.score, MOST_LOST_HIDDEN)
+    return replace(voxels, pack=pack).noted(hidden_below=below)

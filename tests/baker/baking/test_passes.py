@@ -1,0 +1,156 @@
+"""The passes over a bake's voxels: what each is given, and what it leaves to the next."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from baker.baking import bake as baking
+from baker.baking import passes, to_pack
+from baker.baking.config import BakeConfig, BakePreset, Quality
+from baker.baking.passes import COMPACT, Voxels, passes_of
+from baker.tuning.pruning import Pruned
+from scenepack import Pack
+from scenepack.blocks import dense_from_pack
+from scenepack.codecs.quantisation import EXACT, Steps
+from tests.scenepack.random_packs import random_pack
+from training.dataset import RayDataset
+from training.run import load_run
+from training.scenes import Scene
+
+OLDER = Path(__file__).parents[2] / "data/older"
+BAR: Any = SimpleNamespace(update=lambda *_: None)
+
+
+class HandedOver(Exception):
+    """What a bake has come to."""
+
+
+@pytest.mark.parametrize("preset", ["snerg", "paper"])
+def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(
+    scene: Scene, dataset: RayDataset, monkeypatch: pytest.MonkeyPatch, preset: BakePreset
+) -> None:
+    gains = np.ones((dataset.views, 3), np.float32)
+    gains[:, 0] = np.linspace(0.5, 1.5, dataset.views)
+    seen: list[RayDataset] = []
+
+    def tune(pack: Any, photographs: RayDataset, *_: Any, **__: Any) -> Any:
+        seen.append(photographs)
+        raise HandedOver
+
+    method = SimpleNamespace(gains=lambda state: gains)
+    run: Any = SimpleNamespace(method=method, dataset=dataset, scene=scene, state=0)
+    monkeypatch.setattr(baking, "check_bake", lambda *_: None)
+    monkeypatch.setattr(baking, "culled_grid", lambda *_: (None, None))
+    monkeypatch.setattr(baking, "supersampled", lambda *_: random_pack(np.random.default_rng(0)))
+    monkeypatch.setattr(passes, "light_of", lambda *_: None)
+    monkeypatch.setattr(passes, "fine_tune", tune)
+    monkeypatch.setattr(passes, "joint_tune", tune)
+    with pytest.raises(HandedOver):
+        baking.bake(run, BakeConfig(preset=preset))
+    ids = np.arange(0, dataset.count, 7, dtype=np.int32)
+    shown = np.asarray(dataset.in_average_look(gains).colours_at(ids))
+    assert np.abs(shown - np.asarray(dataset.colours_at(ids))).max() > 0.1
+    assert len(seen) == 1 and np.array_equal(np.asarray(seen[0].colours_at(ids)), shown)
+
+
+def voxels_of(quality: Quality = "compact", **more: Any) -> Voxels:
+    return Voxels(random_pack(np.random.default_rng(0)), None, BakeConfig(quality=quality, seed=7), **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("quality", "came_to"), [("compact", COMPACT), ("compact", EXACT), ("full", EXACT)])
+def test_a_pack_is_compact_where_that_is_asked_for_and_costs_little(
+    monkeypatch: pytest.MonkeyPatch, quality: Quality, came_to: Steps
+) -> None:
+    asked: list[Any] = []
+
+    def tune(pack: Any, dataset: Any, config: Any, on_share: Any, by_opacity: bool) -> Any:
+        asked.append(config)
+        return replace(pack, params={"tuned": True}), {"passes": 1.0}, came_to
+
+    monkeypatch.setattr(passes, "joint_tune", tune)
+    made = passes.tuned(voxels_of(quality), BAR)
+    (config,) = asked
+    assert config.steps == (COMPACT if quality == "compact" else EXACT) and config.seed == 7 and config.held_out > 0
+    assert config.most_lost == passes.MOST_LOST_ROUNDED
+    assert made.pack.params == {"tuned": True} and made.steps == came_to
+    told = {"quality": "full" if came_to == EXACT else "compact", "passes": 1.0}
+    assert made.notes == {"fine_tuning": told}
+
+
+@pytest.mark.parametrize(("steps", "expected"), [(COMPACT, ["follow"]), (EXACT, [])])
+def test_hidden_voxels_follow_their_neighbours_in_compact_packs_alone(
+    monkeypatch: pytest.MonkeyPatch, steps: Steps, expected: list[str]
+) -> None:
+    calls = []
+
+    def follow(pack: Any, light: Any, steps: Any, score: Any, most_lost: float) -> Any:
+        calls.append("follow")
+        assert light == "light" and score(pack) == 29.0 and most_lost == passes.MOST_LOST_HIDDEN and steps == COMPACT
+        return pack, 64
+
+    monkeypatch.setattr(passes, "smooth_hidden", follow)
+    monkeypatch.setattr(passes, "light_of", lambda *_: "light")
+    monkeypatch.setattr(passes, "with_views_between", lambda dataset: dataset)
+    monkeypatch.setattr(passes, "shown_psnr", lambda *args, **options: 29.0)
+    made = passes.smoothed(voxels_of(steps=steps), BAR)
+    assert calls == expected and made.notes == ({"hidden_below": 64} if expected else {})
+
+
+def test_pruning_tells_what_it_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    def prune(pack: Any, light: Any, score: Any, most_lost: float) -> Any:
+        assert light == "light" and score(pack) == 29.0 and most_lost == passes.MOST_LOST_PRUNED
+        return replace(pack, params={"thinner": True}), Pruned(100, 80, 3, 0.02)
+
+    monkeypatch.setattr(passes, "prune", prune)
+    monkeypatch.setattr(passes, "light_of", lambda *_: "light")
+    monkeypatch.setattr(passes, "with_views_between", lambda dataset: dataset)
+    monkeypatch.setattr(passes, "shown_psnr", lambda *args, **options: 29.0)
+    made = passes.pruned(voxels_of(), BAR)
+    assert made.pack.params == {"thinner": True} and made.pruned == Pruned(100, 80, 3, 0.02)
+    assert made.notes == {"voxels": {"before": 100, "after": 80, "tau_weight": 0.02}}
+    monkeypatch.setattr(passes, "light_of", lambda *_: None)
+    unseen = voxels_of()
+    assert passes.pruned(unseen, BAR) is unseen, "photographs that do not see it say nothing of it"
+
+
+@pytest.mark.parametrize(
+    ("codec", "expected"), [("png", "compact"), ("webp", "compact"), ("jpeg", "full"), ("avif", "full")]
+)
+def test_nothing_is_rounded_for_a_codec_that_rounds_by_itself(
+    codec: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[BakeConfig] = []
+
+    def check(run: Any, config: BakeConfig) -> None:
+        asked.append(config)
+        raise HandedOver
+
+    monkeypatch.setattr(to_pack, "check_bake", check)
+    for quality in ("compact", "draft"):
+        with pytest.raises(HandedOver):
+            to_pack.bake_to(None, BakeConfig(quality=quality), tmp_path / "pack", codec)  # type: ignore[arg-type]
+    assert [config.quality for config in asked] == [expected, "draft"]
+
+
+def voxels_in(pack: Pack) -> int:
+    return int(np.count_nonzero(dense_from_pack(pack)[0][..., 3]))
+
+
+def test_a_bake_says_how_it_was_made_and_of_the_papers_nothing_is_emptied(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(passes, "MOST_LOST_PRUNED", 3.0)  # so coarse a grid of mist would keep all
+    loaded = load_run(OLDER / "multires", scene_path=OLDER / "scene")
+    ours, papers = (
+        baking.bake(loaded, BakeConfig(resolution=31, preset=preset, quality="draft")) for preset in ("snerg", "paper")
+    )
+    made, literal = ours.metadata["provenance"], papers.metadata["provenance"]
+    assert (made["preset"], made["quality"], literal["preset"]) == ("snerg", "draft", "paper")
+    assert made["voxels"]["after"] == voxels_in(ours) < made["voxels"]["before"] and made["voxels"]["tau_weight"] > 0
+    assert made["macroblocks"]["kept"] == np.count_nonzero(ours.occupied)
+    assert "voxels" not in literal and "fine_tuning" not in made
+    assert passes_of(BakeConfig(preset="paper", quality="draft"))[-1][0] == "padding"
