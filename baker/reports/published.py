@@ -153,7 +153,6 @@ MILLISECONDS: Mapping[str, Printed] = {
     "no-sparsity": (20.0, 15.3, 15.7, None, 24.4, 25.4, 19.7, 12.6, 27.0),
     "mlp-per-sample": (343.6, 269.8, 268.9, 987.9, 155.8, 261.4, 262.2, 222.6, 320.4),
 }
-SPREAD = {"ours": 4.5, "no-mlp": 4.6, "no-sparsity": 5.3, "mlp-per-sample": 247.5}  # over scenes, of the means
 GPU_GB: Mapping[str, Printed] = {
     "ours": (1.73, 0.78, 0.86, 4.99, 0.53, 0.74, 0.98, 1.18, 3.78),
     "no-mlp": (1.73, 0.78, 0.86, 4.99, 0.53, 0.74, 0.98, 1.18, 3.78),
