@@ -13,8 +13,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, T
 from rich.progress import Progress as RichProgress
 from rich.text import Text
 
-from console.driven import Report, Reporter, in_words
 from console.estimate import Estimate
+from console.progress_protocol import Report, Reporter, in_words
 
 PLAIN_LINE_EVERY_S = 10.0
 PLAIN_QUIET_S = 2.0  # work done sooner needs no line
@@ -45,7 +45,7 @@ class Progress:
         return self._estimate.left(time.monotonic()) if self.done < self.total else None
 
     def update(self, done: float, note: str = "", metrics: Mapping[str, float] | None = None) -> None:
-        """`done` units of `total` are finished. metrics: figures by name (console.driven.METRICS), shown beside where there
+        """`done` units of `total` are finished. metrics: figures by name (console.progress_protocol.METRICS), shown where there
         is no `note`, a short text of its own.
         """
         with self._lock:
@@ -164,9 +164,9 @@ def progress(
 ) -> Iterator[Progress]:
     """Shows `title` with a bar (terminal) or a line every ten seconds (no terminal), on stderr; nothing where quiet.
 
-    begun: how much of `total` was done before; see Progress. A program that started us can read it from a file as well;
-    see console.driven. stage: what the work is part of, for such a program; the title where nothing is said. Work may be part
-    of other work: as long as it runs, it is what is shown.
+    begun: how much of `total` was done before; see Progress. A program that started us can read it from a file as well; see
+    console.progress_protocol. stage: what the work is part of, for such a program; the title where nothing is said. Work may
+    be part of other work: as long as it runs, it is what is shown.
     """
     if quiet:
         yield Progress(title, total, begun)

@@ -14,9 +14,9 @@ from typing import Any
 
 import tyro
 
-from console.driven import Reporter, ending_with_stdin
 from console.errors import UserError, missing_extra, refusal
 from console.notices import plain_notices
+from console.progress_protocol import Reporter, ending_with_stdin
 from console.streams import lasting_output, one_line
 
 DONE, BUG, USER_CAN_MEND, INTERRUPTED = 0, 1, 2, 130

@@ -71,3 +71,7 @@ def _limit_memory(more: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (taken + more, hard))
     except (ImportError, OSError, ValueError):
         return
+
+
+if __name__ == "__main__":
+    serve()

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from console import UserError
-from console.driven import read_report
 from console.json_text import MOST_BYTES, parse_json
+from console.progress_protocol import read_report
 from scenepack import load_pack
 from tests.scenepack.helpers import small_pack, written
 from tools.procedural import write_procedural_scene

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from training.posing.child_process import json_answers
+from console.child_process import json_answers
 from training.scenes import Camera, Photograph, Scene
 
 PRESETS = ("quick", "normal", "full")  # of the multi-resolution field

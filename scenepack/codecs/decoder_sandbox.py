@@ -7,26 +7,21 @@ gets an error and goes on. scenepack.decoding_process is the code of the subproc
 
 from __future__ import annotations
 
-import contextlib
-import json
-import os
-import subprocess
-import sys
 import threading
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 
+from console.child_process import ChildProcess
+from console.python_command import module_command
 from scenepack.codecs.base import CodecError, Shape
 
 PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # time limit of a decoder: PATIENCE_S + decoded bytes / BYTES_PER_S
 SPARE_BYTES, TIMES_DECODED = 1 << 30, 12  # memory limit: SPARE_BYTES + TIMES_DECODED · decoded bytes
 START_S = 120.0  # time limit of the start, on a busy machine
 IDLE_S = 10.0  # idle processes end after this time
+COMMAND = module_command("scenepack.decoding_process")
 # One thread and few arenas each, for what is reserved counts as taken.
-LONGEST_LINE = 1 << 16
-PROGRAM = "from scenepack.decoding_process import serve; serve()"
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
 
 Decoded = tuple[np.ndarray, np.ndarray | None]
@@ -59,7 +54,7 @@ class Decoders:
                 raise CodecError("decoding was stopped")
             answer = process.ask(codec, files, names, shape, features)
         except BaseException:
-            process.end()
+            process.close()
             raise
         finally:
             with _lock:
@@ -74,7 +69,7 @@ class Decoders:
             self._stopped = True
             busy = list(self._busy)
         for process in busy:
-            process.end()
+            process.close()
         _end_idle_later()
 
 
@@ -83,9 +78,9 @@ def _taken() -> _Process | None:
     while True:
         with _lock:
             process = _idle.pop() if _idle else None
-        if process is None or process.lives:
+        if process is None or process.poll() is None:
             return process
-        process.end()
+        process.close()
 
 
 def _end_idle_later() -> None:
@@ -100,92 +95,46 @@ def _end_idle_later() -> None:
 
 def _end_idle() -> None:
     while (process := _taken()) is not None:
-        process.end()
+        process.close()
 
 
-class _Process:
+class _Process(ChildProcess):
     """The caller's side of one subprocess."""
 
     def __init__(self) -> None:
-        # The same modules from the same places, whatever lies in the current folder.
-        code = f"import sys; sys.path[:] = {sys.path!r}; {PROGRAM}"
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", code],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, **ENVIRONMENT},
-            start_new_session=True,  # Ctrl-C is for those who ask
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-        )
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._in, self._out = self._process.stdin, self._process.stdout
-        self._late = False
-
-    @property
-    def lives(self) -> bool:
-        return self._process.poll() is None
+        super().__init__(COMMAND, **ENVIRONMENT)
 
     def ask(
         self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
     ) -> Decoded:
         """The decoded piece. CodecError if decoding fails or the process ends."""
         decoded = 4 * int(np.prod(shape)) * (2 if features else 1)
-        patience = PATIENCE_S + decoded / BYTES_PER_S
+        seconds = START_S
         question = {"codec": codec, "names": names, "sizes": [len(files[name]) for name in names], "shape": shape,
                     "features": features, "memory": SPARE_BYTES + TIMES_DECODED * decoded}  # fmt: skip
+        late = threading.Event()
         try:
-            with self._ended_after(START_S):
-                self._in.write(json.dumps(question).encode() + b"\n")
-                for name in names:
-                    self._in.write(files[name])
-                self._in.flush()
-                self._line()  # it has begun
-            with self._ended_after(patience):
-                answer = self._line()
+            with self.killed_after(seconds) as late:
+                self.send(question, *(files[name] for name in names))
+                self.receive()  # it has begun
+            seconds = PATIENCE_S + decoded / BYTES_PER_S
+            with self.killed_after(seconds) as late:
+                answer = self.receive()
                 if "error" in answer:
-                    told = CodecError(str(answer["error"]))
-                    told.file = answer.get("file") if answer.get("file") in names else None
-                    raise told
+                    error = CodecError(str(answer["error"]))
+                    error.file = answer.get("file") if answer.get("file") in names else None
+                    raise error
                 parts = [self._part(shape) for _ in range(2 if features else 1)]
-        except (OSError, EOFError, ValueError) as error:
-            what = f"did not come to an end within {patience:.0f} s" if self._late else "crashed"
-            raise CodecError(f"its decoder {what}") from error
+        except (OSError, EOFError, ValueError) as failure:
+            what = f"did not come to an end within {seconds:.0f} s" if late.is_set() else "crashed"
+            raise CodecError(f"its decoder {what}") from failure
         return parts[0], parts[1] if features else None
-
-    def end(self) -> None:
-        """Kills the process. Safe from any thread, any number of times."""
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._in, self._out):  # whoever reads from it in another thread has met its end, or does now
-            with contextlib.suppress(OSError, ValueError):
-                pipe.close()
-
-    @contextlib.contextmanager
-    def _ended_after(self, seconds: float) -> Iterator[None]:
-        def late() -> None:
-            self._late = True
-            self._process.kill()
-
-        timer = threading.Timer(seconds, late)
-        timer.daemon = True
-        timer.start()
-        try:
-            yield
-        finally:
-            timer.cancel()
-
-    def _line(self) -> dict[str, Any]:
-        line = self._out.readline(LONGEST_LINE)
-        if not line:
-            raise EOFError
-        return dict(json.loads(line))
 
     def _part(self, shape: Shape) -> np.ndarray:
         part = np.empty((*shape, 4), np.uint8)
         view = part.reshape(-1).data
         while view:
-            count = self._out.readinto(view)  # type: ignore[attr-defined]  (a BufferedReader)
+            count = self.output.readinto(view)  # type: ignore[attr-defined]  (a BufferedReader)
             if not count:
                 raise EOFError
             view = view[count:]

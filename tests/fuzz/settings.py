@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from console import UserError
-from console.driven import Report, read_report
 from console.json_text import read_json_file
+from console.progress_protocol import Report, read_report
 from viewer.app import preferences
 from viewer.app.annotations import Annotations, Bookmark, Measurement, Scale, annotations_from_json, annotations_to_json
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path

@@ -35,7 +35,7 @@ import sys
 from pathlib import Path
 from scenepack import load_pack
 from scenepack.codecs import decoder_sandbox
-decoder_sandbox.PROGRAM, decoder_sandbox.PATIENCE_S = sys.argv[2], 3600.0
+decoder_sandbox.COMMAND, decoder_sandbox.PATIENCE_S = [sys.executable, "-P", "-c", sys.argv[2]], 3600.0
 load_pack(Path(sys.argv[1]))
 """
 
@@ -54,7 +54,8 @@ def decoder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callabl
 
     def replace(lines: str) -> Path:
         began = tmp_path / "began"
-        monkeypatch.setattr(decoder_sandbox, "PROGRAM", SPOILT.format(began=str(began), lines=lines))
+        code = SPOILT.format(began=str(began), lines=lines)
+        monkeypatch.setattr(decoder_sandbox, "COMMAND", [sys.executable, "-P", "-c", code])
         return began
 
     yield replace
@@ -124,16 +125,16 @@ def test_decoders_are_used_again_and_do_not_stay(tmp_path: Path) -> None:
     save_pack(small_pack(), tmp_path / "pack", codec="jpeg")
     decoder_sandbox._end_idle()
     load_pack(tmp_path / "pack")
-    first = [process._process.pid for process in decoder_sandbox._idle]
+    first = [process.pid for process in decoder_sandbox._idle]
     load_pack(tmp_path / "pack")
-    assert {process._process.pid for process in decoder_sandbox._idle} & set(first)
+    assert {process.pid for process in decoder_sandbox._idle} & set(first)
     kept = list(decoder_sandbox._idle)
     decoder_sandbox._end_idle()
-    assert not decoder_sandbox._idle and not any(process.lives for process in kept)
+    assert not decoder_sandbox._idle and not any(process.poll() is None for process in kept)
     load_pack(tmp_path / "pack")  # again, from nothing
     for process in decoder_sandbox._idle:
-        os.kill(process._process.pid, signal.SIGKILL)  # as a machine does that runs out of memory
-    waits_for(lambda: not any(process.lives for process in decoder_sandbox._idle))
+        os.kill(process.pid, signal.SIGKILL)  # as a machine does that runs out of memory
+    waits_for(lambda: not any(process.poll() is None for process in decoder_sandbox._idle))
     load_pack(tmp_path / "pack")
 
 
@@ -145,5 +146,5 @@ def test_a_decoder_that_ends_leaves_no_pipe_open(pack: Path) -> None:
     ended = list(decoder_sandbox._idle)
     assert ended
     decoder_sandbox._end_idle()
-    assert all(process._in.closed and process._out.closed for process in ended)
+    assert all(process.closed for process in ended)
     assert before is None or len(os.listdir("/proc/self/fd")) <= before

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 from console import Notice, UserError
-from console.driven import PROGRESS, read_report
 from console.progress import Progress
+from console.progress_protocol import PROGRESS, read_report
 from tests.compiling import as_users_have_it
 from tests.told import told
 from training.checkpoints import to_arrays

@@ -1,10 +1,7 @@
 """Work in a child process: COLMAP's functions run for minutes and react to no signal, and a decoder may crash.
 
-ask() starts the child, serve() runs in it. It reads the request, one line of JSON, from standard input, and writes lines of JSON
-to standard output: {"title", "done", "total"} as it goes on, and at the end {"result"}, or {"error": the parts of a UserError}.
-
-Ctrl-C does not reach the child: its parent is interrupted, and ends it. The child also ends when its standard input does, so
-with its parent, however that ends.
+ask() starts the child, serve() runs in it. The request is one line of JSON. The answers are lines of JSON: {"title", "done",
+"total"} as the work goes on, and at the end {"result"}, or {"error": the parts of a UserError}.
 """
 
 from __future__ import annotations
@@ -12,21 +9,20 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
-import threading
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from console import UserError, refusal
+from console.child_process import ChildProcess, json_answers
+from console.python_command import module_command
 from training.lock import one_at_a_time
 
 OnProgress = Callable[[str, float, float], None]  # what goes on, units done, units in all
 EXIT_S = 10.0  # for a child that has closed its output to end in
-PROGRAM = "from training.posing.child_process import serve; serve()"
+COMMAND = module_command("training.posing.child_process")
 LOCK = "worker.lock"
 MOST_MEMORY = 8 << 30  # of a film's decoder
 
@@ -37,41 +33,27 @@ def ask(service: str, request: Mapping[str, Any], log: Path, on_progress: OnProg
     log: gets what libraries print. UserError as the service raises it, and where the child dies.
     """
     with log.open("ab") as printed:
-        process = subprocess.Popen(
-            # The same modules from the same places, whatever lies in the current folder.
-            [sys.executable, "-P", "-c", f"import sys; sys.path[:] = {sys.path!r}; {PROGRAM}"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=printed,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},  # COLMAP has threads of its own
-            start_new_session=True,
-            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
-        )
-    assert process.stdin is not None and process.stdout is not None
+        child = ChildProcess(COMMAND, stderr=printed, OMP_NUM_THREADS="1")  # COLMAP has threads of its own
     try:
-        process.stdin.write(json.dumps({**request, "service": service}).encode() + b"\n")
-        process.stdin.flush()
-        for line in process.stdout:
-            answer = json.loads(line)
+        child.send({**request, "service": service})
+        for answer in child.messages():
             if "title" in answer:
                 on_progress(answer["title"], answer["done"], answer["total"])
             elif "error" in answer:
                 raise UserError(**answer["error"])
             else:
                 return answer["result"]
-        process.wait(EXIT_S)
-    except (BrokenPipeError, subprocess.TimeoutExpired):
-        pass  # reported below
+        child.wait(EXIT_S)
+    except BrokenPipeError:
+        child.wait(EXIT_S)
     finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
-        with suppress(BrokenPipeError):
-            process.stdin.close()
-    if process.returncode >= 0:
+        child.close()
+    status = child.poll() or 0
+    if status >= 0:
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
-        raise RuntimeError(f"{service} failed: {lines[-1][:300] if lines else process.returncode}; see {log}")
-    raise UserError("its process was ended from outside, or crashed", where=log, found=signal.Signals(-process.returncode).name,
+        raise RuntimeError(f"{service} failed: {lines[-1][:300] if lines else status}; see {log}")
+    found = signal.Signals(-status).name
+    raise UserError("its process was ended from outside, or crashed", where=log, found=found,
                     remedy="the system ends processes when memory runs out; the same line goes on")  # fmt: skip
 
 
@@ -80,7 +62,7 @@ def ask(service: str, request: Mapping[str, Any], log: Path, on_progress: OnProg
 
 def serve() -> None:
     """Answers one request."""
-    line = os.fdopen(0, "rb", buffering=0, closefd=False).readline()  # a buffer would keep what json_answers waits for
+    line = os.fdopen(0, "rb", buffering=0, closefd=False).readline()  # a buffer would keep what json_answers reads
     if not line.endswith(b"\n"):
         sys.exit(1)
     request, answer = json.loads(line), json_answers()
@@ -98,28 +80,6 @@ def serve() -> None:
         if what is None:
             raise
         answer(error={"what": what})
-
-
-def json_answers() -> Callable[..., None]:
-    """A function that writes its keywords as a line of JSON to standard output. Call once, in a child process.
-
-    From then on, whatever libraries print goes to standard error, and the end of standard input ends the process.
-    """
-    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-
-    def end_with_stdin() -> None:
-        with suppress(OSError):
-            while os.read(0, 4096):
-                pass
-        os._exit(1)
-
-    def answer(**facts: object) -> None:
-        answers.write(json.dumps(facts) + "\n")
-        answers.flush()
-
-    threading.Thread(target=end_with_stdin, daemon=True).start()
-    return answer
 
 
 def _reconstruct(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
@@ -144,3 +104,6 @@ def _take_frames(request: Mapping[str, Any], on_progress: OnProgress) -> list[di
 
 
 SERVICES = {"reconstruct": _reconstruct, "take_frames": _take_frames}
+
+if __name__ == "__main__":
+    serve()

@@ -20,7 +20,7 @@ from pathlib import Path
 from PIL import Image
 
 from console import UserError, refusal
-from training.posing.child_process import json_answers
+from console.child_process import json_answers
 from training.posing.photograph import link_or_convert
 from training.posing.prepare import choose, read_photographs
 from training.scenes.pictures import small_picture

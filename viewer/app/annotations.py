@@ -13,8 +13,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,6 +26,7 @@ from console.json_text import read_json_file
 from console.streams import one_line
 from scenepack.metadata import metadata_writable, write_metadata
 from scenepack.pack import Pack
+from viewer.app.background import Autosave
 from viewer.app.pose import FARTHEST, UP_AXES
 
 if TYPE_CHECKING:
@@ -241,14 +240,9 @@ class AnnotationStore:
 
     current: Annotations = field(default_factory=Annotations)
     folder: Path | None = None  # of the user's files; None: nothing is written, as in scripts
-    _pack: Pack | None = None
-    _path: Path | None = None  # of the pack whose annotations are saved
-    _saved: Annotations = field(default_factory=Annotations)
-    _seen: Annotations = field(default_factory=Annotations)
-    _since: float = 0.0
-    _thread: threading.Thread | None = None
+    _autosave: Autosave[Annotations] | None = None
     _problem: str = ""
-    _told: bool = False
+    _problem_reported: bool = False
 
     def open_pack(self, app: App, pack: Pack, path: Path | None, annotations: Annotations | None = None) -> None:
         """Writes the annotations of the last pack and reads those of `pack`. path: None if they are not saved.
@@ -256,10 +250,14 @@ class AnnotationStore:
         annotations: of `pack`, if it was open before; those in `pack` may be older.
         """
         self.close_pack()
-        self._pack, self._path, self._told = pack, path, False
-        if annotations is None:
-            annotations = self._read(app, pack, path)
-        self.current = self._saved = self._seen = annotations
+        self.current = self._read(app, pack, path) if annotations is None else annotations
+        folder, self._problem_reported = self.folder, False
+
+        def write(annotations: Annotations) -> None:
+            if path is not None and folder is not None:
+                self._problem = _write(pack, path, folder, annotations)
+
+        self._autosave = Autosave(write, self.current, SETTLE_S)
 
     def _read(self, app: App, pack: Pack, path: Path | None) -> Annotations:
         notes: list[str] = []
@@ -279,12 +277,9 @@ class AnnotationStore:
 
     def close_pack(self) -> None:
         """Writes changes now, because the pack is closed or the program ends."""
-        self._end_writing()
-        if self.current != self._saved:
-            self._begin_writing()
-            self._end_writing()
-        self.current = self._saved = self._seen = Annotations()
-        self._pack = self._path = None
+        if self._autosave is not None:
+            self._autosave.finish(self.current)
+        self.current, self._autosave = Annotations(), None
 
     def change(self, app: App, annotations: Annotations) -> None:
         """Changes the annotations in one step that can be undone."""
@@ -295,36 +290,12 @@ class AnnotationStore:
 
     def tick(self, app: App) -> None:
         """Writes what has not changed for a moment. Reports a failure once for each pack."""
-        if self._thread is not None:
-            if self._thread.is_alive():
-                return
-            self._end_writing()
-        if self._problem and not self._told:
-            self._told = True
+        if self._problem and not self._problem_reported:
+            self._problem_reported = True
             app.messages.say(self._problem, "warning")
             app.touch()
-        now = time.monotonic()
-        if self._seen is not self.current:
-            self._seen, self._since = self.current, now
-        elif self.current != self._saved and now - self._since >= SETTLE_S:
-            self._begin_writing()
-
-    def _begin_writing(self) -> None:
-        pack, path, folder, annotations = self._pack, self._path, self.folder, self.current
-        self._saved = annotations  # tried once
-        if pack is None or path is None or folder is None:
-            return
-
-        def write() -> None:
-            self._problem = _write(pack, path, folder, annotations)
-
-        self._thread = threading.Thread(target=write, name="snerg-annotations")  # not a daemon, so that it finishes
-        self._thread.start()
-
-    def _end_writing(self) -> None:
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        if self._autosave is not None:
+            self._autosave.follow(self.current)
 
 
 def _write(pack: Pack, path: Path, folder: Path, annotations: Annotations) -> str:

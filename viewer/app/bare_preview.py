@@ -15,8 +15,8 @@ from PIL import Image
 
 from training.scenes.pictures import UNREADABLE
 from training.scenes.sources import Source
-from viewer.app.child import temporary_folder
-from viewer.app.json_subprocess import JsonSubprocess
+from viewer.app.background import JsonTask
+from viewer.app.command_process import temporary_folder
 
 CELL = 160  # pixels a side: no small picture is larger
 COLUMNS, ROWS = 16, 16  # of the sheet; later pictures are counted, and not shown
@@ -24,7 +24,7 @@ MODULE = "training.posing.preview"
 Box = tuple[int, int, int, int]
 
 
-class BarePreview(JsonSubprocess):
+class BarePreview(JsonTask):
     """Starts to read `source` at once. Poll `news` from the main thread; close it in the end.
 
     of_film: whether the source is a film.
@@ -45,16 +45,15 @@ class BarePreview(JsonSubprocess):
         self.aside: Mapping[str, str] | None = None
         self.seconds: Mapping[str, float] | None = None
         self.error = ""
-        self._told: object = None
         self._folder = temporary_folder("snerg-preview-")
         words = [str(source.path.resolve()), str(self._folder)]
-        super().__init__(MODULE, words, self._take, on_end=lambda: shutil.rmtree(self._folder, ignore_errors=True))
+        super().__init__(MODULE, words, self._take)
 
-    def news(self) -> bool:
-        """Whether more has arrived since this was asked last."""
-        state = (self.count, len(self.names), self.aside is None, self.seconds is None, self.coming)
-        told, self._told = self._told, state
-        return told != state
+    def after(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def state(self) -> object:
+        return self.count, len(self.names), self.aside is None, self.seconds is None
 
     def _take(self, said: Mapping[str, Any]) -> None:
         if "name" in said:

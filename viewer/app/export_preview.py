@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from typing import TYPE_CHECKING
 
 from console import UserError
 from scenepack.pack import Pack
+from viewer.app.background import Task
 
 if TYPE_CHECKING:  # SciPy is loaded once it is needed
     from scenepack.exports.export_preview import PreviewGeometry
@@ -28,14 +28,18 @@ class ExportPreview:
         self.error = ""
         self._wanted: tuple[int, Export] | None = None
         self._changed, self._begun = 0.0, True
-        self._thread: threading.Thread | None = None
+        self._task: Task[None] | None = None
         self._share = 0.0
         self._told: object = None
 
     @property
     def working(self) -> bool:
         """Whether another preview is wanted and not there yet."""
-        return not self._begun or (self._thread is not None and self._thread.is_alive())
+        return not self._begun or self._busy
+
+    @property
+    def _busy(self) -> bool:
+        return self._task is not None and not self._task.finished  # what is superseded ends at its next report
 
     @property
     def share(self) -> float:
@@ -47,14 +51,10 @@ class ExportPreview:
         wanted = (id(pack), export)
         if wanted != self._wanted:
             self._wanted, self._changed, self._begun = wanted, time.monotonic(), False
-        busy = self._thread is not None and self._thread.is_alive()  # it ends at its next word
         first = self.geometry is None and not self.error
-        if not self._begun and not busy and (first or time.monotonic() - self._changed >= SETTLED_S):
+        if not self._begun and not self._busy and (first or time.monotonic() - self._changed >= SETTLED_S):
             self._begun, self._share = True, 0.0
-            self._thread = threading.Thread(
-                target=self._make, args=(pack, wanted), name="snerg-export-preview", daemon=True
-            )
-            self._thread.start()
+            self._task = Task(lambda: self._make(pack, wanted))
 
     def news(self) -> bool:
         """Whether there is something else to show since this was asked last."""

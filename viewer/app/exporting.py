@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from console import UserError
-from console.driven import Report
+from console.progress_protocol import Report
 from console.python_command import module_command
-from viewer.app.child import Child, temporary_folder
+from viewer.app.command_process import CommandProcess, temporary_folder
 from viewer.app.export_preview import ExportPreview
 from viewer.app.files import FileRequest, kind_of
 
@@ -87,7 +87,7 @@ class ExportPlan:
 class Writing:
     """A process at work. file: what it writes. report: its last word."""
 
-    child: Child
+    child: CommandProcess
     file: Path
     folder: Path  # of its log
     report: Report | None = None
@@ -139,7 +139,7 @@ class Exporting:
         words = self.plan.arguments(app.scene.path.resolve(), file.absolute(), app.settings.crop)
         folder = temporary_folder("snerg-export-")
         try:
-            child = Child(module_command("baker.commands.pack", *words), folder / "log.txt")
+            child = CommandProcess(module_command("baker.commands.pack", *words), folder / "log.txt")
         except UserError:
             shutil.rmtree(folder, ignore_errors=True)
             raise
@@ -187,6 +187,6 @@ class Exporting:
             shutil.rmtree(writing.folder, ignore_errors=True)
 
 
-def said(child: Child) -> str:
+def said(child: CommandProcess) -> str:
     """Why it failed, without the name of the command before it."""
     return child.error_line().removeprefix("snerg-pack: ")

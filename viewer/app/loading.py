@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 import warnings
 from pathlib import Path
 
 from console import UserError
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
+from viewer.app.background import Task
 from viewer.rendering.framing import outline
 from viewer.rendering.skip_grid import skip_grid_of
 
@@ -23,8 +23,8 @@ class Cancelled(Exception):
     """Loading was given up by the user."""
 
 
-class Loading:
-    """A pack that is being read. Poll `finished` from the main thread, then take `pack` or `error`.
+class Loading(Task[None]):
+    """A pack that is being read. Once it is finished, take `pack` or `error`.
 
     share: 0 … 1 of its images are decoded. images: how many are, and of how many; 0 of 0 at first. preview: what can be
     shown of it already, another object whenever there is more to see; None at first. begun: the pack before its images are
@@ -42,18 +42,13 @@ class Loading:
         self.error: Exception | None = None
         self.notes: list[str] = []
         self.cancelled = False
-        self._thread = threading.Thread(target=self._run, name="snerg-load", daemon=True)
-        self._thread.start()
-
-    @property
-    def finished(self) -> bool:
-        return not self._thread.is_alive()
+        super().__init__(self._read)
 
     def cancel(self) -> None:
         """Gives up at the next image."""
         self.cancelled = True
 
-    def _run(self) -> None:
+    def _read(self) -> None:
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")

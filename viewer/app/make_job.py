@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from PIL import Image
 
-from console.driven import Report
-from viewer.app.child import Child
+from console.progress_protocol import Report
+from viewer.app.command_process import CommandProcess
 from viewer.app.make_plan import Plan
 
 KEPT_FIGURES = 400
@@ -21,7 +21,7 @@ class MakeJob:
     """A running or stopped job."""
 
     plan: Plan
-    child: Child
+    child: CommandProcess
     started: float = field(default_factory=time.monotonic)
     report: Report | None = None  # the last progress that the process reported
     figures: list[float] = field(default_factory=list)  # PSNR (dB) during training

@@ -1,6 +1,6 @@
 """How a scene shall be made of photographs or of a training run: what is there, what can be chosen, which command does it.
 
-The viewer knows neither trainer nor baker; it starts their commands (viewer.app.child). A folder that snerg-make has
+The viewer knows neither trainer nor baker; it starts their commands (viewer.app.command_process). A folder that snerg-make has
 written into, DIR with DIR/run, is gone on with where it was stopped.
 """
 
@@ -10,7 +10,6 @@ import contextlib
 import importlib.util
 import math
 import shlex
-import threading
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +24,7 @@ from training.scenes.presets import PRESETS
 from training.scenes.read import has_poses, suggested_downscale
 from training.scenes.scene import Box, Direction
 from training.scenes.sources import FEWEST, Source, find_source, is_film
+from viewer.app.background import Task
 from viewer.app.bare_preview import BarePreview
 from viewer.app.files import POSED, REPORT, found_poses, why_not_writable
 from viewer.app.time_needed import TimeNeeded
@@ -55,7 +55,7 @@ def poser_missing(source: Source) -> str | None:
     return ",".join(missing) or None
 
 
-class Survey:
+class Survey(Task[None]):
     """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest.
 
     error: why it is no scene that can be read. text: one line about it. kind: its layout, "" where it
@@ -85,17 +85,12 @@ class Survey:
             self.bare = None if has_poses(path) else find_source(path)
         if self.bare is None:
             self.masks = any(path.glob("masks*"))
-        self._thread = threading.Thread(target=self._run, name="snerg-survey", daemon=True)
-        self._thread.start()
-
-    @property
-    def finished(self) -> bool:
-        return not self._thread.is_alive()
+        super().__init__(self._read)
 
     @property
     def busy(self) -> bool:
         """Whether there will be more to see."""
-        return not self.finished or any(each is not None and each.coming for each in (self.preview, self.time))
+        return not self.finished or any(each is not None and not each.finished for each in (self.preview, self.time))
 
     def news(self) -> bool:
         """Whether more of the preview, or of the time, is known since this was asked last."""
@@ -121,7 +116,7 @@ class Survey:
         """Pixels of the photographs that a run with these options trains on; None where it is not known."""
         return self.sizes.get(downscale or self.automatic.get(preset, 1))
 
-    def _run(self) -> None:
+    def _read(self) -> None:
         try:
             self.bare = self.bare or (None if has_poses(self.path) else find_source(self.path))
             if self.bare is not None:
@@ -185,7 +180,7 @@ class Survey:
 
     def _begin_time(self) -> None:
         if MEASURES and not self._closed and not trainer_missing():
-            after = self.preview.wait if self.preview is not None else lambda: None
+            after = self.preview.result if self.preview is not None else lambda: None
             self.time = TimeNeeded([max(size) for size in self.sizes.values()], after)
 
     def _begin_preview(self, source: Source) -> None:

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING
 
 from console import UserError
 from training.scenes.scene import Direction
-from viewer.app.child import Child
+from viewer.app.background import Task
+from viewer.app.command_process import CommandProcess
 from viewer.app.files import FileRequest, existing_folder
 from viewer.app.log import Dialog
 from viewer.app.make_job import MakeJob
 from viewer.app.make_plan import Plan, Subject
 from viewer.app.rejected_photographs import RejectedPhotographs, rejected_photographs_of
-from viewer.app.review import Review, read_sparse_preview
-from viewer.app.sparse_preview import Kind, SparsePreview, SparsePreviewReader
+from viewer.app.review import Review
+from viewer.app.sparse_preview import Kind, SparsePreview, read_sparse_preview
 from viewer.app.training_preview import TrainingPreview, TrainingPreviewFile
 
 if TYPE_CHECKING:
@@ -38,10 +39,11 @@ class SparsePreviewJob:
     plan: Plan
     review: bool = False  # whether a review follows, before training
     before: Review | None = None  # the review that the new one replaces
-    reader: SparsePreviewReader = field(init=False)
+    reader: Task[SparsePreview | None] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.reader = read_sparse_preview(self.plan)
+        plan = self.plan
+        self.reader = read_sparse_preview(plan.posed, plan.spherify or None, plan.cut_out, plan.up)
 
 
 @dataclass
@@ -132,7 +134,7 @@ class Making:
             self.reading = SparsePreviewJob(plan)
 
     def _begin(self, app: App, plan: Plan) -> None:
-        self.job = MakeJob(plan, Child(plan.command(), plan.log))
+        self.job = MakeJob(plan, CommandProcess(plan.command(), plan.log))
         self.training_preview, self._training_preview_offered = None, False
         self._training_preview_file = None if plan.poses_only else TrainingPreviewFile(plan.preview_file)
         app.messages.log(f"making {plan.name}: {plan.typed()}")
@@ -250,7 +252,7 @@ class Making:
             app.touch(1)
 
     def _take_sparse_preview(self, app: App, reading: SparsePreviewJob) -> None:
-        before, self.sparse_preview = self.sparse_preview, reading.reader.result
+        before, self.sparse_preview = self.sparse_preview, reading.reader.result()
         if reading.review:
             if self.sparse_preview is None:  # too few points to see anything
                 self._begin(app, replace(reading.plan, poses_only=False))

@@ -10,7 +10,6 @@ import json
 import math
 import os
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,6 +23,7 @@ from console import not_written
 from console.atomic import write_file
 from console.json_text import read_json_file
 from viewer.app.backdrops import PLAIN
+from viewer.app.background import Task
 
 try:
     import fcntl
@@ -247,7 +247,7 @@ class PreferencesAutosave:
         self._refused: Preferences | None = None  # what could not be saved
         self._problem: str | None = None
         self._was_reported = False
-        self._writing: threading.Thread | None = None
+        self._writing: Task[str | None] | None = None
         self._sent = self._written = self._saved
 
     def _copy(self) -> Preferences:
@@ -261,7 +261,7 @@ class PreferencesAutosave:
             return
         self._checked_at = now
         if self._writing is not None:
-            if self._writing.is_alive():
+            if not self._writing.finished:
                 return
             self._take_result()
         self._read_window()
@@ -277,15 +277,12 @@ class PreferencesAutosave:
         window: False if the window is gone.
         """
         if self._writing is not None:
-            self._writing.join()
             self._take_result()
         if window:
             self._read_window()
         self._seen = self._copy()
         if self._seen != self._saved:
             self._write()
-            assert self._writing is not None
-            self._writing.join()
             was_reported = self._was_reported
             self._take_result()
             return None if was_reported else self._problem
@@ -298,16 +295,12 @@ class PreferencesAutosave:
     def _write(self) -> None:
         self._sent, self._written = self._seen, replace(self._seen, recent=list(self._seen.recent))
         before = self._saved
-
-        def write() -> None:
-            self._problem = save(self._written, self.file, before)
-
-        self._writing = threading.Thread(target=write, name="snerg-settings")  # not a daemon, so that it finishes
-        self._writing.start()
+        self._writing = Task(lambda: save(self._written, self.file, before), kept=True)
 
     def _take_result(self) -> None:
         """Takes over what the thread did, with packs that other viewers opened. Reports a failure once."""
-        self._writing = None
+        assert self._writing is not None
+        self._problem, self._writing = self._writing.result(), None
         if self._problem is not None:
             self._refused = self._sent
             if not self._was_reported:

@@ -5,7 +5,6 @@ training.posing writes the list beside the poses, or in its working folder if it
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 from console import UserError
 from console.json_text import read_json_file
 from training.scenes.pictures import UNREADABLE, small_picture
+from viewer.app.background import Task
 from viewer.app.files import POSED, REPORT
 
 UNFINISHED = Path("posing") / "left_out.json"
@@ -21,8 +21,8 @@ CELL, MOST = 128, 24  # pixels of the longer side; number of thumbnails
 Box = tuple[int, int, int, int]
 
 
-class RejectedPhotographs:
-    """Reads the thumbnails in a thread: poll `finished`.
+class RejectedPhotographs(Task[None]):
+    """Reads the thumbnails in a thread.
 
     why: reason by name, in order.
     sheet: uint8 [CELL, width, 3]; None before all are read.
@@ -34,14 +34,9 @@ class RejectedPhotographs:
         self.sheet: np.ndarray | None = None
         self.boxes: dict[str, Box] = {}
         self._files = files
-        self._thread = threading.Thread(target=self._run, name="snerg-left-out", daemon=True)
-        self._thread.start()
+        super().__init__(self._read)
 
-    @property
-    def finished(self) -> bool:
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
+    def _read(self) -> None:
         pictures: list[np.ndarray] = []
         x = 0
         for name in list(self.why)[:MOST]:

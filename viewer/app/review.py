@@ -19,7 +19,7 @@ from viewer.app.ground import normal_at, point_under
 from viewer.app.make_plan import Plan
 from viewer.app.pose import triple
 from viewer.app.rejected_photographs import RejectedPhotographs
-from viewer.app.sparse_preview import Kind, SparsePreview, SparsePreviewReader
+from viewer.app.sparse_preview import Kind, SparsePreview
 from viewer.rendering.camera import ViewCamera
 
 if TYPE_CHECKING:
@@ -112,11 +112,6 @@ class Review:
             float(f"{value:.4g}") for value in _turned(whole, _frame(self.sparse_preview.pack)).ravel()
         )
         return x0, y0, z0, x1, y1, z1
-
-
-def read_sparse_preview(plan: Plan) -> SparsePreviewReader:
-    """Starts to read the sparse points of a plan's scene."""
-    return SparsePreviewReader(plan.posed, plan.spherify or None, plan.cut_out, plan.up)
 
 
 def in_grid(pack: Pack, box: np.ndarray) -> crop.Box:

@@ -7,8 +7,6 @@ Marks are added to those that are kept with a pack, and take none of them away.
 from __future__ import annotations
 
 import json
-import threading
-import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -29,6 +27,7 @@ from viewer.app.annotations import (
     number_from_json,
     point_from_json,
 )
+from viewer.app.background import Autosave
 from viewer.app.bookmarks import bookmark_of, pose_of
 from viewer.app.comparison import How
 from viewer.app.crop import Box
@@ -254,10 +253,10 @@ class Sessions:
 
     file: Path | None = None
     last: Session | None = None
-    _seen: Session | None = None
-    _written: Session | None = None
-    _since: float = 0.0
-    _thread: threading.Thread | None = field(default=None)
+    _autosave: Autosave[Session | None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._autosave = Autosave(self._write, None, REST_S)
 
     def begin(self, file: Path) -> None:
         """Keeps the last session in `file` from now on, and offers what lies there. What is broken is not offered."""
@@ -287,35 +286,20 @@ class Sessions:
 
     def tick(self, app: App) -> None:
         """Time passes: what has not changed for a moment is written as the last session; not while packs are on their way."""
-        if self.file is None or app.loading is not None or (self._thread is not None and self._thread.is_alive()):
-            return
-        now, session = time.monotonic(), session_of(app)
-        if session != self._seen:
-            self._seen, self._since = session, now
-        elif session is not None and session != self._written and now - self._since >= REST_S:
-            self._write(session)
+        if self.file is not None and app.loading is None:
+            self._autosave.follow(session_of(app) or self._autosave.saved)
 
     def finish(self, app: App) -> None:
         """The program ends: what is open now is the last session."""
         session = session_of(app) if self.file is not None else None
-        if self._thread is not None:
-            self._thread.join()
-        if session is not None and session != self._written:
-            self._write(session)
-            assert self._thread is not None
-            self._thread.join()
+        self._autosave.finish(session or self._autosave.saved)
         self.file = None
 
-    def _write(self, session: Session) -> None:
-        self._written, file = session, self.file
-        assert file is not None
-
-        def write() -> None:
-            try:
-                file.parent.mkdir(parents=True, exist_ok=True)
-                save_session(session, file)
-            except OSError:  # it is a convenience: nobody is asked to do something about it
-                return
-
-        self._thread = threading.Thread(target=write, name="snerg-session")  # not a daemon: it is let finish
-        self._thread.start()
+    def _write(self, session: Session | None) -> None:
+        if self.file is None or session is None:
+            return
+        try:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            save_session(session, self.file)
+        except OSError:  # it is a convenience: nobody is asked to do something about it
+            return

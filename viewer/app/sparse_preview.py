@@ -6,7 +6,6 @@ the crop box work as on a finished pack.
 
 from __future__ import annotations
 
-import threading
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from training.scenes import Scene, load_scene
 from training.scenes.colmap import SparsePoints, sparse_points
 from training.scenes.scene import Direction, cameras_of
 from training.scenes.space import FARTHEST, HALF_SIDE, box_of_points, looks_inwards
+from viewer.app.background import Task
 from viewer.app.orbit_camera import DEFAULT_FOV
 from viewer.app.photographs import shots_of
 from viewer.app.pose import Pose, Turntable, triple
@@ -77,38 +77,31 @@ class SparsePreview:
         return Pose(triple(middle), azimuth + ASIDE, ELEVATION, distance)
 
 
-class SparsePreviewReader:
-    """Reads the scene in a folder in a thread. Poll `finished`; then `result` is set, or None if there are too few points.
+def read_sparse_preview(
+    folder: Path, spherify: bool | None = None, masks: bool = False, up: Direction | None = None
+) -> Task[SparsePreview | None]:
+    """Reads the scene in a folder in a thread; None if there are too few points.
 
     spherify, masks, up: as training.scenes.SceneOptions has them.
     """
 
-    def __init__(
-        self, folder: Path, spherify: bool | None = None, masks: bool = False, up: Direction | None = None
-    ) -> None:
-        self.folder, self._spherify, self._masks, self._up = folder, spherify, masks, up
-        self.result: SparsePreview | None = None
-        self._thread = threading.Thread(target=self._run, name="snerg-sparse-preview", daemon=True)
-        self._thread.start()
-
-    @property
-    def finished(self) -> bool:
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
+    def read() -> SparsePreview | None:
         try:
             with warnings.catch_warnings():  # what the reader has to say is said where training reads the scene
                 warnings.simplefilter("ignore")
-                forward = not self._spherify and load_scene(self.folder).ndc
-                scene = load_scene(self.folder, spherify=True, masks=self._masks, up=self._up)
+                forward = not spherify and load_scene(folder).ndc
+                scene = load_scene(folder, spherify=True, masks=masks, up=up)
             points = sparse_points(scene)
-            if points is not None and len(points.places) >= FEWEST:
-                provenance = {"scene": str(self.folder.resolve()), "spherify": True, "masks": self._masks}
-                pack = points_pack(scene, points).with_metadata(provenance=provenance, cameras=cameras_of(scene))
-                kind, boxes = _kinds(scene, points)
-                self.result = SparsePreview(pack, scene, points, "forward" if forward else kind, boxes)
+            if points is None or len(points.places) < FEWEST:
+                return None
+            provenance = {"scene": str(folder.resolve()), "spherify": True, "masks": masks}
+            pack = points_pack(scene, points).with_metadata(provenance=provenance, cameras=cameras_of(scene))
+            kind, boxes = _kinds(scene, points)
+            return SparsePreview(pack, scene, points, "forward" if forward else kind, boxes)
         except Exception:  # the command that trains on the same folder says what is wrong with it
-            return
+            return None
+
+    return Task(read)
 
 
 def _kinds(scene: Scene, points: SparsePoints) -> tuple[Kind, dict[Kind, np.ndarray]]:

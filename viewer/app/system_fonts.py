@@ -9,10 +9,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+
+from viewer.app.background import Task
 
 # A letter or two of each script that names and messages may be in.
 SAMPLES = "ΩЖəệՀაשעعپअঅਅઅଅஅఅಅഅඅกກཀកကአあ漢汉한ㄅ∑⇒★☐"
@@ -51,26 +52,21 @@ class FontFile:
     brings: str = ""
 
 
-class FontSearch:
-    """Looks for fonts that have `missing` letters, in a thread. Poll `finished`, then take `found`, the best first."""
+class FontSearch(Task[list[FontFile]]):
+    """Looks for fonts that have `missing` letters, in a thread; the best first."""
 
     def __init__(self, missing: str) -> None:
         self.missing = missing
-        self.found: list[FontFile] = []
-        self._thread = threading.Thread(target=self._run, name="snerg-fonts", daemon=True)
-        self._thread.start()
+        super().__init__(self._search)
 
-    @property
-    def finished(self) -> bool:
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
+    def _search(self) -> list[FontFile]:
         try:
-            self.found = [font for font in find_fonts(self.missing) if font.path.stat().st_size <= LARGEST_BYTES]
-            for font in self.found:
+            found = [font for font in find_fonts(self.missing) if font.path.stat().st_size <= LARGEST_BYTES]
+            for font in found:
                 font.path.read_bytes()  # from the disk now and here; the window reads it again, from memory
+            return found
         except OSError:  # boxes, then
-            self.found = []
+            return []
 
 
 def find_fonts(missing: str) -> list[FontFile]:

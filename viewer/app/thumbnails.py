@@ -6,7 +6,6 @@ lets the whole sheet fit into LARGEST_SHEET pixels a side, so that memory is bou
 
 from __future__ import annotations
 
-import threading
 from math import ceil
 
 import numpy as np
@@ -14,6 +13,7 @@ from PIL import Image
 
 from console import UserError
 from training.scenes.pictures import PictureLoader
+from viewer.app.background import Task
 from viewer.app.photographs import Photographs
 
 LARGEST_SHEET = 2048  # pixels a side: 12 MiB in memory
@@ -21,11 +21,11 @@ CELLS = (128, 64, 32)  # powers of two, so that the sheet can be halved for draw
 Box = tuple[int, int, int, int]
 
 
-class Thumbnails:
+class Thumbnails(Task[None]):
     """Small pictures of `photographs`, from the moment this is made. Poll `news` from the main thread.
 
     sheet: uint8 [rows, columns, 3]. boxes: by shot, x, y, width, height of its picture on the sheet; a shot appears here
-    once its pixels are there. coming: whether more are on their way. problem: why the first that failed did.
+    once its pixels are there. problem: why the first that failed did.
     """
 
     def __init__(self, photographs: Photographs) -> None:
@@ -39,24 +39,16 @@ class Thumbnails:
         self.boxes: dict[int, Box] = {}
         self.problem = ""
         self._cancelled = False
-        self._told = (0, True)
-        self._thread = threading.Thread(target=self._run, name="snerg-thumbnails", daemon=True)
-        self._thread.start()
+        super().__init__(self._read)
 
-    @property
-    def coming(self) -> bool:
-        return self._thread.is_alive()
-
-    def news(self) -> bool:
-        """Whether more has arrived since this was asked last."""
-        told, self._told = self._told, (len(self.boxes), self.coming)
-        return self._told != told
+    def state(self) -> object:
+        return len(self.boxes)
 
     def cancel(self) -> None:
         """Gives up at the next photograph."""
         self._cancelled = True
 
-    def _run(self) -> None:
+    def _read(self) -> None:
         for index in range(self.shown):
             if self._cancelled:
                 return

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from training.scenes.presets import PRESETS
-from viewer.app.json_subprocess import JsonSubprocess
+from viewer.app.background import JsonTask
 
 MODULE = "training.speed"
 # Of five captures in docs/results.md: baking took 0.8 to 1.1 times as long as training.
@@ -20,7 +20,7 @@ MEMORY, MEMORY_OF_1000 = 2.2e9, 2.6e9
 DISK_OF_1000 = 1.1e9
 
 
-class TimeNeeded(JsonSubprocess):
+class TimeNeeded(JsonTask):
     """An estimate for photographs of these longer sides (pixels), from the moment this is made. Poll `news`, and close it.
 
     after: waits for what else is being measured.
@@ -30,14 +30,14 @@ class TimeNeeded(JsonSubprocess):
         words = [str(side) for side in sorted(set(sides))]
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
-        self._told: object = None
-        super().__init__(MODULE, words, self._hear, before=after)
+        self._after = after
+        super().__init__(MODULE, words, self._hear)
 
-    def news(self) -> bool:
-        """Whether more is known since this was asked last."""
-        state = (len(self._runs), self._per_sample, self.coming)
-        told, self._told = self._told, state
-        return told != state
+    def before(self) -> None:
+        self._after()
+
+    def state(self) -> object:
+        return len(self._runs), self._per_sample
 
     def seconds(self, preset: str, side: int) -> float | None:
         """For training and baking, without finding poses; None where it is not known, as for presets with the paper's MLP."""

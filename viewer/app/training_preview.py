@@ -5,7 +5,6 @@ A thread reads it. The writer replaces the file by a rename, so a file that is b
 
 from __future__ import annotations
 
-import threading
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
+from viewer.app.background import Task
 from viewer.app.loading import work_out_ahead
 
 FILE = "preview.zip"  # in the folder for the results; equals baker.baking.preview.NAME
@@ -39,16 +39,14 @@ class TrainingPreviewFile:
     def __init__(self, file: Path) -> None:
         self.file = file
         self._seen: tuple[int, int] | None = None  # inode and time of the file that was read last
-        self._read: TrainingPreview | None = None
-        self._thread: threading.Thread | None = None
+        self._task: Task[TrainingPreview | None] | None = None
 
     def poll(self) -> TrainingPreview | None:
         """A preview that was read since the last call, if any. Never waits; starts to read a file that has changed."""
-        if self._thread is not None and self._thread.is_alive():
+        if self.reading:
             return None
-        self._thread = None
-        read, self._read = self._read, None
-        if read is not None:
+        task, self._task = self._task, None
+        if task is not None and (read := task.result()) is not None:
             return read
         try:
             there = self.file.stat()
@@ -56,17 +54,20 @@ class TrainingPreviewFile:
             return None
         if self._seen != (there.st_ino, there.st_mtime_ns):
             self._seen = there.st_ino, there.st_mtime_ns
-            self._thread = threading.Thread(target=self._run, name="snerg-training-preview", daemon=True)
-            self._thread.start()
+            self._task = Task(self._read)
         return None
 
-    def _run(self) -> None:
+    @property
+    def reading(self) -> bool:
+        return self._task is not None and not self._task.finished
+
+    def _read(self) -> TrainingPreview | None:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 pack = load_pack(self.file)
             made: Any = pack.metadata.get("provenance")
             work_out_ahead(pack)
-            self._read = TrainingPreview(pack, int(made["steps"]), int(made.get("of_steps", 0)))
+            return TrainingPreview(pack, int(made["steps"]), int(made.get("of_steps", 0)))
         except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
-            return
+            return None

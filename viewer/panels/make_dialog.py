@@ -122,7 +122,7 @@ def what_it_needs(plan: Plan, side: int) -> str:
     room = f"up to {time_needed.memory(plan.preset, side) / 1e9:.1f} GB of memory and {disk / 1e9:.1f} GB on the disk"
     seconds = estimate.seconds(plan.preset, side)
     if seconds is None:
-        told = "Measuring how long it takes on this computer… " if estimate.coming else ""
+        told = "Measuring how long it takes on this computer… " if not estimate.finished else ""
         return f"{told}It needs {room}."
     return f"Takes about {preview_strip.roughly(seconds)} as measured on this computer, {room}."
 

@@ -81,6 +81,6 @@ def _told(preview: BarePreview) -> list[tuple[str, str]]:
     if seconds is not None:
         text = f"Finding camera poses takes about {roughly(seconds)}, as measured on this computer."
         lines.append((text, theme.FAINT))
-    elif preview.coming and preview.aside is not None:
+    elif not preview.finished and preview.aside is not None:
         lines.append(("Measuring how long it takes to find the camera poses…", theme.FAINT))
     return lines

@@ -155,8 +155,8 @@ class Ui:
         """Adds what the search has found, one font a frame."""
         search = self._font_search
         if search is not None and search.finished:
-            if search.found:
-                self.fonts.add(search.found.pop(0))
+            if found := search.result():
+                self.fonts.add(found.pop(0))
                 app.touch()
             else:
                 self._font_search = None

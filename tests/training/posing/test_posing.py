@@ -127,7 +127,7 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
         ends.append(popen(*args, **kwargs))
         return ends[-1]
 
-    monkeypatch.setattr(child_process.subprocess, "Popen", started)
+    monkeypatch.setattr(subprocess, "Popen", started)
     monkeypatch.setattr(find, "ask", interrupted)
     with pytest.raises(KeyboardInterrupt, match="the same command line continues"):
         find_poses(found.source, tmp_path / "out")
@@ -258,13 +258,14 @@ def test_without_pycolmap_it_says_what_to_install(tmp_path: Path, monkeypatch: p
 
 
 def test_a_child_that_dies_is_told_with_its_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(child_process, "PROGRAM", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+    def becomes(code: str) -> None:
+        monkeypatch.setattr(child_process, "COMMAND", [sys.executable, "-P", "-c", code])
+
+    becomes("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
     with pytest.raises(UserError, match="SIGKILL"):
         child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
     full = "raise RuntimeError('database or disk is full')"
-    monkeypatch.setattr(
-        child_process,
-        "PROGRAM",
+    becomes(
         f"""
 from training.posing import child_process
 def fill(request, on_progress): {full}
@@ -273,6 +274,6 @@ child_process.serve()""",
     )
     with pytest.raises(UserError, match="the disk is full"):
         child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
-    monkeypatch.setattr(child_process, "PROGRAM", "raise ValueError('that went wrong')")
+    becomes("raise ValueError('that went wrong')")
     with pytest.raises(RuntimeError, match="that went wrong"):
         child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)

@@ -110,7 +110,7 @@ def opened(path: Path, user: Path) -> App:
 
 def keep(app: App, annotations: Annotations) -> None:
     app.annotations.change(app, annotations)
-    until(lambda: app.tick(0.01) or app.annotations._saved == annotations)
+    until(lambda: app.tick(0.01) or app.annotations._autosave.saved == annotations)
     app.annotations.close_pack()
 
 
@@ -184,8 +184,9 @@ def test_marks_that_cannot_be_written_are_told_once(own: Path, tmp_path: Path):
     keep_told = []
     for factor in (2.0, 3.0):
         app.annotations.change(app, Annotations(Scale(factor, "m")))
-        until(lambda: app.tick(0.01) or app.annotations._saved == app.annotations.current)
-        until(lambda: app.tick(0.01) or app.annotations._thread is None)
+        until(lambda: app.tick(0.01) or app.annotations._autosave.saved == app.annotations.current)
+        until(lambda: app.tick(0.01) or not app.annotations._autosave.writing)
+        app.tick(0.01)
         keep_told.append(sum("not saved" in line.text for line in app.messages.lines))
     assert keep_told == [1, 1]
 

@@ -58,7 +58,7 @@ def test_copies_are_the_photographs_shrunk_and_survive_every_way_a_pack_goes(kno
 
 def test_thumbnails_are_made_of_copies(carrying):
     thumbnails = Thumbnails(Photographs(carrying))
-    until(lambda: not thumbnails.coming)
+    until(lambda: thumbnails.finished)
     assert len(thumbnails.boxes) == 6 and not thumbnails.problem
     assert {box[2:] for box in thumbnails.boxes.values()} == {(48, 48)}
 
@@ -117,7 +117,7 @@ def test_a_copy_that_makes_no_sense_is_none(text, bare):
     cameras = [{**entry, PICTURE: text} for entry in bare.metadata["cameras"]]
     photographs = Photographs(bare.with_metadata(cameras=cameras))
     thumbnails = Thumbnails(photographs)
-    until(lambda: not thumbnails.coming)
+    until(lambda: thumbnails.finished)
     assert not thumbnails.boxes
     with pytest.raises(UserError):
         photographs.pixels(0)

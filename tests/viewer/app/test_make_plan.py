@@ -10,7 +10,7 @@ import pytest
 from imgui_bundle import imgui
 from PIL import Image
 
-from console.driven import Report
+from console.progress_protocol import Report
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
@@ -145,7 +145,7 @@ def test_photographs_of_which_too_few_can_be_used_and_masks_beside_them_are_told
     until(lambda: app.making.plan.survey.finished)
     assert app.making.plan.cut_out and "--masks" in app.making.plan.command()
     run(app, "escape")
-    until(lambda: not plan.survey.preview.coming)
+    until(lambda: plan.survey.preview.finished)
 
 
 def test_a_run_whose_poses_were_found_is_gone_on_with(tmp_path):

@@ -13,12 +13,12 @@ import pytest
 from imgui_bundle import imgui
 from PIL import Image
 
-from console.driven import Report, read_report
+from console import child_process
+from console.progress_protocol import Report, read_report
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
-from viewer.app import child as child_module
 from viewer.app.application import App
-from viewer.app.child import Child
+from viewer.app.command_process import CommandProcess
 from viewer.app.commands import run
 from viewer.app.make_plan import Plan
 from viewer.app.making import Making
@@ -155,8 +155,8 @@ def test_a_window_that_closes_at_once_leaves_no_child(making, tmp_path):
 
 def test_a_viewer_that_is_killed_leaves_no_child(tmp_path):
     code = (
-        "import sys, time; from pathlib import Path; from viewer.app.child import Child\n"
-        f"Child([sys.executable, {str(FAKE)!r}, 'wait', {str(tmp_path)!r}], Path({str(tmp_path / 'log')!r}))\n"
+        "import sys, time; from pathlib import Path; from viewer.app.command_process import CommandProcess\n"
+        f"CommandProcess([sys.executable, {str(FAKE)!r}, 'wait', {str(tmp_path)!r}], Path({str(tmp_path / 'log')!r}))\n"
         "time.sleep(60)"
     )
     viewer = subprocess.Popen([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)})
@@ -181,7 +181,7 @@ def test_a_program_that_is_not_there_is_told(tmp_path):
     from console import UserError
 
     with pytest.raises(UserError, match="cannot be started"):
-        Child([str(tmp_path / "none")], tmp_path / "log")
+        CommandProcess([str(tmp_path / "none")], tmp_path / "log")
 
 
 def test_the_question_and_the_card_are_drawn_and_answered(offscreen, making, scene, monkeypatch):
@@ -218,7 +218,7 @@ def told_stage(job) -> str:
 
 def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_between(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setattr(child_module, "POLITENESS", 0)  # other tests would go first
+    monkeypatch.setattr(child_process, "POLITENESS", 0)  # other tests would go first
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "compiled"))
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     app = App(canvas=FakeCanvas())

@@ -39,7 +39,7 @@ def ui(few, offscreen, app, many, pack_folder):
 
 def ready(photographs: Photographs) -> Thumbnails:
     thumbnails = Thumbnails(photographs)
-    until(lambda: not thumbnails.coming)
+    until(lambda: thumbnails.finished)
     return thumbnails
 
 

@@ -21,13 +21,13 @@ from training.scenes.sources import Source
 from viewer.app import make_plan
 from viewer.app import review as review_module
 from viewer.app.application import App
-from viewer.app.child import Child
+from viewer.app.command_process import CommandProcess
 from viewer.app.ground import normal_at
 from viewer.app.make_plan import Plan
 from viewer.app.projection import project
 from viewer.app.rejected_photographs import RejectedPhotographs
 from viewer.app.review import Review
-from viewer.app.sparse_preview import SparsePreview, SparsePreviewReader
+from viewer.app.sparse_preview import SparsePreview, read_sparse_preview
 
 FAKE = Path(__file__).with_name("fake_make.py")
 
@@ -38,10 +38,9 @@ def posed(tmp_path_factory) -> Path:
 
 
 def look_at(folder: Path, **options: bool) -> SparsePreview:
-    first = SparsePreviewReader(folder, **options)
-    until(lambda: first.finished)
-    assert first.result is not None
-    return first.result
+    first = read_sparse_preview(folder, **options).result()
+    assert first is not None
+    return first
 
 
 def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
@@ -288,4 +287,4 @@ def test_a_scene_without_points_is_trained_at_once(bare, tmp_path):
     for file in (tmp_path / "out" / "scene" / "sparse" / "0").glob("points3D*"):
         file.write_bytes(bytes(8))
     live(bare, lambda: bare.making.job is not None and not bare.making.job.plan.poses_only)
-    assert bare.making.review is None and isinstance(bare.making.job.child, Child)
+    assert bare.making.review is None and isinstance(bare.making.job.child, CommandProcess)

@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 from console import UserError, refusal
-from viewer.app.child import Child
+from viewer.app.command_process import CommandProcess
 
 
 def test_no_temporary_folder_is_told_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: [str(tmp_path / "none")])
     with pytest.raises(UserError, match=r"no temporary folder can be written.*TMPDIR"):
-        Child([sys.executable, "-c", ""], tmp_path / "log")
+        CommandProcess([sys.executable, "-c", ""], tmp_path / "log")
     with pytest.raises(FileNotFoundError) as told:
         tempfile.gettempdir()
     assert "TMPDIR" in (refusal(told.value) or "")
@@ -31,4 +31,4 @@ def test_a_full_disk_for_temporary_files_is_told(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(tempfile, "mkdtemp", full)
     with pytest.raises(UserError, match="the disk is full; make room"):
-        Child([sys.executable, "-c", ""], tmp_path / "log")
+        CommandProcess([sys.executable, "-c", ""], tmp_path / "log")

@@ -9,7 +9,7 @@ import pytest
 
 from tests.viewer.waiting import until
 from tools.procedural import write_procedural_scene
-from viewer.app import json_subprocess, make_plan
+from viewer.app import background, make_plan
 from viewer.app.make_plan import Survey
 from viewer.app.time_needed import TimeNeeded, memory
 from viewer.panels.make_dialog import what_it_needs
@@ -22,7 +22,7 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
     until(lambda: survey.finished)
     needed = survey.time
     assert needed is not None
-    needed.wait()  # a busy machine takes longer than other tests wait
+    needed.result()  # a busy machine takes longer than other tests wait
     assert not survey.busy and survey.news() and not survey.news()
     seconds = needed.seconds("quick", 32)
     assert seconds is not None and 1.0 < seconds < 1e6
@@ -34,14 +34,14 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
 
 
 def test_nothing_is_started_for_a_dialog_that_is_gone(monkeypatch):
-    monkeypatch.setattr(
-        json_subprocess.subprocess, "Popen", lambda *words, **named: pytest.fail("a process was started")
-    )
+    started = []
+    monkeypatch.setattr(background, "ChildProcess", lambda *words, **named: started.append(words))
     waits = threading.Event()
     needed = TimeNeeded([200], lambda: waits.wait(60))
     needed.close()
     waits.set()
-    until(lambda: not needed.coming)
+    needed.result()
+    assert not started
 
 
 def test_more_voxels_need_more_memory():
@@ -50,14 +50,14 @@ def test_more_voxels_need_more_memory():
 
 
 @pytest.mark.parametrize(
-    ("seconds", "coming", "told"),
+    ("seconds", "finished", "told"),
     [
-        (None, True, "Measuring how long it takes on this computer… It needs up to 2.9 GB"),
-        (None, False, "It needs up to 2.9 GB of memory and 0.5 GB on the disk."),
-        (437.0, False, "Takes about 7 min as measured on this computer, up to 2.9 GB"),
+        (None, False, "Measuring how long it takes on this computer… It needs up to 2.9 GB"),
+        (None, True, "It needs up to 2.9 GB of memory and 0.5 GB on the disk."),
+        (437.0, True, "Takes about 7 min as measured on this computer, up to 2.9 GB"),
     ],
 )
-def test_the_dialog_says_what_is_known(seconds, coming, told):
-    known = SimpleNamespace(seconds=lambda *_: seconds, disk=lambda *_: 0.51e9, coming=coming)
+def test_the_dialog_says_what_is_known(seconds, finished, told):
+    known = SimpleNamespace(seconds=lambda *_: seconds, disk=lambda *_: 0.51e9, finished=finished)
     assert what_it_needs(SimpleNamespace(preset="quick", survey=SimpleNamespace(time=known)), 200).startswith(told)
     assert what_it_needs(SimpleNamespace(preset="quick", survey=SimpleNamespace(time=None)), 200) == ""

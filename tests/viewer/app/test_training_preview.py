@@ -109,7 +109,7 @@ def test_a_film_that_is_exported_is_of_one_state(training, write):
     app.filming.export = object()
     write(2400)
     app.making._training_preview_file.poll()
-    until(lambda: not app.making._training_preview_file._thread.is_alive())
+    until(lambda: not app.making._training_preview_file.reading)
     app.making.tick(app)
     app.filming.export = None
     assert came(app, 2400) and app.scene.pack is shown
@@ -120,12 +120,12 @@ def test_a_file_that_cannot_be_read_is_passed_over_and_the_next_is_taken(tmp_pat
     assert file.poll() is None
     (tmp_path / "preview.zip").write_bytes(b"PK no pack")
     assert file.poll() is None
-    until(lambda: not file._thread.is_alive())
+    until(lambda: not file.reading)
     assert file.poll() is None
     (tmp_path / "preview.zip").unlink()
     write(300)
     assert file.poll() is None, "it is read in a thread"
-    until(lambda: not file._thread.is_alive())
+    until(lambda: not file.reading)
     assert file.poll().steps == 300 and file.poll() is None
 
 

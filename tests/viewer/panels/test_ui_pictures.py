@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from console.driven import Report
+from console.progress_protocol import Report
 from scenepack import save_pack
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack

@@ -68,7 +68,7 @@ def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
     plan.survey.forward = True
     release = threading.Event()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "Child", lambda *_: child())
+        patch.setattr(making, "CommandProcess", lambda *_: child())
         patch.setattr(make_plan, "trainer_missing", lambda: False)  # nothing is trained here
         read = loading.load_pack
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from console.driven import Report
+from console.progress_protocol import Report
 from training.scenes.colmap import SparsePoints
 from viewer.app import crop
 from viewer.app.annotations import Annotations, Bookmark, Measurement, Scale

@@ -98,7 +98,7 @@ def test_a_search_that_fails_finds_nothing(monkeypatch):
     monkeypatch.setattr(system_fonts, "find_fonts", fail)
     search = FontSearch("あ")
     until(lambda: search.finished)
-    assert search.finished and search.found == []
+    assert search.result() == []
 
 
 @pytest.mark.parametrize("platform", ["win32", "darwin"])

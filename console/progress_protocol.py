@@ -1,4 +1,4 @@
-"""For programs that start our commands, as the viewer does: progress they can read, and an end that comes with theirs.
+"""Progress file and stop-on-stdin-EOF, for programs that start our commands, as the viewer does.
 
 Two variables of the environment, for every command:
   SNERG_PROGRESS=FILE        the work of the moment is kept there as one JSON object, written aside and renamed:
@@ -25,6 +25,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from console.atomic import replacing
+from console.child_process import call_when_input_ends
 from console.json_text import read_json_file
 
 PROGRESS, ENDS_WITH_STDIN = "SNERG_PROGRESS", "SNERG_ENDS_WITH_STDIN"
@@ -125,15 +126,7 @@ def ending_with_stdin() -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     working = threading.Event()
     working.set()
-
-    def wait() -> None:
-        with contextlib.suppress(OSError):
-            while os.read(0, 4096):  # not sys.stdin: its lock would outlive this thread
-                pass
-        if working.is_set():
-            _interrupt()
-
-    threading.Thread(target=wait, name="snerg-stdin", daemon=True).start()
+    call_when_input_ends(lambda: _interrupt() if working.is_set() else None)
     try:
         yield
     finally:

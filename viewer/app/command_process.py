@@ -1,25 +1,22 @@
-"""One of our commands in a process of its own: started, watched and stopped without ever waiting for it.
+"""Command process: one of our commands as a child process, started, watched and stopped without waiting for it.
 
-The child holds our end of a pipe as its standard input (console.driven), so it stops cleanly when we close it, and also
-when this program ends in whatever way. What it prints goes straight into a log file, so nothing of ours must read it.
+It stops cleanly when its standard input is closed (console.progress_protocol). What it prints goes straight into a log file, so
+nothing of ours must read it.
 """
 
 from __future__ import annotations
 
-import contextlib
-import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from console import UserError, not_written, refusal
-from console.driven import ENDS_WITH_STDIN, PROGRESS, Report, read_report
+from console.child_process import ChildProcess
+from console.progress_protocol import ENDS_WITH_STDIN, PROGRESS, Report, read_report
 
-POLITENESS = 10  # the child's priority: the window comes first
 TAIL_BYTES = 64 << 10
 
 
@@ -33,49 +30,38 @@ def temporary_folder(prefix: str) -> Path:
         raise UserError(told or f"no temporary folder can be made: {words}", remedy=None if told else remedy) from error
 
 
-class Child:
+class CommandProcess:
     """A running command. command: program and arguments. log: the file that gets what it prints; made anew.
 
     UserError where the log cannot be written or the program cannot be started.
     """
 
     def __init__(self, command: Sequence[str], log: Path) -> None:
-        self.command, self.log = list(command), log
+        self.log = log
         self.stopping = False
         self.killed = False
         self._last: Report | None = None
         self._scratch = temporary_folder("snerg-child-")
-        environment = {**os.environ, PROGRESS: str(self._scratch / "progress.json"), ENDS_WITH_STDIN: "1"}
+        environment = {PROGRESS: str(self._scratch / "progress.json"), ENDS_WITH_STDIN: "1"}
         try:
             log.parent.mkdir(parents=True, exist_ok=True)
             with open(log, "wb") as output:
-                self._process = subprocess.Popen(
-                    self.command,
-                    stdin=subprocess.PIPE,
-                    stdout=output,
-                    stderr=subprocess.STDOUT,
-                    env=environment,
-                    start_new_session=True,
-                    creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
-                )
+                self._child = ChildProcess(command, stdout=output, stderr=subprocess.STDOUT, polite=True, **environment)
         except OSError as error:
             self._clean_up()
             raise UserError(f"it cannot be started: {error.strerror or error}", where=error.filename or log) from error
-        if sys.platform != "win32":
-            with contextlib.suppress(OSError):
-                os.setpriority(os.PRIO_PROCESS, self._process.pid, POLITENESS)
 
     @property
     def pid(self) -> int:
-        return self._process.pid
+        return self._child.pid
 
     def poll(self) -> int | None:
         """Its exit status once it has ended (negative: the signal that ended it), None while it runs."""
-        status = self._process.poll()
+        status = self._child.poll()
         if status is not None:
-            self._close_pipe()
+            self._child.close()
             if self.stopping:
-                self._kill_group()  # whatever it may have started itself
+                self._child.kill()  # whatever it may have started itself
             self._last = self.report()
             self._clean_up()
         return status
@@ -87,29 +73,27 @@ class Child:
     def stop(self) -> None:
         """Asks it to end as with Ctrl-C: it keeps what is done. Poll on until it has."""
         self.stopping = True
-        self._close_pipe()
+        self._child.close_input()
 
     def kill(self) -> None:
         """Ends it, and all it started, at once."""
         self.stop()
         self.killed = True
-        self._kill_group()
+        self._child.kill()
 
     def end(self, seconds: float) -> None:
         """Stops it, waits up to `seconds`, then kills it: no process is left after this."""
         if self.poll() is not None:
             return
         self.stop()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(seconds)
-        if self._process.poll() is None:
+        if self._child.wait(seconds) is None:
             self.kill()
-            self._process.wait()
+            self._child.wait()
         self.poll()
 
     def error_line(self) -> str:
         """Why it ended otherwise than well, in one line: its own last word, or what the system did to it."""
-        status = self._process.returncode
+        status = self._child.poll()
         if status is not None and status < 0:
             name = signal.Signals(-status).name if -status in list(signal.Signals) else f"signal {-status}"
             hint = "; the system does that when it runs out of memory" if status == -9 else ""
@@ -127,18 +111,6 @@ class Child:
                 return file.read().decode(errors="replace")
         except OSError:
             return ""
-
-    def _close_pipe(self) -> None:
-        if self._process.stdin is not None:
-            with contextlib.suppress(OSError):
-                self._process.stdin.close()
-
-    def _kill_group(self) -> None:
-        with contextlib.suppress(OSError):  # nothing of it is left
-            if sys.platform == "win32":
-                self._process.kill()
-            else:
-                os.killpg(self._process.pid, signal.SIGKILL)
 
     def _clean_up(self) -> None:
         shutil.rmtree(self._scratch, ignore_errors=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from console import UserError, progress, run_command
-from console.driven import PROGRESS, Report, read_report
+from console.progress_protocol import PROGRESS, Report, read_report
 
 WAITS = """
 import sys, time

@@ -1,0 +1,125 @@
+"""Background work: functions in threads, and child processes that report lines of JSON to them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from typing import Any, Generic, TypeVar
+
+from console.child_process import ChildProcess
+from console.python_command import module_command
+
+T = TypeVar("T")
+
+
+class Task(Generic[T]):
+    """A function that runs in a thread. Poll `finished`, then take `result()`; or poll `news()` of what a subclass collects.
+
+    kept: the program's end waits for it.
+    """
+
+    def __init__(self, function: Callable[[], T], *, kept: bool = False) -> None:
+        self._future: Future[T] = Future()
+        self._told: object = None
+        threading.Thread(target=self._run, args=(function,), daemon=not kept).start()
+
+    @property
+    def finished(self) -> bool:
+        return self._future.done()
+
+    def result(self) -> T:
+        """What the function returned; waits for it, and raises what it raised."""
+        return self._future.result()
+
+    def news(self) -> bool:
+        """Whether state() or `finished` has changed since this was asked last."""
+        told, self._told = self._told, (self.state(), self.finished)
+        return told != self._told
+
+    def state(self) -> object:
+        """A summary of what has been collected so far."""
+        return None
+
+    def _run(self, function: Callable[[], T]) -> None:
+        try:
+            self._future.set_result(function())
+        except BaseException as error:
+            self._future.set_exception(error)
+
+
+class JsonTask(Task[None]):
+    """Runs a module as a child process; a thread calls `on_message` with each object that it prints.
+
+    The child's priority is that of jobs, so that times it measures hold for them.
+    """
+
+    def __init__(self, module: str, words: Sequence[str], on_message: Callable[[Mapping[str, Any]], None]) -> None:
+        self._command, self._on_message = module_command(module, *words), on_message
+        self._child: ChildProcess | None = None
+        self._closed = False
+        super().__init__(self._listen)
+
+    def before(self) -> None:
+        """Called in the thread before the child starts."""
+
+    def after(self) -> None:
+        """Called in the thread at the end, whatever happened."""
+
+    def close(self) -> None:
+        """Kills the child."""
+        self._closed = True
+        if self._child is not None:
+            self._child.close()
+
+    def _listen(self) -> None:
+        try:
+            self.before()
+            if self._closed:
+                return
+            self._child = ChildProcess(self._command, polite=True)
+            try:
+                if not self._closed:  # while the child was being started
+                    for message in self._child.messages():
+                        self._on_message(message)
+            finally:
+                self._child.close()
+        finally:
+            self.after()
+
+
+class Autosave(Generic[T]):
+    """Writes a value in a thread once it has not changed for a while. write: raises nothing; the program's end waits for it."""
+
+    def __init__(self, write: Callable[[T], None], saved: T, settle_s: float) -> None:
+        self.saved = self._seen = saved
+        self._write, self._settle_s, self._since = write, settle_s, 0.0
+        self._task: Task[None] | None = None
+
+    @property
+    def writing(self) -> bool:
+        return self._task is not None and not self._task.finished
+
+    def follow(self, value: T) -> None:
+        """The value now. Call it often."""
+        now = time.monotonic()
+        if value != self._seen:
+            self._seen, self._since = value, now
+        elif value != self.saved and not self.writing and now - self._since >= self._settle_s:
+            self._begin(value)
+
+    def finish(self, value: T) -> None:
+        """Writes the value now if it has changed, and waits for that."""
+        self._wait()
+        if value != self.saved:
+            self._begin(value)
+            self._wait()
+
+    def _begin(self, value: T) -> None:
+        self.saved = value  # tried once
+        self._task = Task(lambda: self._write(value), kept=True)
+
+    def _wait(self) -> None:
+        if self._task is not None:
+            self._task.result()
