@@ -4,8 +4,7 @@ A leaf room: it imports nothing of ours, so that the pack, the trainer and the v
 one another, still fail and report in the same voice.
 """
 
-from console.errors import UserError, not_written, refusal
-from console.notices import Notice, plain_notices
+from console.errors import Notice, UserError, not_written, plain_notices, refusal
 from console.progress import Progress, progress
 from console.results import check_results, write_json, write_text
 from console.run import run_command

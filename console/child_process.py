@@ -15,6 +15,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, BinaryIO
 
 ROOT = Path(__file__).resolve().parents[1]  # holds our packages: a checkout, or a folder of installed packages
@@ -32,7 +33,7 @@ class ChildProcess:
 
     def __init__(
         self, command: Sequence[str], *, stdout: Any = subprocess.PIPE, stderr: Any = subprocess.DEVNULL,
-        polite: bool = False, **environment: str,
+        polite: bool = False, environment: Mapping[str, str] = MappingProxyType({}),
     ) -> None:  # fmt: skip
         environment = {**os.environ, **environment}
         if ROOT.name not in INSTALLED:  # a checkout, whose modules are those of its children, too
@@ -96,6 +97,11 @@ class ChildProcess:
         """Asks it to end."""
         with contextlib.suppress(OSError):
             self.input.close()
+
+    def interrupt(self) -> None:
+        """Asks it to end as with Ctrl-C, where it is not one that ends with its input."""
+        with contextlib.suppress(OSError):
+            self._process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
 
     def kill(self) -> None:
         """Ends it, and all that it started, at once."""

@@ -1,9 +1,14 @@
-"""The error a user can correct (docs/commands.md: exit status 2, one line on stderr)."""
+"""Errors and notices for users."""
 
 from __future__ import annotations
 
 import errno
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 from console.streams import one_line
 
@@ -39,6 +44,7 @@ _EXTRAS = {
     "pycolmap": "poses",
     "OpenEXR": "export",
     "skimage": "export",
+    "fast_simplification": "export",
 }
 _PURPOSES = {
     "train": "trains, bakes and measures",
@@ -111,3 +117,39 @@ def missing_extra(error: BaseException) -> str | None:
     if extra is None:
         return None
     return f"{name} is not installed, and this installation lacks what {_PURPOSES[extra]}; pip install 'snerg[{extra}]'"
+
+
+# --- Warnings that a person should read ---
+
+LONGEST_NOTICE = 600  # characters
+
+
+class Notice(UserWarning):
+    """A warning meant for the user of a command: something was mended or left out, and work goes on. One line, as errors are."""
+
+    def __init__(self, text: object) -> None:
+        super().__init__(one_line(str(text), LONGEST_NOTICE))
+
+
+@contextmanager
+def plain_notices(prog: str) -> Iterator[None]:
+    """Prints each Notice as "PROG: warning: ..." on stderr; other warnings stay as Python shows them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", Notice)
+        usual = warnings.showwarning
+
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, Notice):
+                print(f"{prog}: warning: {message}", file=file or sys.stderr)
+            else:
+                usual(message, category, filename, lineno, file, line)
+
+        warnings.showwarning = show
+        yield

@@ -10,12 +10,12 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
 from typing import Any
 
 import tyro
 
-from console.errors import UserError, missing_extra, refusal
-from console.notices import plain_notices
+from console.errors import UserError, missing_extra, plain_notices, refusal
 from console.progress_protocol import Reporter, ending_with_stdin
 from console.streams import lasting_output, one_line
 
@@ -36,10 +36,10 @@ def run_command(
 ) -> int:
     """Parses `args` (default: sys.argv) into a call of `command`; what that raises becomes an exit status.
 
-    command: a function whose parameters become options (`max_steps` is --max-steps, a bool is a flag, a
-    positional-only parameter is an argument; the docstring's Args give the help), or several of them by name,
-    which become subcommands. A whole number that it returns is the exit status. on_failure: called with `prog` and the
-    line of a failure, status 1 or 2, after it was printed.
+    command: a function whose parameters become options (`max_steps` is --max-steps, a bool is a flag, a positional-only
+    parameter is an argument; the docstring's Args give the help), or a dataclass with such fields and a method run(), or
+    several functions by name, which become subcommands. A whole number that it returns is the exit status. on_failure:
+    called with `prog` and the line of a failure, status 1 or 2, after it was printed.
     Returns 0 done, 2 the user can correct it (one line on stderr), 1 a bug (with its traceback), 130
     interrupted. `--debug` anywhere on the command line shows tracebacks for status 2 as well.
     """
@@ -64,6 +64,8 @@ def _run(
             if not callable(call):
                 return call
             result = call()
+            if is_dataclass(result) and callable(run := getattr(result, "run", None)):
+                result = run()
             sys.stdout.flush()  # here, where a full disk is still caught
         return result if isinstance(result, int) and not isinstance(result, bool) else DONE
     except KeyboardInterrupt as interrupt:

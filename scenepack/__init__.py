@@ -5,8 +5,7 @@ One reader (`load_pack`, `open_pack`), one writer (`save_pack`), cutting volumes
 """
 
 from scenepack.check import Finding, check_pack
-from scenepack.notices import PackWarning
-from scenepack.pack import Pack, ViewMlp
+from scenepack.pack import Pack, PackWarning, ViewMlp
 from scenepack.reader import AtlasPlanes, PackReader, load_pack, open_pack
 from scenepack.writer import check_target, save_pack
 

@@ -114,12 +114,7 @@ def data_voxels(slot_xyz: np.ndarray, block_size: int) -> tuple[slice, ...]:
 
 
 def atlas_from_volume(
-    read_box: ReadBox,
-    grid_size: Triple,
-    block_size: int,
-    occupied: np.ndarray,
-    *,
-    atlas_blocks: Triple | None = None,
+    read_box: ReadBox, grid_size: Triple, block_size: int, occupied: np.ndarray, *, atlas_blocks: Triple | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Fills an atlas macroblock by macroblock from a volume that need not exist as one array.
 

@@ -173,11 +173,7 @@ def _check_unused(pack: Pack) -> Finding:
     hollow = sum(
         int(np.sum(~copies.any(axis=(1, 2, 3, 4)))) for _, copies in block_chunks(pack, pack.atlas_rgba[..., 3:])
     )
-    figures = {
-        "unreachable": int(np.sum(~reached)),
-        "unreachable_with_content": lost,
-        "without_alpha": hollow,
-    }
+    figures = {"unreachable": int(np.sum(~reached)), "unreachable_with_content": lost, "without_alpha": hollow}
     message = f"{figures['unreachable']} atlas blocks are spare"
     if lost:
         message += f", {lost} of them hold content that cannot be reached"

@@ -57,9 +57,7 @@ def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None
     if broken:
         sys.stdout.flush()
         raise UserError(
-            f"breaks {len(broken)} rules ({', '.join(f.rule for f in broken)})",
-            where=pack,
-            remedy="bake it again",
+            f"breaks {len(broken)} rules ({', '.join(f.rule for f in broken)})", where=pack, remedy="bake it again"
         )
 
 

@@ -1,4 +1,4 @@
-"""A baked scene in memory: the sparse neural radiance grid of the SNeRG paper, section 5.1.
+"""Pack: a baked scene in memory (docs/format.md).
 
 Volumes are [z, y, x, c]; a "block" is a macroblock; B = block_size + 2 is its side in the atlas, padding
 included.
@@ -6,12 +6,16 @@ included.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+import weakref
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 
+from console import Notice
 from scenepack.constants import EMPTY_BLOCK
 
 MOST_LENGTH = 1e6  # grid units; a larger number in the metadata is nonsense
@@ -132,3 +136,35 @@ def pack_of_cube(
         atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=view_mlp,
         worldspace_T_opengl=np.array(worldspace_T_opengl, float), **camera,
     )  # fmt: skip
+
+
+# --- Pack cache: weak per-pack memoisation. The thread that reads a pack computes first, so that no windo ---
+
+T = TypeVar("T")
+
+
+def cached_per_pack(compute: Callable[[Pack], T]) -> Callable[[Pack], T]:
+    """Decorator: keeps the result of `compute` for as long as the pack lives."""
+    results: dict[int, T] = {}
+
+    @wraps(compute)
+    def cached(pack: Pack) -> T:
+        key = id(pack)
+        if key not in results:
+            results[key] = compute(pack)
+            weakref.finalize(pack, results.pop, key, None)
+        return results[key]
+
+    return cached
+
+
+# --- Warnings about what the reader repairs in untidy packs (docs/format.md, "Untidy packs") ---
+
+
+class PackWarning(Notice):
+    """An untidy pack was opened all the same; the message says what was mended or left out."""
+
+
+def warn(message: str) -> None:
+    """One PackWarning line. Commands print it plainly (console.plain_notices)."""
+    warnings.warn(PackWarning(message), stacklevel=3)

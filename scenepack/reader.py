@@ -32,8 +32,7 @@ from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, prob
 from scenepack.codecs.png import PNG_HEADER_BYTES, require_room
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
-from scenepack.notices import warn
-from scenepack.pack import Pack
+from scenepack.pack import Pack, warn
 from scenepack.params import Params, parse_params
 from scenepack.piece_files import PieceFiles
 
@@ -257,9 +256,7 @@ class PackReader:
 
     def _undecodable(self, name: str, error: CodecError) -> UserError:
         return UserError(
-            f"cannot be decoded: {error}",
-            where=self._where(name),
-            remedy="copy the pack again, or bake it again",
+            f"cannot be decoded: {error}", where=self._where(name), remedy="copy the pack again, or bake it again"
         )
 
     def _indices(self) -> np.ndarray:

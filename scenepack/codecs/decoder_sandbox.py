@@ -102,7 +102,7 @@ class _Process(ChildProcess):
     """The caller's side of one subprocess."""
 
     def __init__(self) -> None:
-        super().__init__(COMMAND, **ENVIRONMENT)
+        super().__init__(COMMAND, environment=ENVIRONMENT)
 
     def ask(
         self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool

@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenepack.exports.export_frame import ExportFrame
-from scenepack.exports.field import Field
-from scenepack.exports.gaussians import voxels_of
-from scenepack.exports.mesh_cleanup import decimated, vertex_normals
+from scenepack.exports.field import ExportFrame, Field
+from scenepack.exports.file_formats import voxels_of
 from scenepack.exports.scene import (
     LEAST_OPACITY,
     Export,
@@ -21,6 +19,7 @@ from scenepack.exports.scene import (
     scattered,
     surface_of,
 )
+from scenepack.exports.surface import decimated, vertex_normals
 from scenepack.pack import Pack
 
 MOST_CELLS = 256  # along the longest side of the grid

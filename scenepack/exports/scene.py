@@ -12,13 +12,17 @@ import numpy as np
 
 from console import UserError, not_written
 from console.atomic import write_file
-from scenepack.exports.export_frame import ExportFrame, Frame
-from scenepack.exports.field import Corners, Field
-from scenepack.exports.gaussians import COLUMNS, gaussian_values, voxels_of
-from scenepack.exports.glb import glb_parts
-from scenepack.exports.mesh_cleanup import decimated, face_areas, smoothed, vertex_normals, without_floaters
-from scenepack.exports.ply import POINT, ply_parts
-from scenepack.exports.surface import Surface, extract
+from scenepack.exports.field import Corners, ExportFrame, Field, Frame
+from scenepack.exports.file_formats import COLUMNS, POINT, gaussian_values, glb_parts, ply_parts, voxels_of
+from scenepack.exports.surface import (
+    Surface,
+    decimated,
+    extract,
+    face_areas,
+    smoothed,
+    vertex_normals,
+    without_floaters,
+)
 from scenepack.pack import Pack
 
 Kind = Literal["points", "mesh", "gaussians"]
@@ -83,8 +87,8 @@ def kind_for(file: Path, kind: Kind | None) -> Kind:
 
 
 def require_surfaces() -> None:
-    """UserError, with the remedy, where scikit-image is not installed."""
-    if importlib.util.find_spec("skimage") is None:
+    """UserError, with the remedy, where scikit-image or fast-simplification is not installed."""
+    if any(importlib.util.find_spec(name) is None for name in ("skimage", "fast_simplification")):
         raise UserError("a mesh or points need scikit-image", remedy="pip install 'snerg[export]'")
 
 

@@ -1,10 +1,12 @@
-"""The surface where opacity passes a level, by marching cubes (Lewiner et al. 2003, in scikit-image) macroblock by macroblock.
+"""Surface of a pack: marching cubes and mesh cleanup.
 
 Each cube of neighbouring cells belongs to one box (scenepack.exports.field), so that no part of the surface is made twice and
 none is missing. Two boxes see the same values on the face that they share, so the surface runs on without a gap; its vertices
 there are joined by where they lie: on one edge between two cells (at most one vertex each), or within one cube. No opacity equals
 the level exactly. Memory: a box at a time; of the surface 12 bytes a triangle, and a vertex 12 for its position, 3 for its colour
 and 8 for its name until it is joined.
+
+Sums over faces are taken in parts, and neighbours are stored once, so that memory stays a small multiple of the mesh's.
 """
 
 from __future__ import annotations
@@ -14,6 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import map_coordinates
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from scenepack.exports.field import Field
 
@@ -93,3 +98,92 @@ def _names(cells: np.ndarray, corner: np.ndarray, field: Field) -> np.ndarray:
     z, y, x = (base + corner + field.side).T
     rows, columns = (field.side * (n + 2) + 1 for n in field.pack.atlas_indices.shape[1:3])
     return ((z * rows + y) * columns + x) * EDGES + kind
+
+
+# --- Mesh cleanup ---
+
+LAMBDA, MU = 0.5, -0.53  # Taubin 1995: a shrinking step and a slightly larger growing step
+AT_ONCE = 1 << 20  # faces per part
+
+
+def without_floaters(surface: Surface, keep: str | float) -> Surface:
+    """keep: "all"; "largest", the component of most area; or the least share of the whole area that a component must have."""
+    if keep == "all" or not len(surface.faces):
+        return surface
+    labels = components(surface)
+    area = np.bincount(labels, weights=face_areas(surface))
+    kept = area == area.max() if keep == "largest" else area >= float(keep) * area.sum()
+    return surface.only(kept[labels])
+
+
+def components(surface: Surface) -> np.ndarray:
+    """int32 [f]: the number of the connected component that a face belongs to."""
+    first, second, third = surface.faces.T
+    count = len(surface.vertices)
+    rows, columns = np.concatenate([first, second]), np.concatenate([second, third])
+    links = coo_matrix((np.ones(len(rows), np.bool_), (rows, columns)), shape=(count, count))
+    _, of_vertex = connected_components(links, directed=False)
+    return of_vertex[first]
+
+
+def face_normals(surface: Surface) -> np.ndarray:
+    """float64 [f, 3]: normals, twice as long as the face's area."""
+    a, b, c = (surface.vertices[surface.faces[:, i]].astype(np.float64) for i in range(3))
+    return np.cross(b - a, c - a)
+
+
+def face_areas(surface: Surface) -> np.ndarray:
+    """float64 [f], in units of the vertices squared."""
+    parts = [
+        0.5 * np.linalg.norm(face_normals(_some(surface, start)), axis=1)
+        for start in range(0, len(surface.faces), AT_ONCE)
+    ]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def vertex_normals(surface: Surface) -> np.ndarray:
+    """float32 [v, 3]: unit means of the normals around, weighted by area."""
+    total = np.zeros((len(surface.vertices), 3))
+    for start in range(0, len(surface.faces), AT_ONCE):
+        part = _some(surface, start)
+        normals = face_normals(part)
+        for i in range(3):
+            _add(total, part.faces[:, i], normals)
+    return (total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)).astype(np.float32)
+
+
+def smoothed(surface: Surface, times: int) -> Surface:
+    """Taubin's smoothing: rough skin goes, the volume stays. Colours stay with their vertices."""
+    if not times or not len(surface.faces):
+        return surface
+    count = len(surface.vertices)
+    # On a closed surface each neighbour follows once, in one of the two faces of the edge between.
+    rows, columns = surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel()
+    follows = coo_matrix((np.ones(len(rows), np.float32), (rows, columns)), shape=(count, count)).tocsr()
+    share = 1.0 / np.maximum(np.bincount(rows, minlength=count), 1)[:, None]
+    vertices = surface.vertices.astype(np.float64)
+    for _ in range(times):
+        for step in (LAMBDA, MU):
+            vertices += step * (share * (follows @ vertices) - vertices)
+    return Surface(vertices.astype(np.float32), surface.faces, surface.colours)
+
+
+def decimated(surface: Surface, most_faces: int) -> Surface:
+    """At most that many faces, by collapsing edges (Garland and Heckbert 1997); a vertex has the colour of the closest before."""
+    if len(surface.faces) <= most_faces:
+        return surface
+    import fast_simplification
+
+    vertices, faces = fast_simplification.simplify(surface.vertices, surface.faces, target_count=most_faces)
+    closest = KDTree(surface.vertices).query(vertices)[1]
+    return Surface(vertices.astype(np.float32), faces.astype(np.int32), surface.colours[closest])
+
+
+def _some(surface: Surface, start: int) -> Surface:
+    return Surface(surface.vertices, surface.faces[start : start + AT_ONCE], surface.colours)
+
+
+def _add(total: np.ndarray, rows: np.ndarray, values: np.ndarray) -> None:
+    """total[rows] += values, repeated rows counted."""
+    for column in range(total.shape[1]):
+        total[:, column] += np.bincount(rows, weights=values[:, column], minlength=len(total))

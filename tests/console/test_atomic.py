@@ -15,7 +15,7 @@ import pytest
 
 from baker.reports.cross_sections import Section, draw_sections
 from console import atomic, write_json
-from viewer.app.films import write_film
+from viewer.app.film_export import write_film
 from viewer.app.path import CameraPath, save_path
 from viewer.app.preferences import Preferences, save
 
@@ -80,7 +80,7 @@ def test_no_other_module_writes_aside_and_renames() -> None:
                     found.append(str(path.relative_to(ROOT)))
     assert set(found) == {
         "console/atomic.py",
-        "viewer/app/crash_log.py",
+        "viewer/app/log.py",
     }  # the latter names a log that is complete, and writes none
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from console.estimate import Estimate
+from console.progress import Estimate
 
 
 def test_even_work_is_told_right_after_a_few_updates_and_seconds() -> None:

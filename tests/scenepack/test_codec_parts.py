@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenepack.codecs.streams import pack_occupancy, unpack_occupancy
-from scenepack.codecs.unpremultiply import filled, premultiplied, unpremultiply
+from scenepack.codecs.streams import filled, pack_occupancy, premultiplied, unpack_occupancy, unpremultiply
 from scenepack.padding import restore_padding
 from tests.scenepack.random_packs import random_pack
 

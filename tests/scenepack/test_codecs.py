@@ -19,10 +19,10 @@ import pytest
 from console import UserError
 from scenepack import Pack, check_pack, load_pack, open_pack, save_pack
 from scenepack.codecs import CODECS
-from scenepack.codecs.pieces import cut, follows_grid
 from scenepack.commands import main
 from scenepack.constants import CodecName
 from scenepack.padding import restore_padding
+from scenepack.piece_files import cut, follows_grid
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
 from tests.told import told
 

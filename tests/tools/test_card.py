@@ -23,8 +23,8 @@ from tools.card.parts import Budget, Part, Skipped, run_parts
 from tools.card.subprocesses import Training, run_child, speed
 from tools.procedural import write_procedural_scene
 from tools.profile_step import PARTS, Profile, Times
-from viewer.benchmark import power
-from viewer.rendering import gpu_clock
+from viewer.benchmark import frames
+from viewer.rendering import software_rasteriser
 from viewer.rendering.camera import orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
 
@@ -102,10 +102,10 @@ def test_what_only_a_card_has_is_asked_of_one_that_pretends(
     nvml.nvmlDeviceGetMaxClockInfo = lambda card, kind: 1980 + kind  # type: ignore[attr-defined]
     nvml.nvmlDeviceGetPowerUsage = lambda card: 50_000  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "pynvml", nvml)
-    monkeypatch.setattr(gpu_clock, "SOFTWARE", ())
+    monkeypatch.setattr(software_rasteriser, "SOFTWARE_RENDERERS", ())
     monkeypatch.setattr(opengl, "LEAST_IDLE_S", 0.2)
-    ours = power.PowerMeter.__init__
-    monkeypatch.setattr(power.PowerMeter, "__init__", lambda meter, renderer: ours(meter, "NVIDIA " + renderer))
+    ours = frames.PowerMeter.__init__
+    monkeypatch.setattr(frames.PowerMeter, "__init__", lambda meter, renderer: ours(meter, "NVIDIA " + renderer))
     card_facts = opengl.card_facts
     monkeypatch.setattr(opengl, "card_facts", lambda renderer: card_facts("NVIDIA " + renderer))
     out = tmp_path / "card"

@@ -10,7 +10,7 @@ from baker.commands import make
 from training.commands import train
 from training.config import PRESETS as CONFIGS
 from training.scenes.presets import PRESETS, BakeablePreset, PresetName
-from viewer.app import make_plan
+from viewer.app import survey
 
 
 def test_every_name_has_settings_and_says_what_it_is_for() -> None:
@@ -35,8 +35,8 @@ def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture
 
 
 def test_the_viewer_offers_the_presets_that_have_a_title() -> None:
-    assert list(make_plan.OFFERED) == ["quick", "normal", "full", "paper"]
-    assert all(preset.advice for preset in make_plan.OFFERED.values())
+    assert list(survey.OFFERED) == ["quick", "normal", "full", "paper"]
+    assert all(preset.advice for preset in survey.OFFERED.values())
 
 
 def test_photographs_that_are_not_shrunk_are_baked_as_finely_as_they_show() -> None:

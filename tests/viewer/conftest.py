@@ -16,7 +16,7 @@ from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.screen import NoScreen, virtual_screen
-from viewer.app import make_plan
+from viewer.app import survey
 from viewer.app.application import App
 from viewer.rendering.offscreen import create_context
 
@@ -78,7 +78,7 @@ def pack_folder(tmp_path_factory: pytest.TempPathFactory, pack: Pack) -> Path:
 @pytest.fixture(autouse=True)
 def nothing_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """No dialog trains something to see how long that takes here, but for tests that ask for it."""
-    monkeypatch.setattr(make_plan, "MEASURES", False)
+    monkeypatch.setattr(survey, "MEASURES", False)
 
 
 @pytest.fixture

@@ -11,11 +11,11 @@ from imgui_bundle import ImVec2, imgui
 
 from tests.viewer.unseen import draw_unseen
 from viewer.app.application import App
+from viewer.app.controllers import KeyPress
 from viewer.app.frame import is_waiting, unfinished
-from viewer.app.keyboard import KeyPress
 from viewer.panels.ui import Ui
-from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
-from viewer.window.canvas import Canvas
+from viewer.rendering.canvas import Canvas
+from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 
 FRAME_S = 1.0 / 60.0
 PLACES = {

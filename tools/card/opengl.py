@@ -20,15 +20,15 @@ from PIL import Image
 from console.atomic import replacing
 from scenepack import Pack, load_pack
 from tools.card.parts import Facts
-from viewer.benchmark.frames import measure
-from viewer.benchmark.power import PowerMeter
+from viewer.benchmark.frames import PowerMeter, measure
 from viewer.benchmark.protocols import flight, protocol_for
 from viewer.benchmark.sustained import sustained
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.frame_times import Contender
-from viewer.rendering.gpu_clock import GpuClock, is_software
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
+from viewer.rendering.opengl import GpuClock
 from viewer.rendering.settings import RenderSettings
+from viewer.rendering.software_rasteriser import is_software
 
 # docs/rendering.md, "Marchers"
 MOST_DIFFERENCE, MOST_SHARE = 4.0, 0.001  # of 255, and of channels that differ by more than 1 / 255

@@ -7,18 +7,15 @@ killed where that does not help; what it has written until then still counts.
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
-import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from console.child_process import ChildProcess
 from console.json_text import parse_json
 from tools.card.parts import Budget, Facts, Skipped
 
@@ -55,31 +52,21 @@ class Ended:
 
 
 def run_child(words: Sequence[str], log: Path, seconds: float) -> Ended:
-    """Runs `python WORDS` in the checkout for at most `seconds`."""
+    """Runs `python WORDS` with the modules of the checkout for at most `seconds`."""
     log.parent.mkdir(parents=True, exist_ok=True)
-    options: dict[str, Any] = {"start_new_session": True} if os.name == "posix" else {}
-    with open(log, "w", encoding="utf-8") as errors:
-        child = subprocess.Popen(
-            [sys.executable, *words], cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True, **options
-        )
+    printed = log.with_suffix(".out")
+    with open(log, "wb") as errors, open(printed, "wb") as output:
+        child = ChildProcess([sys.executable, "-P", *words], stdout=output, stderr=errors)
         try:
-            out, _ = child.communicate(timeout=max(seconds, 0.1))
-            return Ended(child.returncode, out, log)
-        except subprocess.TimeoutExpired:
-            return Ended(None, _ended(child), log)
-        except BaseException:
-            _ended(child)
-            raise
-
-
-def _ended(child: subprocess.Popen[str]) -> str:
-    """Interrupts a child, kills it where it does not end, and returns what it printed."""
-    child.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
-    try:
-        return child.communicate(timeout=ENDING_S)[0]
-    except subprocess.TimeoutExpired:
-        child.kill()
-        return child.communicate()[0]
+            status = child.wait(max(seconds, 0.1))
+            if status is None:
+                child.interrupt()
+                child.wait(ENDING_S)
+        finally:
+            child.close()
+    out = printed.read_text(encoding="utf-8", errors="replace")
+    printed.unlink()
+    return Ended(status, out, log)
 
 
 def golden(out: Path, budget: Budget) -> Facts:

@@ -11,17 +11,7 @@ import numpy as np
 
 from tools.procedural.shading import Material, Thing
 from tools.procedural.shapes import Disc, Implicit, Rod, Sphere, box_distance, torus_distance
-from tools.procedural.still_life import (
-    FLOOR,
-    TURNTABLE,
-    bands,
-    gradient,
-    linear,
-    point,
-    rotation,
-    tiles,
-    turned,
-)
+from tools.procedural.still_life import FLOOR, TURNTABLE, bands, gradient, linear, point, rotation, tiles, turned
 
 PANES, BALLS = 7, 8
 BARS, HOOPS, STRINGS, MESHES = 28, 5, 9, 9

@@ -24,8 +24,8 @@ from console import not_written
 from console.atomic import write_file
 from console.json_text import read_json_file
 from console.streams import one_line
-from scenepack.metadata import metadata_writable, write_metadata
 from scenepack.pack import Pack
+from scenepack.writer import metadata_writable, write_metadata
 from viewer.app.background import Autosave
 from viewer.app.pose import FARTHEST, UP_AXES
 

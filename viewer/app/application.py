@@ -1,7 +1,7 @@
 """The viewer without its window: all state, and everything it can do.
 
 Panels read it and call it; the window calls `tick` once a frame and draws while `wants_frame`. What needs OpenGL (the
-picture itself) is behind `viewer.app.canvas_interface.CanvasInterface`, which viewer.window.canvas implements.
+picture itself) is behind `viewer.rendering.canvas.Canvas`.
 """
 
 from __future__ import annotations
@@ -15,37 +15,29 @@ from console import UserError
 from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.annotations import Annotations, AnnotationStore, Point
-from viewer.app.backdrops import TRAINED, backdrop
-from viewer.app.bookmarks import Bookmarks
-from viewer.app.canvas_interface import CanvasInterface
+from viewer.app.bookmarks import Bookmarks, ViewPictures
 from viewer.app.comparison import Comparison
-from viewer.app.controllers import Controllers
+from viewer.app.controllers import Controllers, Keyboard
 from viewer.app.exporting import Exporting
-from viewer.app.files import FileRequest, kind_of, pack_in, scene_around
+from viewer.app.files import FileRequest, OpenPrompt, kind_of, looks_like_path, pack_in, path_in, scene_around
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import orbit_camera_for
-from viewer.app.frame_stats import FrameStats
-from viewer.app.gallery import Gallery
-from viewer.app.keyboard import Keyboard
-from viewer.app.loading import Loading
+from viewer.app.frame_stats import CostMeter, FrameStats
 from viewer.app.log import Messages
+from viewer.app.make_job import TrainingPreview
 from viewer.app.making import Making
 from viewer.app.measure_tool import MeasureTool
-from viewer.app.open_packs import OpenPack, OpenPacks
-from viewer.app.open_prompt import OpenPrompt, looks_like_path, path_in
-from viewer.app.opening import Opening
+from viewer.app.opening import Loading, Opening, OpenPack, OpenPacks
 from viewer.app.orbit_camera import FOVS, OrbitCamera
 from viewer.app.path import CameraPath
+from viewer.app.photographs import Gallery
 from viewer.app.pose import ortho_height_of, pose_from_text, pose_to_text
-from viewer.app.preferences import Preferences
-from viewer.app.projection import ray_through
-from viewer.app.ray_costs import CostMeter
+from viewer.app.preferences import TRAINED, Preferences, backdrop
 from viewer.app.session import Sessions
 from viewer.app.sparse_preview import SparsePreview
 from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
-from viewer.app.training_preview import TrainingPreview
-from viewer.app.view_pictures import ViewPictures
-from viewer.rendering.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera, ray_through
+from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.rendering.settings import RenderSettings
 
@@ -54,7 +46,7 @@ from viewer.rendering.settings import RenderSettings
 class App:
     """State and commands; see viewer.app.commands for the list that keys and menus use."""
 
-    canvas: CanvasInterface | None = None
+    canvas: Canvas | None = None
     scene: OpenScene | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
     resolution: DynamicResolution = field(default_factory=DynamicResolution)
@@ -197,19 +189,12 @@ class App:
         """Ends the processes that make a scene, export one, and hold a picture for the clipboard."""
         self.making.end()
         self.exporting.end()
-        self.filming.copied_to.release()
 
     def quit(self) -> None:
         """Ends the program in the next turn of its loop, without a question."""
         self.quitting = True
 
-    def open(
-        self,
-        path: Path,
-        *,
-        other: bool = False,
-        then: Callable[[], None] | None = None,
-    ) -> None:
+    def open(self, path: Path, *, other: bool = False, then: Callable[[], None] | None = None) -> None:
         """Starts reading a pack in a thread; tick() delivers the result.
 
         other: to compare with it. then: called once it is shown.

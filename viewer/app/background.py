@@ -47,6 +47,7 @@ class Task(Generic[T]):
             self._future.set_result(function())
         except BaseException as error:
             self._future.set_exception(error)
+            raise  # told like any exception of a thread, whoever takes the result
 
 
 class JsonTask(Task[None]):

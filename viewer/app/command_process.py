@@ -46,7 +46,9 @@ class CommandProcess:
         try:
             log.parent.mkdir(parents=True, exist_ok=True)
             with open(log, "wb") as output:
-                self._child = ChildProcess(command, stdout=output, stderr=subprocess.STDOUT, polite=True, **environment)
+                self._child = ChildProcess(
+                    command, stdout=output, stderr=subprocess.STDOUT, polite=True, environment=environment
+                )
         except OSError as error:
             self._clean_up()
             raise UserError(f"it cannot be started: {error.strerror or error}", where=error.filename or log) from error

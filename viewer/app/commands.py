@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from viewer.app.application import App
-from viewer.app.files import SESSION_SUFFIX, FileRequest, pack_in
-from viewer.app.open_prompt import OPENABLE, OpenPrompt
+from viewer.app.files import OPENABLE, SESSION_SUFFIX, FileRequest, OpenPrompt, pack_in
 from viewer.rendering.settings import MODES
 
 STEP_DEGREES = 15.0  # of a key that turns

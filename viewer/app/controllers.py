@@ -1,4 +1,8 @@
-"""Gamepads and 3D mice: from sticks, caps and buttons to movements of the camera.
+"""Keyboard and controllers (gamepads, 3D mice).
+
+Notation: a key's place is what is printed there on a US keyboard ("W", "Home", "Left"), whatever the user's layout; its
+name is the letter or digit that the layout gives it ("Z" on a French keyboard at the place "W"), else its place.
+Commands go by names and characters, as on any desktop; what a hand rests on (flying) goes by places.
 
 A state is what the system tells of one device at this moment; the window asks for it, tests make it up. Gamepads have the axes
 and buttons of GLFW's standard layout (SDL's game controller mappings), 3D mice the six axes of the joystick interface.
@@ -14,6 +18,62 @@ from viewer.app.orbit_camera import OrbitCamera
 
 if TYPE_CHECKING:
     from viewer.app.application import App
+
+FLYING = ("W", "A", "S", "D", "Q", "E")  # places: forward, left, back, right, down, up
+
+
+@dataclass(frozen=True)
+class KeyPress:
+    """A key that went down, with the modifiers of that very moment; or a character that was typed, with name "".
+
+    ctrl: Cmd on macOS. repeat: the system repeats a key that is held.
+    """
+
+    name: str = ""
+    ctrl: bool = False
+    shift: bool = False
+    alt: bool = False
+    repeat: bool = False
+    character: str = ""
+
+
+@dataclass
+class Keyboard:
+    """held: places of the keys that are down. local_name: what the user's layout prints at a place."""
+
+    held: set[str] = field(default_factory=set)
+    local_name: Callable[[str], str] = lambda place: place
+    _tapped: set[str] = field(default_factory=set)  # went down since the last frame, and perhaps up again
+
+    def down(self, place: str) -> None:
+        """A key went down."""
+        self.held.add(place)
+        self._tapped.add(place)
+
+    def up(self, place: str) -> None:
+        """A key went up."""
+        self.held.discard(place)
+
+    def leave(self) -> None:
+        """The window has lost the keyboard: nothing is held any more."""
+        self.held, self._tapped = set(), set()
+
+    def axis(self, plus: str, minus: str) -> float:
+        """1, 0 or -1: which of two keys is held, or was tapped since the last frame."""
+        active = self.held | self._tapped
+        return float(plus in active) - float(minus in active)
+
+    def seen(self) -> None:
+        """A frame has seen what was tapped."""
+        self._tapped.clear()
+
+    @property
+    def flying_names(self) -> tuple[str, ...]:
+        """What the user's layout prints on the keys of FLYING."""
+        return tuple(self.local_name(place) for place in FLYING)
+
+
+# --- Gamepads and 3D mice ---
 
 # GLFW's gamepad layout
 LEFT_X, LEFT_Y, RIGHT_X, RIGHT_Y, LEFT_TRIGGER, RIGHT_TRIGGER = range(6)

@@ -10,8 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from scenepack.pack import Pack
-from viewer.app.pose import triple
-from viewer.app.projection import along_axis
+from viewer.app.pose import along_axis, triple
 from viewer.rendering.camera import ViewCamera, content_box
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]

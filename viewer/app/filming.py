@@ -6,12 +6,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from console import UserError
-from viewer.app.export import Export, Layers, ToClipboard
+from viewer.app.film_export import Export, Layers, ToClipboard
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path
-from viewer.app.picture_clipboard import PictureClipboard
+from viewer.app.picture_clipboard import copy_picture
 from viewer.app.pictures import EXR, passes_for
 from viewer.app.pose import fitted, view_camera
 from viewer.rendering.camera import ViewCamera
@@ -22,12 +20,7 @@ if TYPE_CHECKING:
 
 Size = tuple[int, int]  # width, height in pixels
 
-SIZES: dict[str, Size] = {
-    "Full HD": (1920, 1080),
-    "4K": (3840, 2160),
-    "Square": (1080, 1080),
-    "Small": (640, 360),
-}
+SIZES: dict[str, Size] = {"Full HD": (1920, 1080), "4K": (3840, 2160), "Square": (1080, 1080), "Small": (640, 360)}
 STEP_S = 0.02  # of a frame's time that an export takes
 TURNTABLE_KEYS = 8
 LARGEST_SIDE = 16384
@@ -48,7 +41,6 @@ class Filming:
 
     size: width, height of stills and films, pixels. samples: rays along each side of a pixel; see RenderSettings.
     besides: modes that a still is saved in besides the one that is shown. transparent: stills have no background.
-    copied_to: where copied pictures go; copying: one is on its way there.
     """
 
     path: CameraPath = field(default_factory=CameraPath)
@@ -61,19 +53,11 @@ class Filming:
     besides: tuple[Mode, ...] = ()
     transparent: bool = False
     export: Export | None = None
-    copied_to: PictureClipboard = field(default_factory=PictureClipboard)
-    copying: bool = False
 
     def of_another_scene(self) -> Filming:
         """What stays when another scene is opened: how stills and films are written."""
         return Filming(
-            size=self.size,
-            fps=self.fps,
-            samples=self.samples,
-            besides=self.besides,
-            transparent=self.transparent,
-            copied_to=self.copied_to,
-            copying=self.copying,
+            size=self.size, fps=self.fps, samples=self.samples, besides=self.besides, transparent=self.transparent
         )
 
     def add(self, app: App) -> None:
@@ -134,9 +118,6 @@ class Filming:
             self.show(app, self.time)
         if self.export is not None:
             self._step(app)
-            app.touch(2)
-        if self.copying:
-            self._see_copy(app)
             app.touch(2)
 
     def turntable(self, app: App) -> None:
@@ -213,7 +194,7 @@ class Filming:
             passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
             layers = Layers(passes, app.canvas.raw, app.scene.pack)
         elif target is COPY:
-            sink = ToClipboard(self._hand_over)
+            sink = ToClipboard(copy_picture)
         self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, sink)
         self.playing = False
         app.touch()
@@ -225,26 +206,13 @@ class Filming:
             export.step(STEP_S)
         except Exception as error:  # a full disk: a dialog, and the program goes on
             self.export = None
-            app.messages.fail("The export stopped", error)
+            copied = export.target is COPY
+            app.messages.fail("The picture is not on the clipboard" if copied else "The export stopped", error)
             return
         if export.finished:
             self.export = None
-            if export.target is not COPY:
-                app.messages.say(f"Saved {export.target}")
-
-    def _hand_over(self, picture: np.ndarray) -> None:
-        self.copied_to.begin(picture)
-        self.copying = True
-
-    def _see_copy(self, app: App) -> None:
-        """Tells once the picture that is on its way to the clipboard is there, or why it is not."""
-        try:
-            if not self.copied_to.answered():
-                return
-            app.messages.say("The picture is on the clipboard")
-        except UserError as error:
-            app.messages.fail("The picture is not on the clipboard", error)
-        self.copying = False
+            copied = export.target is COPY
+            app.messages.say("The picture is on the clipboard" if copied else f"Saved {export.target}")
 
     def cancel(self, app: App) -> None:
         """Stops the export; nothing of it is left on disk."""

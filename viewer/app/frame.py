@@ -10,13 +10,14 @@ from dataclasses import replace
 
 from console import UserError
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface, Drawn, Layer, Picture
+from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
+from viewer.rendering.targets import Drawn, Layer
 
 PHOTOGRAPH = "photograph"
 
 
-def draw_frame(app: App, canvas: CanvasInterface) -> None:
+def draw_frame(app: App, canvas: Canvas) -> None:
     """Draws as much as one frame has time for and sets canvas.drawn. A failure opens a dialog."""
     canvas.drawn = None
     try:
@@ -29,7 +30,7 @@ def draw_frame(app: App, canvas: CanvasInterface) -> None:
         app.touch()
 
 
-def _draw(app: App, canvas: CanvasInterface) -> Drawn | None:
+def _draw(app: App, canvas: Canvas) -> Drawn | None:
     settings = app.settings
     if (
         app.comparison.against == "photograph" and settings.backdrop is not None
@@ -37,7 +38,7 @@ def _draw(app: App, canvas: CanvasInterface) -> Drawn | None:
         settings = replace(settings, backdrop=None)
     comparison, scene = app.comparison, (app.viewport.camera, settings, app.resolution)
     before = unfinished(app, canvas)
-    shown: list[Picture] = [canvas]
+    shown: list[Canvas] = [canvas]
     if comparison.against == "pack" and canvas.other is not None:
         shown.append(canvas.other)
     drew = [each for each in shown if each.follow(*scene)]
@@ -62,7 +63,7 @@ def _draw(app: App, canvas: CanvasInterface) -> Drawn | None:
     return Drawn(sum(each.scene_ms for each in drew), sum(gpu) if gpu else None)
 
 
-def _compared(app: App, canvas: CanvasInterface) -> tuple[Layer, Layer] | None:
+def _compared(app: App, canvas: Canvas) -> tuple[Layer, Layer] | None:
     """The picture and what it is compared with. Of two packs, quick pictures are compared until both full ones are done."""
     other = other_layers(app, canvas)
     if not other or not canvas.layers:
@@ -72,7 +73,7 @@ def _compared(app: App, canvas: CanvasInterface) -> tuple[Layer, Layer] | None:
     return canvas.layers[0], other[0]
 
 
-def other_layers(app: App, canvas: CanvasInterface) -> list[Layer]:
+def other_layers(app: App, canvas: Canvas) -> list[Layer]:
     """Layers of what the picture is compared with; empty without a comparison."""
     comparison = app.comparison
     if comparison.against == "pack" and canvas.other is not None:
@@ -84,7 +85,7 @@ def other_layers(app: App, canvas: CanvasInterface) -> list[Layer]:
     return []
 
 
-def unfinished(app: App, canvas: CanvasInterface) -> bool:
+def unfinished(app: App, canvas: Canvas) -> bool:
     """Whether the picture, or the one compared with, is not yet at full resolution."""
     comparing = app.comparison.against == "pack" and canvas.other is not None
     return canvas.pending or (comparing and canvas.other is not None and canvas.other.pending)

@@ -1,11 +1,19 @@
-"""Frame statistics: times of the last frames, for plots and figures."""
+"""Figures of the performance page: frame times and samples per ray.
+
+Counted in a small picture of the same view, over the rays that hit something: those whose opacity exceeds one step of an
+8-bit channel.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 KEPT = 240
 AVERAGED = 30  # frames, of the usual time and rate
@@ -52,3 +60,66 @@ class FrameStats:
         times = np.asarray(self.frame_ms)
         median, p95 = np.percentile(times, (50, 95))
         return FrameSummary(float(times[-AVERAGED:].mean()), float(median), float(p95), float(times.max()))
+
+
+# --- Ray costs ---
+
+LONGEST_SIDE = 192  # pixels of the picture that is counted in
+HIT = 1.0 / 255.0  # opacity
+
+
+@dataclass(frozen=True)
+class RayCosts:
+    """Over the rays that hit: means and maxima per ray. hit: share of all rays, 0 … 1. size: of the picture."""
+
+    samples_mean: float
+    samples_max: int
+    jumps_mean: float
+    jumps_max: int
+    hit: float
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, counts: np.ndarray) -> RayCosts:
+        """From float32 [h, w, 3]: samples, jumps, opacity."""
+        hit = counts[..., 2] > HIT
+        samples, jumps = counts[..., 0][hit], counts[..., 1][hit]
+        if not len(samples):
+            samples = jumps = np.zeros(1)
+        return cls(
+            float(samples.mean()),
+            int(samples.max()),
+            float(jumps.mean()),
+            int(jumps.max()),
+            float(hit.mean()),
+            (counts.shape[1], counts.shape[0]),
+        )
+
+
+@dataclass
+class CostMeter:
+    """enabled: whether rays are counted at all. costs: of the view that rested last, None before."""
+
+    enabled: bool = False
+    costs: RayCosts | None = None
+    _measured: tuple[object, ...] = field(default=())
+
+    def switch(self, on: bool) -> None:
+        """Starts or stops counting."""
+        self.enabled, self.costs, self._measured = on, None, ()
+
+    def measure(self, app: App) -> None:
+        """Updates the figures; call while nothing moves. Does nothing while counting is off."""
+        camera = app.camera()
+        if not self.enabled or camera is None or app.canvas is None or app.scene is None:
+            return
+        settings = replace(app.settings, mode="normal", counts=True)
+        lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.distortion)
+        key = (id(app.scene.pack), settings, camera.grid_T_camera.tobytes(), lens)
+        if key == self._measured:
+            return
+        self._measured = key
+        scale = min(1.0, LONGEST_SIDE / max(camera.width, camera.height))
+        size = max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
+        self.costs = RayCosts.of(app.canvas.ray_counts(camera.resized(*size), settings))
+        app.touch()

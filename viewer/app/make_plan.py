@@ -1,4 +1,4 @@
-"""How a scene shall be made of photographs or of a training run: what is there, what can be chosen, which command does it.
+"""Plan: how a scene is made of photographs or of a training run, and which command does it.
 
 The viewer knows neither trainer nor baker; it starts their commands (viewer.app.command_process). A folder that snerg-make has
 written into, DIR with DIR/run, is gone on with where it was stopped.
@@ -7,193 +7,25 @@ written into, DIR with DIR/run, is gone on with where it was stopped.
 from __future__ import annotations
 
 import contextlib
-import importlib.util
-import math
 import shlex
-import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from console import Notice, UserError
+from console import UserError
 from console.json_text import read_json_file
 from console.python_command import module_command
-from training.scenes import Scene, load_scene
-from training.scenes.pictures import picture_size
-from training.scenes.presets import PRESETS
-from training.scenes.read import has_poses, suggested_downscale
 from training.scenes.scene import Box, Direction
-from training.scenes.sources import FEWEST, Source, find_source, is_film
-from viewer.app.background import Task
-from viewer.app.bare_preview import BarePreview
+from training.scenes.sources import FEWEST, Source, is_film
 from viewer.app.files import POSED, REPORT, found_poses, why_not_writable
-from viewer.app.time_needed import TimeNeeded
-from viewer.app.training_preview import EVERY_S, FILE
+from viewer.app.survey import Survey, poser_missing, trainer_missing
 
 Subject = Literal["scene", "run"]
-OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
-DOWNSCALES = (1, 2, 4, 8)
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
-KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
-MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may have masks beside them
-PARTS = ("jax", "matplotlib", "numba", "optax", "safetensors", "scipy")  # the extra `train`
-PREVIEWS = f"--previews={EVERY_S}"
+PREVIEW_FILE = "preview.zip"  # in the folder for the results; equals baker.baking.preview.NAME
+PREVIEW_EVERY_S = 30  # interval that the training process is asked for
+PREVIEWS = f"--previews={PREVIEW_EVERY_S}"
 OURS = ("--no-view", "--poses-only", PREVIEWS)  # what a person who types the command leaves out
-MEASURES = True  # the time that a run takes here
-POSES_FIRST = "Nothing says where the camera stood: that is found first."
-
-
-def trainer_missing() -> bool:
-    """Whether this installation is the viewer alone."""
-    return any(importlib.util.find_spec(name) is None for name in PARTS)
-
-
-def poser_missing(source: Source) -> str | None:
-    """The extras that this installation lacks to find poses of photographs or of a film; None where it can."""
-    needed = {"pycolmap": "poses", **({"av": "video"} if source.kind == "film" else {})}
-    missing = [extra for name, extra in needed.items() if importlib.util.find_spec(name) is None]
-    return ",".join(missing) or None
-
-
-class Survey(Task[None]):
-    """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest.
-
-    error: why it is no scene that can be read. text: one line about it. kind: its layout, "" where it
-    has no poses. sizes: width, height in pixels by downscale.
-    automatic: the downscale of a preset that shrinks. forward: cameras (LLFF, COLMAP) that may be read as looking all around.
-    masks: whether there are any. masked: the downscales at which there is one for each photograph. bare: photographs or a
-    film without poses, which are found before training; None where there are poses. preview: of these, where this
-    installation finds poses. time: that a run takes here, where this installation trains.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.time: TimeNeeded | None = None
-        self.bare: Source | None = None
-        self.preview: BarePreview | None = None
-        self.error: Exception | None = None
-        self.text = ""
-        self.kind = ""
-        self.notes: list[str] = []
-        self.sizes: dict[int, tuple[int, int]] = {}
-        self.automatic: dict[str, int] = {}
-        self.forward = False
-        self.masks = False
-        self.masked: set[int] = set()
-        self._closed = False
-        with contextlib.suppress(UserError):  # several films: told by the thread
-            self.bare = None if has_poses(path) else find_source(path)
-        if self.bare is None:
-            self.masks = any(path.glob("masks*"))
-        super().__init__(self._read)
-
-    @property
-    def busy(self) -> bool:
-        """Whether there will be more to see."""
-        return not self.finished or any(each is not None and not each.finished for each in (self.preview, self.time))
-
-    def news(self) -> bool:
-        """Whether more of the preview, or of the time, is known since this was asked last."""
-        return any([each.news() for each in (self.preview, self.time) if each is not None])
-
-    def close(self) -> None:
-        """Nobody asks any more."""
-        self._closed = True
-        for each in (self.preview, self.time):
-            if each is not None:
-                each.close()
-
-    @property
-    def choices(self) -> list[int]:
-        """Downscales that differ in what they give, from the largest pictures to the smallest."""
-        largest_first = sorted((-width, -downscale) for downscale, (width, _) in self.sizes.items())
-        found: dict[int, int] = {}
-        for width, downscale in largest_first:
-            found.setdefault(width, -downscale)
-        return [downscale for downscale in found.values() if downscale in DOWNSCALES]
-
-    def size(self, preset: str, downscale: int | None) -> tuple[int, int] | None:
-        """Pixels of the photographs that a run with these options trains on; None where it is not known."""
-        return self.sizes.get(downscale or self.automatic.get(preset, 1))
-
-    def _read(self) -> None:
-        try:
-            self.bare = self.bare or (None if has_poses(self.path) else find_source(self.path))
-            if self.bare is not None:
-                self._look_at_bare(self.bare)
-                self.text = " ".join([self.text, *(f"{note}." for note in self.bare.notes)])
-                return
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
-                scene = load_scene(self.path)
-            self.notes = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
-            self.automatic = {
-                name: suggested_downscale(self.path, preset.longest_side)
-                for name, preset in OFFERED.items()
-                if preset.longest_side is not None
-            }
-            for downscale in {*DOWNSCALES, *self.automatic.values()}:
-                with contextlib.suppress(UserError), warnings.catch_warnings():
-                    warnings.simplefilter("ignore")
-                    self.sizes[downscale] = _size(load_scene(self.path, downscale=downscale))
-                    if scene.kind in MASKED_KINDS:
-                        load_scene(self.path, downscale=downscale, masks=True)
-                        self.masked.add(downscale)
-            self.masks = self.masks or bool(self.masked)
-            self.forward, self.kind = scene.ndc, scene.kind
-            width, height = _size(scene)
-            count = sum(len(photographs) for photographs in scene.splits.values())
-            seen = "forward-facing" if scene.ndc else "360°"
-            kind = KINDS.get(scene.kind, scene.kind)
-            self.text = f"{count} photographs of {width} × {height}, {seen}  ({kind})"
-            self._begin_time()
-        except Exception as error:  # told in the dialog
-            self.error = error
-
-    def _look_at_bare(self, source: Source) -> None:
-        """What the first photograph tells of all. UserError where there are too few."""
-        if source.kind == "film":
-            self._begin_preview(source)
-            self.text = f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB. {POSES_FIRST}"
-            return
-        count, size = len(source.files), None
-        if count < FEWEST:
-            raise UserError("too few photographs to find camera poses", where=self.path, expected=f"at least {FEWEST}",
-                            found=count)  # fmt: skip
-        self._begin_preview(source)
-        with contextlib.suppress(UserError):  # HEIC, say: what cannot be read is told by whoever finds the poses
-            size = picture_size(source.files[0])
-        if size is None:
-            self.text = f"{count} photographs. {POSES_FIRST}"
-            return
-        self.text = f"{count} photographs of {size[0]} × {size[1]}. {POSES_FIRST}"
-        for name, preset in OFFERED.items():
-            if preset.longest_side is not None:
-                self.automatic[name] = max(math.ceil(max(size) / preset.longest_side), 1)
-        for downscale in {*DOWNSCALES, *self.automatic.values()}:
-            if min(size) >= downscale:
-                self.sizes[downscale] = (size[0] // downscale, size[1] // downscale)
-        self.masks = source.masks is not None
-        if self.masks and all(source.mask_of(file) is not None for file in source.files):
-            self.masked = set(self.sizes)
-        self._begin_time()
-
-    def _begin_time(self) -> None:
-        if MEASURES and not self._closed and not trainer_missing():
-            after = self.preview.result if self.preview is not None else lambda: None
-            self.time = TimeNeeded([max(size) for size in self.sizes.values()], after)
-
-    def _begin_preview(self, source: Source) -> None:
-        if poser_missing(source) is None and not self._closed:
-            with contextlib.suppress(UserError):  # no temporary folder: there is no preview then
-                self.preview = BarePreview(source)
-            if self._closed and self.preview is not None:  # in the meantime
-                self.preview.close()
-
-
-def _size(scene: Scene) -> tuple[int, int]:
-    camera = next(iter(scene.splits.values()))[0].camera
-    return camera.width, camera.height
 
 
 @dataclass
@@ -296,7 +128,7 @@ class Plan:
     @property
     def preview_file(self) -> Path:
         """Where the child keeps what is trained so far."""
-        return self.out / FILE
+        return self.out / PREVIEW_FILE
 
     @property
     def log(self) -> Path:

@@ -18,12 +18,16 @@ from viewer.app.background import Task
 from viewer.app.command_process import CommandProcess
 from viewer.app.files import FileRequest, existing_folder
 from viewer.app.log import Dialog
-from viewer.app.make_job import MakeJob
+from viewer.app.make_job import (
+    MakeJob,
+    RejectedPhotographs,
+    TrainingPreview,
+    TrainingPreviewFile,
+    rejected_photographs_of,
+)
 from viewer.app.make_plan import Plan, Subject
-from viewer.app.rejected_photographs import RejectedPhotographs, rejected_photographs_of
 from viewer.app.review import Review
 from viewer.app.sparse_preview import Kind, SparsePreview, read_sparse_preview
-from viewer.app.training_preview import TrainingPreview, TrainingPreviewFile
 
 if TYPE_CHECKING:
     from viewer.app.application import App

@@ -13,9 +13,8 @@ from math import exp, log, radians, tan
 import numpy as np
 
 from scenepack.pack import Pack
-from viewer.app.history import History
 from viewer.app.photographs import shots_of
-from viewer.app.pose import MAX_ELEVATION, STEEP, Pose, Turntable, fitted, shortest_turn, triple, view_camera
+from viewer.app.pose import MAX_ELEVATION, STEEP, History, Pose, Turntable, fitted, shortest_turn, triple, view_camera
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_distance, middle_of, outline
 

@@ -1,8 +1,11 @@
-"""The photographs that a pack was made from: where they were taken, and their pixels while the scene is on disk.
+"""Photographs that the open pack was made from: their cameras, pixels and thumbnails, and the state of their page.
 
 Poses come with the pack (metadata "cameras"); pictures are read from the scene folder that its provenance names, or
 from another that the user chooses. Where there is none on this computer, the small copies that a pack may bring along
 stand in for them (scenepack.pictures).
+
+Notation: the sheet is cut into square cells of `cell` pixels, `columns` a row; shot i has cell i. The cell is as large as
+lets the whole sheet fit into LARGEST_SHEET pixels a side, so that memory is bounded whatever the number of photographs.
 """
 
 from __future__ import annotations
@@ -10,8 +13,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
@@ -21,9 +25,14 @@ from console.streams import one_line
 from scenepack.pack import Pack
 from scenepack.pictures import has_picture, picture_of
 from training.scenes import load_scene
+from training.scenes.pictures import PictureLoader
 from training.scenes.scene import Camera, Photograph
-from viewer.app.projection import frustum_points
+from viewer.app.background import Task
+from viewer.app.pose import frustum_points
 from viewer.rendering.camera import ViewCamera
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 FARTHEST = 1e9  # from the origin, and any other number of a camera: what is beyond makes no sense
 LONGEST_NAME = 200  # characters
@@ -202,3 +211,140 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     """Peak signal-to-noise ratio (dB) of two pictures of one shape, uint8; infinite where they are the same."""
     error = float(np.mean((a.astype(np.float64) - b.astype(np.float64)) ** 2)) / 255.0**2
     return float("inf") if error == 0 else float(-10.0 * np.log10(error))
+
+
+# --- All photographs of a pack ---
+
+LARGEST_SHEET = 2048  # pixels a side: 12 MiB in memory
+CELLS = (128, 64, 32)  # powers of two, so that the sheet can be halved for drawing without mixing neighbours
+Box = tuple[int, int, int, int]
+
+
+class Thumbnails(Task[None]):
+    """Small pictures of `photographs`, from the moment this is made. Poll `news` from the main thread.
+
+    sheet: uint8 [rows, columns, 3]. boxes: by shot, x, y, width, height of its picture on the sheet; a shot appears here
+    once its pixels are there. problem: why the first that failed did.
+    """
+
+    def __init__(self, photographs: Photographs) -> None:
+        self.photographs, self.folder = photographs, photographs.folder
+        count = len(photographs)
+        self.cell = next((cell for cell in CELLS if (LARGEST_SHEET // cell) ** 2 >= count), CELLS[-1])
+        self.columns = LARGEST_SHEET // self.cell
+        self.shown = min(count, self.columns**2)  # later ones get no picture
+        rows = max(1, ceil(self.shown / self.columns))
+        self.sheet = np.zeros((rows * self.cell, min(self.columns, max(count, 1)) * self.cell, 3), np.uint8)
+        self.boxes: dict[int, Box] = {}
+        self.problem = ""
+        self._cancelled = False
+        super().__init__(self._read)
+
+    def state(self) -> object:
+        return len(self.boxes)
+
+    def cancel(self) -> None:
+        """Gives up at the next photograph."""
+        self._cancelled = True
+
+    def _read(self) -> None:
+        for index in range(self.shown):
+            if self._cancelled:
+                return
+            try:
+                picture = self._small(index)
+            except Exception as error:  # one photograph that is gone or broken leaves its cell empty
+                self.problem = self.problem or (str(error) if isinstance(error, UserError) else "it cannot be read")
+                if self.photographs.reachable and not self.photographs.found:
+                    return  # the scene cannot be read, nor could the others
+                continue
+            height, width = picture.shape[:2]
+            x, y = index % self.columns * self.cell, index // self.columns * self.cell
+            self.sheet[y : y + height, x : x + width] = picture
+            self.boxes[index] = (x, y, width, height)
+
+    def _small(self, index: int) -> np.ndarray:
+        """uint8 [h, w, 3], over the scene's background, at most `cell` pixels a side."""
+        if not self.photographs.reachable:
+            picture = Image.fromarray(self.photographs.copy(index))
+            picture.thumbnail((self.cell, self.cell), Image.Resampling.BOX)
+            return np.asarray(picture)
+        photograph = self.photographs.photograph(index)
+        if isinstance(photograph.load, PictureLoader):
+            picture = photograph.load.thumbnail(self.cell)
+        else:
+            picture = Image.fromarray(np.round(255 * photograph.load()).astype(np.uint8))
+            picture.thumbnail((self.cell, self.cell), Image.Resampling.BOX)
+        colour = tuple(round(255 * v) for v in self.photographs.background)
+        behind = Image.new("RGBA", picture.size, (*colour, 255))
+        return np.asarray(Image.alpha_composite(behind, picture.convert("RGBA")).convert("RGB"))
+
+
+# --- Gallery ---
+
+
+@dataclass
+class Gallery:
+    """The state of the photographs page.
+
+    photographs: of the open pack. chosen: index into their shots, of the one chosen last; it stays chosen when the camera
+    moves away. reveal: the list has yet to scroll to it. split_shown: only shots of this split are listed; "" is all.
+    frusta: they are drawn in the scene. frusta_size: over the usual one. frusta_opacity: 0 … 1, of the pictures in them.
+    """
+
+    photographs: Photographs | None = None
+    chosen: int | None = None
+    reveal: bool = False
+    split_shown: str = ""
+    thumbnails: Thumbnails | None = None
+    frusta: bool = False
+    frusta_size: float = 1.0
+    frusta_opacity: float = 0.9
+
+    def scene_changed(self, pack: Pack) -> None:
+        """Takes over the photographs of another pack."""
+        self.photographs = Photographs(pack)
+        self.chosen, self.frusta, self.split_shown = None, False, ""
+
+    def visible(self) -> list[int]:
+        """The shots of the split that is shown."""
+        shots = self.photographs.shots if self.photographs is not None else []
+        return [index for index, shot in enumerate(shots) if self.split_shown in ("", shot.split)]
+
+    def stand_in(self, app: App, index: int) -> None:
+        """Moves the camera to a photograph's pose and compares with the photograph if it can be read."""
+        if app.scene is None or self.photographs is None:
+            return
+        shot = self.photographs.shots[index]
+        app.scene.rig.hold(shot.view, remember=True)
+        if self.split_shown not in ("", shot.split):
+            self.split_shown = ""
+        self.chosen, self.reveal = index, True
+        app.comparison.stop()
+        app.touch()
+        if self.photographs.has_picture(index):  # else its place is all there is to see
+            app.comparison.with_photograph(self.photographs.pixels(index))
+
+    def step(self, app: App, by: int) -> None:
+        """Chooses the next listed photograph, or the previous one."""
+        visible = self.visible()
+        if not visible:
+            return
+        first = 0 if by > 0 else -1
+        place = visible.index(self.chosen) + by if self.chosen in visible else first
+        self.stand_in(app, visible[place % len(visible)])
+
+    def tick(self, app: App) -> None:
+        """Reads thumbnails while they are visible and redraws when they arrive."""
+        thumbnails, photographs = self.thumbnails, self.photographs
+        if thumbnails is not None:
+            gone = app.scene is None or thumbnails.photographs is not photographs
+            if gone or thumbnails.folder != thumbnails.photographs.folder:
+                thumbnails.cancel()
+                self.thumbnails = thumbnails = None
+        if thumbnails is None:
+            wanted = self.frusta or app.interface.shows("photographs")
+            if wanted and app.scene is not None and photographs is not None and photographs.any_pictures:
+                self.thumbnails = Thumbnails(photographs)
+        elif thumbnails.news():
+            app.touch(1)

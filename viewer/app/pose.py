@@ -1,21 +1,27 @@
-"""Turntable poses: where a camera stands, told by what it looks at.
+"""Poses of the camera: turntable, text, projection of points, and undo.
 
 Notation: pivot, the point looked at; azimuth and elevation (degrees) of the camera as seen from the pivot; distance
 from it. At azimuth 0 and elevation 0 the camera stands on the `front` axis. Everything is in the pack's grid frame.
 With up = y, azimuth 0 looks from +z and azimuth 90 from +x.
+
+An entry of the history holds camera, crop and marks, so that moves and cuts are taken back in the order in which they were made.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import asin, atan2, degrees, radians, tan
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from console.json_text import parse_json
-from viewer.rendering.camera import ViewCamera
+from training.scenes.rays import distort
+from viewer.rendering.camera import ViewCamera, rays_through
+from viewer.rendering.ray_frame import lens_reach
 
 # right, up and front of each choice of the up axis; front = right × up
 UP_AXES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
@@ -187,3 +193,100 @@ def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera
         height=height,
         near=near,
     )
+
+
+# --- From the grid frame to the picture: points, frusta, boxes, and dragging along an axis ---
+
+BOX_EDGES = tuple((a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1)
+FRUSTUM_EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
+
+
+def project(camera: ViewCamera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (float [n, 2]) of points (float [n, 3], grid frame), and whether the camera can see each (bool [n])."""
+    camera_T_grid = np.linalg.inv(camera.grid_T_camera)
+    local = points @ camera_T_grid[:3, :3].T + camera_T_grid[:3, 3]
+    before = local[:, 2] < -1e-6
+    depth = np.where(before & (not camera.orthographic), -local[:, 2], 1.0)
+    a, b = local[:, 0] / depth, -local[:, 1] / depth
+    if any(camera.distortion):
+        before &= np.hypot(a, b) < lens_reach(camera.distortion)
+        a, b = distort(a, b, camera.distortion)
+    return np.stack([camera.cx + camera.fx * a, camera.cy + camera.fy * b], axis=1), before
+
+
+def frustum_points(camera: ViewCamera, depth: float) -> np.ndarray:
+    """float64 [5, 3]: a camera's eye and the corners of its picture at `depth` (grid units) ahead; see FRUSTUM_EDGES."""
+    corners = [(0, 0), (camera.width, 0), (camera.width, camera.height), (0, camera.height)]
+    points = np.vstack([np.zeros(3), depth * rays_through(camera, np.asarray(corners, np.float64))])
+    return points @ camera.grid_T_camera[:3, :3].T + camera.grid_T_camera[:3, 3]
+
+
+def box_points(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """float64 [8, 3]: corners of a box; bit k of the index tells low or high along axis k. See BOX_EDGES."""
+    return np.array([[(high if i >> k & 1 else low)[k] for k in range(3)] for i in range(8)], np.float64)
+
+
+def along_axis(camera: ViewCamera, at: np.ndarray, axis: int, moved: tuple[float, float]) -> float:
+    """How far (grid units) a point at `at` moves along an axis when it is dragged by `moved` pixels."""
+    unit = np.zeros(3)
+    unit[axis] = 1e-3 * max(float(np.linalg.norm(at - camera.position)), 1e-6)
+    pixels, before = project(camera, np.stack([at, at + unit]))
+    direction = (pixels[1] - pixels[0]) / unit[axis]
+    length = float(direction @ direction)
+    if not before.all() or length < 1e-6:
+        return 0.0
+    return float(np.asarray(moved) @ direction) / length
+
+
+# --- One history of what can be undone: where the camera was, and what was cut off ---
+
+DEPTH = 100
+
+Moment = tuple[Any, ...]  # one value for each part
+
+
+class History:
+    """Moments to come back to. parts: each reads a value (told apart by ==) and puts it back."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []
+        self._undo: list[Moment] = []
+        self._redo: list[Moment] = []
+
+    def follow(self, read: Callable[[], Any], restore: Callable[[Any], None]) -> None:
+        """Has another part remembered; call before the first moment is."""
+        self._parts.append((read, restore))
+
+    def remember(self) -> None:
+        """Marks this moment as one to come back to; call before each gesture."""
+        now = self._now()
+        if not self._undo or self._undo[-1] != now:
+            self._undo = [*self._undo[1 - DEPTH :], now]
+        self._redo = []
+
+    def undo(self) -> bool:
+        """Back to before the last gesture; False where there is none."""
+        return self._swap(self._undo, self._redo)
+
+    def redo(self) -> bool:
+        """Forward again; False where there is nothing."""
+        return self._swap(self._redo, self._undo)
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was ever done."""
+        return not self._undo
+
+    def _now(self) -> Moment:
+        return tuple(read() for read, _ in self._parts)
+
+    def _swap(self, take: list[Moment], give: list[Moment]) -> bool:
+        now = self._now()
+        while take and take[-1] == now:
+            take.pop()
+        if not take:
+            return False
+        give.append(now)
+        for (_, restore), value in zip(self._parts, take.pop(), strict=True):
+            restore(value)
+        return True

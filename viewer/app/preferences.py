@@ -1,5 +1,7 @@
 """Preferences: recent packs and settings in one JSON file, applied at the start and saved while the program runs.
 
+The plain background goes through the view MLP, which knows only the one that it was trained with; a backdrop does not.
+
 A file that is missing, broken or from another version is no error: values that make no sense keep their defaults. Several
 viewers may be open at once: each writes only what changed in it, and the list of recent packs holds those of all.
 """
@@ -22,16 +24,39 @@ import platformdirs
 from console import not_written
 from console.atomic import write_file
 from console.json_text import read_json_file
-from viewer.app.backdrops import PLAIN
 from viewer.app.background import Task
+from viewer.rendering.settings import Backdrop
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+PLAIN = "plain"
+STYLES = ("gradient", "checker")
+TRAINED = (1.0, 1.0, 1.0)  # the background that packs are trained with, which a pack does not say
+GREYS: dict[tuple[str, str], tuple[float, float]] = {  # above and below, or of the squares
+    ("gradient", "dark"): (0.58, 0.38),
+    ("gradient", "light"): (0.95, 0.74),
+    ("checker", "dark"): (0.46, 0.38),
+    ("checker", "light"): (0.86, 0.74),
+}
+TINT = (0.94, 1.0, 1.07)  # a little blue, as the panels are
+
+
+def backdrop(style: str, theme: str) -> Backdrop | None:
+    """The backdrop of a style in a theme; None for a plain background, and for what is not known."""
+    greys = GREYS.get((style, theme)) or GREYS.get((style, "dark"))
+    if greys is None:
+        return None
+    first, second = (tuple(min(grey * tint, 1.0) for tint in TINT) for grey in greys)
+    return Backdrop("checker" if style == "checker" else "gradient", first, second)  # type: ignore[arg-type]
+
+
+# --- Preferences ---
 
 try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None
-
-if TYPE_CHECKING:
-    from viewer.app.application import App
 
 
 MOST_RECENT = 8
@@ -61,7 +86,7 @@ class Preferences:
     rest_scale: float = 1.0
     theme: str = "dark"
     interface_scale: float = 1.0
-    backdrop: str = "gradient"  # "plain" or one of viewer.app.backdrops.STYLES
+    backdrop: str = "gradient"  # "plain" or one of viewer.app.preferences.STYLES
     axes_shown: bool = True
     surroundings: bool = True  # see RenderSettings
     dead_zone: float = 0.15  # of controllers, 0 … 1

@@ -15,11 +15,10 @@ from scenepack.pack import Pack
 from training.scenes.scene import Box, Direction
 from training.scenes.scene_options import composed
 from viewer.app import crop
-from viewer.app.ground import normal_at, point_under
+from viewer.app.make_job import RejectedPhotographs
 from viewer.app.make_plan import Plan
 from viewer.app.pose import triple
-from viewer.app.rejected_photographs import RejectedPhotographs
-from viewer.app.sparse_preview import Kind, SparsePreview
+from viewer.app.sparse_preview import Kind, SparsePreview, normal_at, point_under
 from viewer.rendering.camera import ViewCamera
 
 if TYPE_CHECKING:

@@ -41,7 +41,7 @@ class Interface:
 
     page: the one that the rail shows at its usual place; "" for none. moved: others that were dragged elsewhere, and stay
     open whatever the rail shows. over: the one that lies over the picture of a narrow window. layout: where all of them are
-    docked, as viewer.panels.docking writes it; "" is the usual layout. layout_reset: it shall be that again. axes_shown: the
+    docked, as viewer.panels.layout writes it; "" is the usual layout. layout_reset: it shall be that again. axes_shown: the
     gizmo with the grid's axes is in the picture's corner. theme: a key of viewer.panels.theme.PALETTES. scale: how many times
     larger than usual all panels are; SCALES.
     """

@@ -16,8 +16,7 @@ import numpy as np
 from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, NDC_NEAR
 from scenepack.contraction import Path, path_of, piece_at, time_at
 from scenepack.pack import Pack
-from viewer.app.projection import ray_through
-from viewer.rendering.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.ray_frame import RayFrame, lens_reach
 from viewer.rendering.settings import RenderSettings
 

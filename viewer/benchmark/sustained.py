@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from viewer.benchmark.power import PowerMeter
+from viewer.benchmark.frames import PowerMeter
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.frame_times import WARM_UP_FRAMES
 from viewer.rendering.offscreen import OffscreenRenderer

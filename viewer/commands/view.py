@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -17,24 +17,23 @@ from console import UserError, run_command
 from console.arguments import join_negative_values, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
-from viewer.app import annotations, desktop_entry, make_plan, preferences, session
+from viewer.app import annotations, desktop_entry, preferences, session, survey
 from viewer.app.application import App
 from viewer.app.comparison import How
-from viewer.app.crash_log import CrashLog, default_folder, left_behind
 from viewer.app.files import kind_of, scene_around
 from viewer.app.forward_facing import orbit_camera_for
+from viewer.app.log import CrashLog, default_folder, left_behind
 from viewer.app.pose import pose_from_text
 from viewer.app.preferences import PreferencesAutosave, apply_preferences
-from viewer.app.startup import Startup
 from viewer.app.state import name_of
 from viewer.benchmark.flyover import fly_over
-from viewer.panels.ui import Ui
 from viewer.rendering.settings import Mode, RenderSettings
 from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
 
 DEMO = "demo.zip"
 OUT = Path("out")
+STILL_SUFFIX = ".png"
 SCRIPTED = ("--frames", "--screenshot")
 SMALLEST_SIDE = 64  # of a window, screen units
 PageName = Literal[
@@ -48,25 +47,8 @@ def demo_pack() -> Path | None:
     return path if path.is_file() else None
 
 
-def view(
-    pack: Annotated[Path | None, tyro.conf.Positional] = None,
-    mode: Mode = "normal",
-    surroundings: bool = True,
-    pose: str | None = None,
-    compare: Path | None = None,
-    photographs: Path | None = None,
-    photograph: str | None = None,
-    look: How | None = None,
-    path: Path | None = None,
-    export: Path | None = None,
-    export_size: str | None = None,
-    page: PageName | None = None,
-    size: str | None = None,
-    frames: int | None = None,
-    screenshot: Path | None = None,
-    register: bool = False,
-    unregister: bool = False,
-) -> int:
+@dataclass(frozen=True)
+class View:
     """Opens the desktop viewer. Without a display, it renders an orbit into out/ instead.
 
     Args:
@@ -89,38 +71,125 @@ def view(
         register: Add the viewer to the menus of your Linux desktop, and to the programs that open packs and folders.
         unregister: Take it out again.
     """
-    if register or unregister:
-        return _register(register and not unregister)
-    window_size = parse_size(size, least=SMALLEST_SIDE) if size else None
-    if frames is not None and frames < 1:
-        raise UserError("is too small", where="--frames", expected="1 or more", found=frames)
-    if screenshot is not None and frames is None:
-        frames = 1
-    if pose is not None:
-        _check_pose(pose)
-    wishes = Startup(
-        pack=pack,
-        mode=mode,
-        surroundings=surroundings,
-        pose=pose,
-        compare=compare,
-        photographs=photographs,
-        photograph=photograph,
-        look=look,
-        path=path,
-        export=export,
-        export_size=parse_size(export_size, "--export-size") if export_size else None,
-        page=page,
-    )
-    if pack is None:
-        _check_has_pack(wishes)
+
+    pack: Annotated[Path | None, tyro.conf.Positional] = None
+    mode: Mode = "normal"
+    surroundings: bool = True
+    pose: str | None = None
+    compare: Path | None = None
+    photographs: Path | None = None
+    photograph: str | None = None
+    look: How | None = None
+    path: Path | None = None
+    export: Path | None = None
+    export_size: str | None = None
+    page: PageName | None = None
+    size: str | None = None
+    frames: int | None = None
+    screenshot: Path | None = None
+    register: bool = False
+    unregister: bool = False
+
+    def run(self) -> int:
+        """Shows the window until it is closed; the exit status."""
+        if self.register or self.unregister:
+            return _register(self.register and not self.unregister)
+        frames = 1 if self.frames is None and self.screenshot is not None else self.frames
+        window_size = parse_size(self.size, least=SMALLEST_SIDE) if self.size else None
+        if frames is not None and frames < 1:
+            raise UserError("is too small", where="--frames", expected="1 or more", found=frames)
+        if self.export_size is not None:
+            parse_size(self.export_size, "--export-size")
+        if self.pose is not None:
+            _check_pose(self.pose)
+        if self.pack is None:
+            _check_has_pack(self)
+        try:
+            return _show_window(self, Script(window_size, frames, self.screenshot))
+        except NoDisplay as reason:
+            if frames is not None or self.export is not None:
+                raise UserError(str(reason), remedy="start it with xvfb-run, or use snerg-render") from reason
+            _render_instead(self.pack, RenderSettings(mode=self.mode, surroundings=self.surroundings), reason)
+            return 0
+
+    # What was asked for is carried out step by step once there is something to carry it out on. Whatever fails is a dialog, like
+    # everything else that fails in the window.
+
+    def begin(self, app: App) -> None:
+        """Starts to open the pack; the rest follows when it is there."""
+        app.set(mode=self.mode)
+        if not self.surroundings:
+            app.set(surroundings=False)
+        page = self.page or self._page()
+        if page is not None:
+            app.interface.opens(page)
+        if self.look is not None:
+            app.comparison.how = self.look
+        if self.pack is not None and kind_of(self.pack) in ("scene", "run", "pictures", "session"):
+            app.drop([self.pack])
+        elif self.pack is not None:
+            app.open(self.pack, then=lambda: self._opened(app))
+
+    def _page(self) -> str | None:
+        """The page that shows what was asked for."""
+        if self.path or self.export:
+            return "film"
+        if self.compare:
+            return "compare"
+        return "photographs" if self.photographs or self.photograph else None
+
+    def _opened(self, app: App) -> None:
+        if self.pose is not None:
+            _try(app, "--pose", lambda: app.paste_pose(self.pose))
+        if self.photographs is not None or self.photograph is not None:
+            _try(app, "The photographs cannot be shown", lambda: self._stand(app))
+        if (path := self.path) is not None:
+            _try(app, "The camera path cannot be read", lambda: app.filming.load(app, path))
+        if self.compare is not None:
+            app.open(self.compare, other=True, then=lambda: self._export(app))
+        else:
+            self._export(app)
+
+    def _stand(self, app: App) -> None:
+        photographs, gallery = app.gallery.photographs, app.gallery
+        assert photographs is not None
+        if self.photographs is not None:
+            photographs.look_in(self.photographs)
+        if not len(photographs):
+            raise UserError("this pack has no camera poses", where=self.pack)
+        gallery.frusta = True
+        if self.photograph is not None:
+            gallery.stand_in(app, photographs.named(self.photograph))
+        elif self.look is not None:
+            gallery.step(app, 1)
+        if (self.photograph is not None or self.look is not None) and app.comparison.pixels is None:
+            remedy = "name the scene's folder: --photographs SCENE"
+            raise UserError("its photographs are not on this computer", where=self.pack, remedy=remedy)
+
+    def _export(self, app: App) -> None:
+        if self.export is not None:
+            _try(app, "The export cannot be started", lambda: self._start_export(app))
+
+    def _start_export(self, app: App) -> None:
+        assert self.export is not None
+        assert app.scene is not None
+        if self.export_size is not None:
+            app.filming.size = parse_size(self.export_size, "--export-size")
+        width, height = app.filming.size
+        app.scene.rig.shape(width / height)  # the film's, not the window's: that has none yet, or one that changes
+        if self.export.suffix.lower() == STILL_SUFFIX:
+            app.filming.still(app, self.export, app.scene.rig.camera(app.filming.size, app.settings.near))
+            return
+        if not app.filming.path.keyframes:
+            app.filming.turntable(app)
+        app.filming.film(app, self.export)
+
+
+def _try(app: App, title: str, action: Callable[[], object]) -> None:
     try:
-        return _show_window(wishes, Script(window_size, frames, screenshot))
-    except NoDisplay as reason:
-        if frames is not None or export is not None:
-            raise UserError(str(reason), remedy="start it with xvfb-run, or use snerg-render") from reason
-        _render_instead(pack, RenderSettings(mode=mode, surroundings=surroundings), reason)
-        return 0
+        action()
+    except Exception as error:  # a dialog, and the program goes on
+        app.messages.fail(title, error)
 
 
 def _register(wanted: bool) -> int:
@@ -153,23 +222,23 @@ def _check_pose(text: str) -> None:
         raise UserError(str(error), where="--pose") from error
 
 
-def _check_has_pack(wishes: Startup) -> None:
+def _check_has_pack(view: View) -> None:
     for name in ("pose", "compare", "photographs", "photograph", "path", "export"):
-        if getattr(wishes, name) is not None:
+        if getattr(view, name) is not None:
             raise UserError("needs a pack", where=f"--{name}", expected=f"snerg-view PACK --{name} …")
 
 
-def _show_window(wishes: Startup, script: Script) -> int:
+def _show_window(view: View, script: Script) -> int:
     """Runs the viewer until it is closed; the exit status. NoDisplay without one; UserError where a script met a failure."""
     problem = display_problem()
     if problem:
         raise NoDisplay(problem)
     app = App(demo=demo_pack())
     if script.frames is None:
-        return _live(app, wishes, script.size)
-    make_plan.MEASURES = False  # a picture that says how long something takes is another one each time
-    with Window(app, Ui, script.size or app.preferences.window) as window:  # the same picture whatever was remembered
-        wishes.begin(app)
+        return _live(app, view, script.size)
+    survey.MEASURES = False  # a picture that says how long something takes is another one each time
+    with Window(app, script.size or app.preferences.window) as window:  # the same picture whatever was remembered
+        view.begin(app)
         window.draw_frames(script.frames)
         if script.screenshot is not None:
             window.save_screenshot(script.screenshot)
@@ -182,7 +251,7 @@ def _show_window(wishes: Startup, script: Script) -> int:
     return 0
 
 
-def _live(app: App, wishes: Startup, size: tuple[int, int] | None) -> int:
+def _live(app: App, view: View, size: tuple[int, int] | None) -> int:
     """A window until it is closed, or the program is ended from outside; the exit status."""
     file = preferences.default_file()
     crashed = left_behind(default_folder())
@@ -190,11 +259,11 @@ def _live(app: App, wishes: Startup, size: tuple[int, int] | None) -> int:
         apply_preferences(app, preferences.load(file))
         app.annotations.folder = annotations.default_folder()
         app.sessions.begin(session.default_file())
-        with Window(app, Ui, size or app.preferences.window) as window:
+        with Window(app, size or app.preferences.window) as window:
             crash_log.add(f"OpenGL {window.ctx.info.get('GL_VERSION')} on {window.canvas.card}")
             if crashed:
                 app.messages.say(f"The viewer ended unexpectedly the last time. Its log: {crashed[-1]}", "warning")
-            wishes.begin(app)
+            view.begin(app)
             _keep(app, window, PreferencesAutosave(app, file, lambda: window.size, lambda: window.layout), crash_log)
     if ended.signal == signal.SIGINT:
         raise KeyboardInterrupt
@@ -263,7 +332,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-view; returns the exit status."""
     words = join_negative_values(sys.argv[1:] if args is None else args, ("--pose",))
     scripted = any(word.startswith(SCRIPTED) for word in words)  # nobody is there to close a box
-    return run_command(view, prog="snerg-view", args=words, on_failure=None if scripted else tell_if_unseen)
+    return run_command(View, prog="snerg-view", args=words, on_failure=None if scripted else tell_if_unseen)
 
 
 if __name__ == "__main__":

@@ -6,16 +6,16 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
-from viewer.panels import rejected_strip, theme
+from viewer.panels import photograph_strips, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import begin_modal, coloured, font, main_button, px
+from viewer.rendering.canvas import Canvas
 
 NAME = "##dialog"
 
 
-def show(app: App, canvas: CanvasInterface, size: ImVec2, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     """Draws the oldest dialog that is not answered; Enter and Escape answer it with its first button."""
     if not app.messages.dialogs:
         return
@@ -36,7 +36,7 @@ def show(app: App, canvas: CanvasInterface, size: ImVec2, fonts: Fonts) -> None:
         imgui.pop_text_wrap_pos()
     if dialog.rejected is not None:
         imgui.dummy(ImVec2(0, px(2)))
-        rejected_strip.show(canvas, dialog.rejected)
+        photograph_strips.show_rejected(canvas, dialog.rejected)
     imgui.dummy(ImVec2(0, px(6)))
     answer = _buttons(dialog.buttons)
     if answer is None and pressed_here(imgui.Key.escape):

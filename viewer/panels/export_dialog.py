@@ -1,4 +1,4 @@
-"""The question what to export the scene as, with a preview of it, and the card that shows how far it is."""
+"""Export dialog, with its preview, and the card that shows progress."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from console.progress import duration
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.exporting import FACES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
 from viewer.panels import layout, theme
-from viewer.panels.corner_card import corner_card
 from viewer.panels.dialogs import pressed_here
-from viewer.panels.export_preview import PreviewPane
 from viewer.panels.modal import in_front
+from viewer.panels.overlays import corner_card
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import begin_modal, coloured, font, hint, label, main_button, px, segments, switch, tip
+from viewer.rendering.canvas import Canvas
 
 NAME, WIDTH, PADDING, LABELS = "##export", 480.0, 26.0, 130.0
 CHOICES, GAP, WIDEST_PREVIEW, NARROWEST_PREVIEW = 428.0, 22.0, 460.0, 220.0
@@ -27,7 +26,7 @@ HINTS = {
 }
 
 
-def show(app: App, canvas: CanvasInterface, size: ImVec2, fonts: Fonts, pane: PreviewPane) -> None:
+def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane) -> None:
     """Draws the question while there is one, and nothing is in front of it. pane: the same one each time."""
     exporting = app.exporting
     if exporting.preview is None:
@@ -134,3 +133,84 @@ def _told(stopping: bool, report) -> str:
     if report.seconds_left is not None and report.share < 1:
         parts.append(f"{duration(report.seconds_left)} left")
     return "   ·   ".join(parts)
+
+
+# --- The picture of what an export would write ---
+
+IMAGE = "export preview"
+FINER = 2  # pixels drawn along each side of one that is shown: edges become smooth
+
+
+class PreviewPane:
+    """Keeps the picture while neither camera nor geometry changes."""
+
+    def __init__(self) -> None:
+        self._of: tuple[object, ...] = ()
+        self._pixels = None
+        self._held = False  # by the mouse
+
+    def show(self, app: App, canvas: Canvas, width: float, height: float) -> None:
+        """width, height: of the picture, in window units; a line of text comes below it."""
+        preview, scene = app.exporting.preview, app.scene
+        if preview is None or scene is None:
+            return
+        at = imgui.get_cursor_screen_pos()
+        imgui.dummy(ImVec2(width, height))
+        self._turn(app, height)
+        draw, corner = imgui.get_window_draw_list(), ImVec2(at.x + width, at.y + height)
+        draw.add_rect_filled(at, corner, theme.packed(theme.BASE), px(6))
+        if preview.geometry is not None:
+            density = FINER * imgui.get_io().display_framebuffer_scale.x
+            camera = scene.rig.camera((round(density * width), round(density * height)))
+            of = (preview.geometry, camera.grid_T_camera.tobytes(), camera.fx, camera.width, camera.height, theme.BASE)
+            if of != self._of:
+                ground = theme.rgb(theme.BASE)
+                self._pixels = canvas.draw_export_preview(preview.geometry, camera, (ground.x, ground.y, ground.z))
+                self._of = of
+            assert self._pixels is not None
+            texture = imgui.ImTextureRef(canvas.image(IMAGE, self._pixels))
+            dim = 0.35 if preview.error else 1.0
+            shade = theme.packed("#ffffff", dim)
+            draw.add_image_rounded(texture, at, corner, ImVec2(0, 0), ImVec2(1, 1), shade, px(6))
+        if preview.working:
+            low = ImVec2(at.x + width * preview.share, corner.y)
+            draw.add_rect_filled(ImVec2(at.x, corner.y - px(3)), low, theme.packed(theme.ACCENT))
+        hint(_preview_text(app), theme.WARN if preview.error and not preview.working else theme.FAINT)
+
+    def drop(self, canvas: Canvas) -> None:
+        """Frees what it holds on the card."""
+        if self._pixels is not None:
+            canvas.drop_image(IMAGE)
+            canvas.drop_export_preview()
+        self._of, self._pixels = (), None
+
+    def _turn(self, app: App, height: float) -> None:
+        """What the mouse does on the picture: it orbits, and the wheel moves closer."""
+        assert app.scene is not None
+        rig, io = app.scene.rig, imgui.get_io()
+        if imgui.is_item_hovered() and imgui.is_mouse_clicked(0):
+            self._held = True
+            rig.remember()
+        self._held = self._held and imgui.is_mouse_down(0)
+        if self._held and (io.mouse_delta.x or io.mouse_delta.y):
+            rig.orbit(io.mouse_delta.x / height, io.mouse_delta.y / height)
+            app.touch()
+        if imgui.is_item_hovered() and io.mouse_wheel:
+            rig.dolly(io.mouse_wheel)
+            app.touch()
+
+
+def _preview_text(app: App) -> str:
+    """What the picture shows, in a line."""
+    preview, scene = app.exporting.preview, app.scene
+    assert preview is not None and scene is not None
+    if preview.working:
+        return "Making a preview…"
+    if preview.error:
+        return f"{preview.error[:1].upper()}{preview.error[1:]}."
+    if preview.geometry is None:
+        return ""
+    geometry, f = preview.geometry, preview.geometry.coarser
+    of_points = "Gaussians" if app.exporting.plan.kind == "gaussians" else "points"
+    what = f"{len(geometry.faces):,} triangles" if len(geometry.faces) else f"{len(geometry.vertices):,} {of_points}"
+    return f"Preview: {what}." if f == 1 else f"Preview in voxels {f} times as large: {what}. The file is finer."

@@ -8,24 +8,25 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from console.progress import duration
-from viewer.app import time_needed
+from viewer.app import survey
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.make_job import MakeJob
-from viewer.app.make_plan import OFFERED, RESOLUTIONS, Plan
-from viewer.panels import layout, preview_strip, theme
-from viewer.panels.corner_card import corner_card
+from viewer.app.make_plan import RESOLUTIONS, Plan
+from viewer.app.survey import OFFERED
+from viewer.panels import layout, photograph_strips, theme
 from viewer.panels.dialogs import confirmed, pressed_here
 from viewer.panels.modal import in_front
+from viewer.panels.overlays import corner_card
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import begin_modal, coloured, font, hint, label, main_button, px, segments, switch, tip
+from viewer.rendering.canvas import Canvas
 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
 PICTURE = "making"
 AUTOMATIC = "Automatic"
 
 
-def show(app: App, canvas: CanvasInterface, size: ImVec2, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     """Draws the question while there is one, and nothing is in front of it."""
     plan = app.making.plan
     if plan is None or in_front(app) != "make":
@@ -34,7 +35,7 @@ def show(app: App, canvas: CanvasInterface, size: ImVec2, fonts: Fonts) -> None:
         return
     _heading(plan, fonts)
     if plan.survey is not None and plan.survey.preview is not None:
-        preview_strip.show(canvas, plan.survey.preview)
+        photograph_strips.show_preview(canvas, plan.survey.preview)
     imgui.dummy(ImVec2(0, px(6)))
     problem = plan.problem()
     surveying = plan.survey is not None and not plan.survey.finished
@@ -119,12 +120,12 @@ def what_it_needs(plan: Plan, side: int) -> str:
     disk = estimate.disk(plan.preset, side) if estimate is not None else None
     if estimate is None or disk is None:
         return ""
-    room = f"up to {time_needed.memory(plan.preset, side) / 1e9:.1f} GB of memory and {disk / 1e9:.1f} GB on the disk"
+    room = f"up to {survey.memory(plan.preset, side) / 1e9:.1f} GB of memory and {disk / 1e9:.1f} GB on the disk"
     seconds = estimate.seconds(plan.preset, side)
     if seconds is None:
         told = "Measuring how long it takes on this computer… " if not estimate.finished else ""
         return f"{told}It needs {room}."
-    return f"Takes about {preview_strip.roughly(seconds)} as measured on this computer, {room}."
+    return f"Takes about {photograph_strips.roughly(seconds)} as measured on this computer, {room}."
 
 
 def _label(text: str) -> None:
@@ -182,7 +183,7 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
             app.messages.fail("It cannot start", error)
 
 
-def show_job(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> None:
+def show_job(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
     """The card of what is being made, at the lower left of the viewport's box."""
     job = app.making.job
     if job is None:
@@ -237,7 +238,7 @@ def _training_preview(app: App) -> None:
         tip("Fly around in what is trained so far")
 
 
-def _picture(canvas: CanvasInterface, job: MakeJob) -> None:
+def _picture(canvas: Canvas, job: MakeJob) -> None:
     """A photograph that is held out, beside how it is rendered so far."""
     assert job.picture is not None
     height, width = job.picture.shape[:2]

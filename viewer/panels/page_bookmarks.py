@@ -1,25 +1,25 @@
-"""Saved views: going to them, naming and ordering them, and a film through all of them."""
+"""Bookmarks page."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.bookmarks import pose_of
-from viewer.app.canvas_interface import CanvasInterface
+from viewer.app.bookmarks import SIZE, pose_of
 from viewer.app.commands import run
 from viewer.panels import theme
 from viewer.panels.theme import Fonts
-from viewer.panels.view_rows import HEIGHT, row
-from viewer.panels.widgets import card, coloured, hint, icon_button, label, main_button, px, tip
+from viewer.panels.widgets import card, coloured, elided, hint, icon_button, label, main_button, px, tip
+from viewer.rendering.canvas import Canvas
 
 SHOWN = 6  # rows of the list
 
 
-def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     """Draws the page."""
     if app.scene is None:
         return
@@ -47,7 +47,7 @@ def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
         hint("A small file with all open packs, their cameras, crops and marks. Open it like a pack.")
 
 
-def _list(app: App, canvas: CanvasInterface) -> None:
+def _list(app: App, canvas: Canvas) -> None:
     assert app.scene is not None
     bookmarks, table = app.bookmarks, app.scene.rig.table
     views = app.annotations.current.bookmarks
@@ -91,3 +91,34 @@ def _chosen(app: App) -> None:
             bookmarks.give_name(app, index, bookmarks.naming)
         bookmarks.naming = ""
     imgui.pop_id()
+
+
+# --- Lists of views ---
+
+HEIGHT, GAP = 44.0, 10.0
+WIDTH = HEIGHT * SIZE[0] / SIZE[1]
+
+
+def row(
+    app: App, canvas: Canvas, name: str, view: tuple[np.ndarray, float], texts: tuple[str, str], *, chosen: bool
+) -> bool:
+    """A line of a list; True where it was clicked. view: grid_T_camera and vertical fov. texts: at the left and at the right."""
+    at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
+    clicked = imgui.selectable(f"##{name}", chosen, 0, ImVec2(0, px(HEIGHT)))[0]
+    if not imgui.is_item_visible():  # what is scrolled out needs no picture
+        return clicked
+    draw = imgui.get_window_draw_list()
+    low, high = ImVec2(at.x, at.y), ImVec2(at.x + px(WIDTH), at.y + px(HEIGHT))
+    texture = app.views.texture(app, canvas, *view)
+    if texture is None:
+        draw.add_rect_filled(low, high, theme.packed(theme.CONTROL), px(4))
+    else:
+        white, whole = theme.packed("#ffffff"), (ImVec2(0, 0), ImVec2(1, 1))
+        draw.add_image_rounded(imgui.ImTextureRef(texture), low, high, *whole, white, px(4))
+    middle = at.y + 0.5 * (px(HEIGHT) - imgui.get_text_line_height())
+    right = imgui.calc_text_size(texts[1]).x
+    left = px(WIDTH + GAP)
+    shown = elided(texts[0], width - left - right - px(2 * GAP if texts[1] else GAP))
+    draw.add_text(ImVec2(at.x + left, middle), theme.packed(theme.TEXT), shown)
+    draw.add_text(ImVec2(at.x + width - right - px(4), middle), theme.packed(theme.MUTED), texts[1])
+    return clicked

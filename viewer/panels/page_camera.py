@@ -6,15 +6,15 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
 from viewer.app.pose import UP_AXES
 from viewer.panels.page_crop import near_plane
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, figure, hint, label, px, segments, switch, tip
+from viewer.rendering.canvas import Canvas
 
 
-def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     """Draws the page."""
     if app.scene is None:
         return

@@ -1,16 +1,21 @@
-"""Cutting the scene: a box that is dragged, and the near plane."""
+"""Crop page, and the box in the picture whose faces are dragged.
+
+ImGuizmo only takes hold of the mouse where no widget is under it, so that the picture must not be one while `over`.
+"""
 
 from __future__ import annotations
 
-from imgui_bundle import ImVec2, imgui
+import numpy as np
+from imgui_bundle import ImVec2, imgui, imguizmo
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from scenepack.pack import Pack
 from viewer.app import crop
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, hint, icon_button, label, px, segments, switch, tip
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.canvas import Canvas
 
 TITLES = {"faces": "Faces", "move": "Move", "scale": "Scale"}
 HINTS = {
@@ -20,7 +25,7 @@ HINTS = {
 }
 
 
-def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     """Draws the page."""
     if app.scene is None:
         return
@@ -82,3 +87,78 @@ def _faces(app: App, pack: Pack) -> None:
             app.scene.rig.remember()
         if changed:
             app.set(crop=crop.with_face(pack, before, face, value))
+
+
+# --- ImGuizmo on the crop box ---
+
+gizmo = imguizmo.im_guizmo
+SIZE = 0.17  # length of an arrow over the picture's height
+Box = tuple[float, float, float, float]
+OPERATIONS = {"move": gizmo.OPERATION.translate, "scale": gizmo.OPERATION.scale}
+
+
+class CropGizmo:
+    """over: whether the mouse is on it or holds it."""
+
+    def __init__(self) -> None:
+        self.over = False
+        self._held = False
+
+    def show(self, app: App, box: Box) -> None:
+        """Draws it over the picture's box, where it is wanted, and applies what the mouse does to it."""
+        camera, cut = app.viewport.camera, app.settings.crop
+        operation = OPERATIONS.get(app.crop_tool)
+        wanted = cut is not None and operation is not None and app.interface.shows("crop")
+        if not wanted or camera is None or app.scene is None or cut is None or operation is None:
+            self.over = self._held = False
+            return
+        gizmo.set_im_gui_context(imgui.get_current_context())
+        gizmo.begin_frame()
+        gizmo.set_drawlist()
+        gizmo.set_rect(*box)
+        gizmo.set_orthographic(camera.orthographic)
+        gizmo.set_gizmo_size_clip_space(SIZE)
+        style = gizmo.get_style()
+        style.translation_line_thickness = style.scale_line_thickness = px(4)
+        style.translation_line_arrow_size, style.scale_line_circle_size = px(8), px(7)
+        low, high = np.asarray(cut[0]), np.asarray(cut[1])
+        size = high - low
+        matrix = np.diag([*(size if app.crop_tool == "scale" else np.ones(3)), 1.0])
+        matrix[:3, 3] = 0.5 * (low + high)
+        held = gizmo.Matrix16(_columns(matrix))
+        view, projection = _view(camera), _projection(camera, app.scene.rig.radius)
+        changed = gizmo.manipulate(view, projection, operation, gizmo.MODE.world, held)
+        using = gizmo.is_using()
+        if using and not self._held:
+            app.scene.rig.remember()
+        self.over, self._held = using or gizmo.is_over(), using
+        if changed:
+            moved = np.asarray(held.values, np.float64).reshape(4, 4).T
+            scaled = np.linalg.norm(moved[:3, :3], axis=0) if app.crop_tool == "scale" else size
+            app.set(crop=crop.placed(app.scene.pack, moved[:3, 3], scaled))
+            app.touch()
+
+
+def _columns(matrix: np.ndarray) -> list[float]:
+    """Column after column, as OpenGL has matrices."""
+    return [float(value) for value in matrix.T.reshape(-1)]
+
+
+def _view(camera: ViewCamera) -> gizmo.Matrix16:
+    return gizmo.Matrix16(_columns(np.linalg.inv(camera.grid_T_camera)))
+
+
+def _projection(camera: ViewCamera, radius: float) -> gizmo.Matrix16:
+    """OpenGL's projection for a camera; near and far only order what is drawn."""
+    near, far = 0.01 * radius, 100.0 * radius
+    matrix = np.zeros((4, 4))
+    if camera.orthographic:
+        matrix[0, 0], matrix[0, 3] = 2 * camera.fx / camera.width, 2 * camera.cx / camera.width - 1
+        matrix[1, 1], matrix[1, 3] = 2 * camera.fy / camera.height, 1 - 2 * camera.cy / camera.height
+        matrix[2, 2], matrix[2, 3], matrix[3, 3] = -2 / (far - near), -(far + near) / (far - near), 1.0
+        return gizmo.Matrix16(_columns(matrix))
+    matrix[0, 0], matrix[0, 2] = 2 * camera.fx / camera.width, 1 - 2 * camera.cx / camera.width
+    matrix[1, 1], matrix[1, 2] = 2 * camera.fy / camera.height, 2 * camera.cy / camera.height - 1
+    matrix[2, 2], matrix[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
+    matrix[3, 2] = -1.0
+    return gizmo.Matrix16(_columns(matrix))

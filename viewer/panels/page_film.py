@@ -6,20 +6,20 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import ask_for_still, run
-from viewer.app.export import films_possible
 from viewer.app.files import FileRequest
+from viewer.app.film_export import films_possible
 from viewer.app.filming import LARGEST_SIDE, SAMPLES, SIZES, STILL_MODES, Filming
 from viewer.panels import theme
+from viewer.panels.page_bookmarks import row
 from viewer.panels.theme import Fonts
-from viewer.panels.view_rows import row
 from viewer.panels.widgets import card, coloured, hint, icon_button, label, main_button, px, segments, switch, tip
+from viewer.rendering.canvas import Canvas
 
 LIST_HEIGHT = 180.0
 
 
-def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     """Draws the page."""
     filming = app.filming
     with card("path", fonts, "Camera path"):
@@ -40,7 +40,7 @@ def _scene(app: App) -> None:
         run(app, "export-scene")
 
 
-def _path(app: App, canvas: CanvasInterface, filming: Filming) -> None:
+def _path(app: App, canvas: Canvas, filming: Filming) -> None:
     width = (imgui.get_content_region_avail().x - px(8)) / 2
     if imgui.button(f"{fa.ICON_FA_PLUS}  Keyframe", ImVec2(width, 0)):
         run(app, "keyframe")
@@ -73,7 +73,7 @@ def _path(app: App, canvas: CanvasInterface, filming: Filming) -> None:
     imgui.end_disabled()
 
 
-def _keyframes(app: App, canvas: CanvasInterface, filming: Filming) -> None:
+def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
     with coloured(child_bg=theme.BASE):
         imgui.begin_child("##keys", ImVec2(0, px(LIST_HEIGHT)), imgui.ChildFlags_.always_use_window_padding)
     for i, key in enumerate(filming.path.keyframes):

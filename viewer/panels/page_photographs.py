@@ -1,18 +1,25 @@
-"""The photographs that the pack was made from: where they stood, and how well the picture agrees with them."""
+"""Photographs page and compare page, and the cameras and pictures in the scene.
+
+What is near fades out, and nothing is drawn while a photograph is compared, so that the view stays free.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
-from viewer.app.commands import run
+from viewer.app.commands import ask_to_open, run
 from viewer.app.files import FileRequest, existing_folder
-from viewer.app.photographs import Photographs
-from viewer.panels import frusta, theme
+from viewer.app.photographs import Photographs, Thumbnails
+from viewer.app.pose import FRUSTUM_EDGES, project
+from viewer.panels import theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import card, coloured, figure, font, hint, label, px, segments, switch, tip
+from viewer.rendering.canvas import Canvas
 
 HOW = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
 ROW, THUMBNAIL = 46.0, 54.0
@@ -21,7 +28,7 @@ FOLDER_HEIGHT, MORE_WORDS = 136.0, 32.0  # of what lies below the list; and wher
 LOGARITHMIC = imgui.SliderFlags_.logarithmic
 
 
-def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     """Draws the page."""
     comparison, gallery = app.comparison, app.gallery
     photographs = gallery.photographs
@@ -89,7 +96,7 @@ def _list_title(app: App) -> str:
     return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} {what}"
 
 
-def _list(app: App, canvas: CanvasInterface, photographs: Photographs, bottom: float) -> None:
+def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
     """bottom: the page's lower edge, in window units."""
     width = (imgui.get_content_region_avail().x - px(8)) / 2
     if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Previous", ImVec2(width, 0)):
@@ -131,7 +138,7 @@ def _reveal(app: App, visible: list[int]) -> None:
         app.touch()
 
 
-def _row(app: App, canvas: CanvasInterface, photographs: Photographs, index: int) -> None:
+def _row(app: App, canvas: Canvas, photographs: Photographs, index: int) -> None:
     shot, at = photographs.shots[index], imgui.get_cursor_screen_pos()
     width = imgui.get_content_region_avail().x
     if imgui.selectable(f"##{index}", index == app.gallery.chosen, 0, ImVec2(width, px(ROW)))[0]:
@@ -140,7 +147,7 @@ def _row(app: App, canvas: CanvasInterface, photographs: Photographs, index: int
     low, high = ImVec2(at.x + px(5), at.y + px(3)), ImVec2(at.x + px(5 + THUMBNAIL), at.y + px(ROW - 3))
     if not photographs.any_pictures:  # nothing is coming, nor is room kept for it
         high = ImVec2(at.x + px(2), high.y)
-    elif not frusta.picture(canvas, app.gallery.thumbnails, index, low, high):
+    elif not picture(canvas, app.gallery.thumbnails, index, low, high):
         draw.add_rect_filled(low, high, theme.packed(theme.CARD), px(4))
         icon = fa.ICON_FA_CAMERA
         size = imgui.calc_text_size(icon)
@@ -193,3 +200,159 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
         if imgui.button("End comparison", ImVec2(-1, 0)):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
             app.touch()
+
+
+# --- The photographs in the scene ---
+
+DEPTH, DEPTH_BOUNDED = 0.16, 0.06  # length of a frustum: of the scene's radius, and in NDC units
+FADES_FROM, FADES_TO = 0.22, 0.45  # of the viewport's shorter side: a frustum larger than this is in the way
+PICK_RADIUS = 9.0
+PREVIEW = 150.0
+
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class _Frustum:
+    """Where one is drawn: float [5, 2] eye and corners in window units, its distance, and how much of it is seen."""
+
+    index: int
+    points: np.ndarray
+    distance: float
+    strength: float
+
+
+def draw(app: App, canvas: Canvas, box: Box) -> int | None:
+    """Draws them; the one under the mouse, if any."""
+    gallery = app.gallery
+    if not gallery.frusta or gallery.photographs is None or app.scene is None:
+        return None
+    if app.comparison.against == "photograph":
+        return None
+    placed = _placed(app, box)
+    mouse = np.array([imgui.get_io().mouse_pos.x, imgui.get_io().mouse_pos.y])
+    under = next((f for f in reversed(placed) if f.strength > 0.2 and _hit(f.points, mouse)), None)
+    if not imgui.is_item_hovered():
+        under = None
+    sheet = canvas.sheet(gallery.thumbnails) if gallery.thumbnails is not None else None
+    chosen = next((f for f in placed if f.index == gallery.chosen), None)
+    for frustum in placed:
+        if frustum is not under and frustum is not chosen:
+            _frustum(app, frustum, sheet, None)
+    if chosen is not None and chosen is not under:
+        _frustum(app, chosen, sheet, theme.ACCENT)
+    if under is not None:
+        _frustum(app, under, sheet, theme.TEXT)
+        _tooltip(app, under.index, sheet)
+    return under.index if under is not None else None
+
+
+def _placed(app: App, box: Box) -> list[_Frustum]:
+    """What of the frusta is to be seen, the farthest first."""
+    camera, gallery, scene = app.viewport.camera, app.gallery, app.scene
+    assert camera is not None and gallery.photographs is not None and scene is not None
+    visible = gallery.visible()
+    depth = gallery.frusta_size * (DEPTH_BOUNDED if scene.rig.bounded else DEPTH * scene.rig.radius)
+    points = gallery.photographs.frusta(depth)[visible]
+    pixels, before = project(camera, points.reshape(-1, 3))
+    places = pixels.reshape(-1, 5, 2) / app.viewport.pixels_per_unit + np.array(box[:2])
+    before = before.reshape(-1, 5).all(axis=1)
+    extent = np.ptp(places, axis=1).max(axis=1) / min(box[2], box[3])
+    strength = np.clip((FADES_TO - extent) / (FADES_TO - FADES_FROM), 0.0, 1.0) * before
+    distances = np.linalg.norm(points.mean(axis=1) - camera.position, axis=1)
+    return [
+        _Frustum(visible[i], places[i], float(distances[i]), float(strength[i]))
+        for i in np.argsort(-distances)
+        if strength[i] > 0.01
+    ]
+
+
+def _hit(points: np.ndarray, mouse: np.ndarray) -> bool:
+    """Whether the mouse is on the picture's quadrangle, or at the eye."""
+    corners = points[1:]
+    sides = np.roll(corners, -1, axis=0) - corners
+    to_mouse = mouse - corners
+    turns = sides[:, 0] * to_mouse[:, 1] - sides[:, 1] * to_mouse[:, 0]
+    inside = bool((turns > 0).all() or (turns < 0).all())
+    return inside or float(np.hypot(*(points[0] - mouse))) < px(PICK_RADIUS)
+
+
+def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None) -> None:
+    gallery, draw_list = app.gallery, imgui.get_window_draw_list()
+    assert gallery.photographs is not None
+    corners = [ImVec2(float(x), float(y)) for x, y in frustum.points]
+    opacity = frustum.strength * (1.0 if outline else gallery.frusta_opacity)
+    uv = _uv(gallery.thumbnails, frustum.index)
+    if sheet is not None and uv is not None and opacity > 0.01:
+        (u0, v0), (u1, v1) = uv
+        _, top_left, top_right, low_right, low_left = corners
+        uvs = ImVec2(u0, v0), ImVec2(u1, v0), ImVec2(u1, v1), ImVec2(u0, v1)
+        texture, tint = imgui.ImTextureRef(sheet), theme.packed("#ffffff", opacity)
+        draw_list.add_image_quad(
+            texture, top_left, top_right, low_right, low_left, uvs[0], uvs[1], uvs[2], uvs[3], tint
+        )
+    train = gallery.photographs.shots[frustum.index].split == "train"
+    code = outline or (theme.ACCENT_DEEP if train else theme.WARN)
+    colour = theme.packed(code, frustum.strength * (1.0 if outline else 0.8))
+    if outline:  # on a dark line, to be seen on any background
+        for a, b in FRUSTUM_EDGES:
+            draw_list.add_line(corners[a], corners[b], theme.packed(theme.BASE, 0.7 * frustum.strength), px(4.5))
+    for a, b in FRUSTUM_EDGES:
+        draw_list.add_line(corners[a], corners[b], colour, px(2.0 if outline else 1.2))
+
+
+def _uv(thumbnails: Thumbnails | None, index: int) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Where a shot's picture lies on the sheet, 0 … 1; None where it has none (yet)."""
+    place = thumbnails.boxes.get(index) if thumbnails is not None else None
+    if thumbnails is None or place is None:
+        return None
+    height, width = thumbnails.sheet.shape[:2]
+    x, y, w, h = place
+    return (x / width, y / height), ((x + w) / width, (y + h) / height)
+
+
+def picture(canvas: Canvas, thumbnails: Thumbnails | None, index: int, low: ImVec2, high: ImVec2) -> bool:
+    """Draws a shot's thumbnail in the middle of a rectangle (window units); False where there is none (yet)."""
+    uv = _uv(thumbnails, index)
+    if thumbnails is None or uv is None:
+        return False
+    _, _, w, h = thumbnails.boxes[index]
+    scale = min((high.x - low.x) / w, (high.y - low.y) / h)
+    x, y = 0.5 * (low.x + high.x - scale * w), 0.5 * (low.y + high.y - scale * h)
+    corner = ImVec2(x + scale * w, y + scale * h)
+    texture = imgui.ImTextureRef(canvas.sheet(thumbnails))
+    imgui.get_window_draw_list().add_image_rounded(texture, ImVec2(x, y), corner, *uv, theme.packed("#ffffff"), px(4))
+    return True
+
+
+def _tooltip(app: App, index: int, sheet: int | None) -> None:
+    assert app.gallery.photographs is not None
+    shot, uv = app.gallery.photographs.shots[index], _uv(app.gallery.thumbnails, index)
+    if not imgui.begin_tooltip():
+        return
+    if sheet is not None and uv is not None and app.gallery.thumbnails is not None:
+        _, _, w, h = app.gallery.thumbnails.boxes[index]
+        scale = px(PREVIEW) / max(w, h)
+        imgui.image(imgui.ImTextureRef(sheet), ImVec2(scale * w, scale * h), *uv)
+    imgui.text_unformatted(shot.name)
+    with font(None, theme.SMALL), coloured(text=theme.MUTED):
+        imgui.text_unformatted(f"{shot.split}   click to go there")
+    imgui.end_tooltip()
+
+
+# --- Two packs under one camera ---
+
+
+def show_compare(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    comparison = app.comparison
+    with card("other", fonts, "The other pack"):
+        if comparison.other is not None and comparison.other_path is not None:
+            figure("Left", app.scene.name if app.scene is not None else "", fonts)
+            figure("Right", comparison.other_path.name, fonts)
+        else:
+            hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")
+        if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose a pack…", ImVec2(-1, 0)):
+            ask_to_open(app, other=True)
+    if comparison.against == "pack":
+        compare_controls(app, fonts, "Compare")

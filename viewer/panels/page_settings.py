@@ -1,16 +1,17 @@
-"""How the program looks, and the controllers that it hears."""
+"""Settings page and log page."""
 
 from __future__ import annotations
 
-from imgui_bundle import imgui
+from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import COMMANDS
 from viewer.app.controllers import GAMEPAD_BUTTONS, MOUSE_BUTTONS
 from viewer.app.state import SCALES
+from viewer.panels import theme
 from viewer.panels.theme import THEMES, Fonts
-from viewer.panels.widgets import card, choice, figure, hint, label, segments, switch
+from viewer.panels.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch
+from viewer.rendering.canvas import Canvas
 
 STICKS = (
     ("Left stick", "slide; move while flying"),
@@ -20,7 +21,7 @@ STICKS = (
 CAP = (("Push", "slide, closer"), ("Tilt, turn", "turn the scene"))
 
 
-def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     """Draws the page."""
     interface = app.interface
     with card("look", fonts, "Look"):
@@ -56,3 +57,26 @@ def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
                     figure(name, what, fonts)
                 for name, command in buttons.values():
                     figure(name.capitalize(), COMMANDS[command].title, fonts)
+
+
+# --- What the program said ---
+
+COLOURS = {"info": theme.TEXT, "warning": theme.WARN, "error": theme.BAD}
+
+
+def show_log(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page, newest line first."""
+    lines = list(app.messages.lines)
+    if not lines:
+        hint("No messages yet.")
+        return
+    if imgui.button("Copy all", ImVec2(-1, 0)):
+        app.clipboard.set("\n".join(f"{line.clock} {line.level}: {line.text}" for line in lines))
+    for line in reversed(lines):
+        imgui.dummy(ImVec2(0, px(1)))
+        with font(fonts.mono, theme.SMALL), coloured(text=theme.FAINT):
+            imgui.text_unformatted(line.clock)
+        imgui.push_text_wrap_pos(0.0)
+        with font(None, theme.SMALL + 1), coloured(text=COLOURS[line.level]):
+            imgui.text_unformatted(line.text)
+        imgui.pop_text_wrap_pos()

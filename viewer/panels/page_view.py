@@ -5,13 +5,13 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.app.backdrops import PLAIN
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import modes_for
+from viewer.app.preferences import PLAIN
 from viewer.app.state import BACKGROUNDS
-from viewer.panels import theme, time_plots
+from viewer.panels import page_performance, theme
 from viewer.panels.theme import Fonts
-from viewer.panels.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch, tip
+from viewer.panels.widgets import card, choice, figure, hint, label, px, segments, switch, tip
+from viewer.rendering.canvas import Canvas
 
 MODE_TITLES = {
     "normal": "Picture",
@@ -42,7 +42,7 @@ MODE_HINTS = {
 RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
 
 
-def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     """Draws the page."""
     with card("mode", fonts, "Display"):
         label("Mode")
@@ -76,8 +76,8 @@ def show(app: App, canvas: CanvasInterface, fonts: Fonts) -> None:
                 app.resolution.target_fps = fps
         hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
     with card("time", fonts, "Frame time"):
-        headline(app, fonts)
-        time_plots.rolling(app.times, app.resolution.target_ms, px(84))
+        page_performance.headline(app, fonts)
+        page_performance.rolling(app.times, app.resolution.target_ms, px(84))
         width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
 
@@ -113,14 +113,3 @@ def _background(app: App) -> None:
     if picked:
         app.set_backdrop(picked)
     tip("By opacity, after shading: the colours of the scene stay those that it was trained with")
-
-
-def headline(app: App, fonts: Fonts) -> None:
-    """The figures that matter: the mean time of a frame, and the frames per second that follow from it."""
-    summary = app.times.summary()
-    with font(fonts.bold, 26.0):
-        imgui.text_unformatted(f"{summary.mean:.1f}")
-    imgui.same_line(0, px(5))
-    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
-    with coloured(text=theme.MUTED):
-        imgui.text_unformatted(f"ms      {summary.fps:.0f} fps")

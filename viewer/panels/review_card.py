@@ -6,12 +6,12 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.review import Review
-from viewer.panels import layout, rejected_strip, theme
-from viewer.panels.corner_card import corner_card
+from viewer.panels import layout, photograph_strips, theme
+from viewer.panels.overlays import corner_card
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, font, hint, label, main_button, px, segments, switch, tip
+from viewer.rendering.canvas import Canvas
 
 LABELS = 86.0
 KINDS = {"subject": "Subject", "room": "Room", "forward": "Forward"}
@@ -22,7 +22,7 @@ ABOUT = {
 }
 
 
-def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
     """Draws the card at the lower left of the viewport's box, while there is something to review."""
     review = app.making.review
     if review is None:
@@ -30,7 +30,7 @@ def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> No
     with corner_card("##review", box):
         _head(review, fonts)
         if review.rejected is not None:
-            rejected_strip.show(canvas, review.rejected)
+            photograph_strips.show_rejected(canvas, review.rejected)
         shown = app.making.sparse_preview_shown(app)
         if not shown:
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):

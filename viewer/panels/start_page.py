@@ -12,7 +12,7 @@ from training.scenes.sources import FILMS
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import SESSION_SUFFIX
-from viewer.panels import corner_card, theme
+from viewer.panels import overlays, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import coloured, elided, font, main_button, px
 
@@ -23,7 +23,7 @@ def show(app: App, fonts: Fonts) -> None:
     """Draws the page in the middle of the window that is begun; beside the card of what is being made, if anything is."""
     width, height = imgui.get_window_width(), imgui.get_window_height()
     column = min(px(WIDTH), width - px(32))
-    taken = px(corner_card.WIDTH + corner_card.MARGIN) if app.making.job or app.making.review else 0.0
+    taken = px(overlays.WIDTH + overlays.MARGIN) if app.making.job or app.making.review else 0.0
     if taken and width - taken < column + px(32):
         return
     left = taken + 0.5 * (width - taken - column)

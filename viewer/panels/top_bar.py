@@ -9,11 +9,11 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.commands import run
 from viewer.panels import layout, theme
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import Entry, coloured, elided, font, more_button, px
+from viewer.rendering.canvas import Canvas
 
 LEFT, MARK, WORD, NAME_GAP, GAP, EDGE = 12.0, 42.0, 52.0, 28.0, 12.0, 8.0  # units at 100 %
 BUTTON, STEP = 34.0, 38.0
@@ -61,7 +61,7 @@ def plan(width: float, unit: float, widths: tuple[float, float, float], buttons:
     return Plan(False, max(0.0, min(name, room(False, False, False, shown))), False, False, shown)
 
 
-def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts) -> None:
     """Draws the bar."""
     with coloured(window_bg=theme.BASE):
         layout.begin("##top", box, (LEFT, EDGE))

@@ -8,28 +8,16 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui, implot
 
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
-from viewer.app.keyboard import Keyboard, KeyPress
+from viewer.app.controllers import Keyboard, KeyPress
 from viewer.app.state import Clipboard
 from viewer.app.system_fonts import FontSearch
-from viewer.panels import (
-    dialogs,
-    export_dialog,
-    help_overlay,
-    keys,
-    layout,
-    make_dialog,
-    review_card,
-    theme,
-    top_bar,
-    viewport,
-)
-from viewer.panels.axis_gizmo import AxisGizmo
-from viewer.panels.crop_gizmo import CropGizmo
-from viewer.panels.export_preview import PreviewPane
-from viewer.panels.file_dialogs import FileDialogs
-from viewer.panels.open_dialog import OpenDialog
+from viewer.panels import dialogs, export_dialog, keys, layout, make_dialog, review_card, theme, top_bar, viewport
+from viewer.panels.export_dialog import PreviewPane
+from viewer.panels.open_dialog import FileDialogs, OpenDialog
+from viewer.panels.overlays import AxisGizmo
+from viewer.panels.page_crop import CropGizmo
 from viewer.panels.theme import Fonts
+from viewer.rendering.canvas import Canvas
 
 GLSL_VERSION = "#version 330"
 MOST_ROUNDS = 32  # of reading input before a frame is drawn; see Ui.frame
@@ -94,7 +82,7 @@ class Ui:
         for down in (True, False):
             imgui.get_io().add_key_event(imgui.Key.f24, down)
 
-    def frame(self, app: App, canvas: CanvasInterface, scale: float = 1.0) -> None:
+    def frame(self, app: App, canvas: Canvas, scale: float = 1.0) -> None:
         """Draws the panels for this moment's state into imgui's lists, and hands the user's wishes to `app`.
 
         imgui takes a change of one key or button from its queue at a time. Rounds that are not drawn take them all, so
@@ -111,7 +99,7 @@ class Ui:
             if keys.queue_is_empty():
                 break
 
-    def _round(self, app: App, canvas: CanvasInterface, scale: float) -> None:
+    def _round(self, app: App, canvas: Canvas, scale: float) -> None:
         """Once through all panels."""
         if self.scale == 0:
             self._docking.restore(app.interface.layout)
@@ -142,7 +130,7 @@ class Ui:
         make_dialog.show_job(app, canvas, picture, self.fonts)
         export_dialog.show_card(app, picture, self.fonts)
         review_card.show(app, canvas, picture, self.fonts)
-        help_overlay.show(app, self.fonts)
+        keys.show(app, self.fonts)
         self.open_dialog.show(app, size, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
         make_dialog.show(app, canvas, ImVec2(size.x, size.y), self.fonts)

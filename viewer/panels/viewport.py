@@ -10,21 +10,21 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app import crop
 from viewer.app.application import App
-from viewer.app.canvas_interface import CanvasInterface
 from viewer.app.frame import draw_frame
 from viewer.app.state import Viewport
-from viewer.panels import frusta, keys, layout, legend, overlays, page_photographs, ruler, start_page, theme
-from viewer.panels.axis_gizmo import AxisGizmo
-from viewer.panels.crop_gizmo import CropGizmo
+from viewer.panels import keys, layout, overlays, page_measure, page_photographs, start_page, theme
+from viewer.panels.overlays import AxisGizmo
+from viewer.panels.page_crop import CropGizmo
 from viewer.panels.theme import Fonts
 from viewer.panels.widgets import chip, px
+from viewer.rendering.canvas import Canvas
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
 TOAST_WIDTH = 560.0
 WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
-def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
+def show(app: App, canvas: Canvas, box: layout.Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
     """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
@@ -46,13 +46,13 @@ def show(app: App, canvas: CanvasInterface, box: layout.Box, fonts: Fonts, gizmo
             imgui.dummy(ImVec2(box[2], box[3]))  # never hovered, and so the gizmo's
         over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
         overlays.draw_path(app, box)
-        shot, face = frusta.draw(app, canvas, box), overlays.draw_crop(app, box)
-        mark = ruler.draw(app, box, over)
+        shot, face = page_photographs.draw(app, canvas, box), overlays.draw_crop(app, box)
+        mark = page_measure.draw(app, box, over)
         if not gizmo.over:
             _mouse(app, box, _Under(face, shot, mark) if over else NOTHING)
         gizmo.show(app, box)
         _corner(app, box)
-        legend.show(app, box)
+        overlays.show_legend(app, box)
     _toast(app, box)
     _progress(app, box, fonts)
     imgui.end()
@@ -68,7 +68,7 @@ class _Under(NamedTuple):
 
     face: int | None = None
     shot: int | None = None
-    mark: ruler.Handle | None = None
+    mark: page_measure.Handle | None = None
 
 
 NOTHING = _Under()

@@ -13,6 +13,7 @@ from math import cos, radians, sin, tan
 import numpy as np
 
 from scenepack.pack import Pack
+from training.scenes.rays import undistort
 from training.scenes.scene import Camera
 
 ORBIT_ELEVATION = 30.0  # degrees above the horizon
@@ -192,3 +193,23 @@ def forward_facing_path(
         eye = grid_R_training @ (FORWARD_FACING_RADIUS * np.array([cos(turn), sin(turn), 0.0]))
         cameras.append(ViewCamera.look_at(eye, target, up, fov_degrees, size, mirrored=is_mirrored(pack)))
     return cameras
+
+
+def rays_through(camera: ViewCamera, pixels: np.ndarray) -> np.ndarray:
+    """float64 [n, 3], camera axes, one unit deep: what pixels (float [n, 2]) look along, through the lens.
+
+    Of a camera with one eye. See ray_through for any.
+    """
+    x, y = pixels.T
+    a, b = undistort((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
+    return np.stack([a, -b, -np.ones_like(a)], axis=1)
+
+
+def ray_through(camera: ViewCamera, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where the ray through a pixel begins and its unit direction, float64 [3] each, grid frame."""
+    rotation = camera.grid_T_camera[:3, :3]
+    if camera.orthographic:
+        across = np.array([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, 0.0])
+        return camera.position + rotation @ across, -rotation[:, 2]
+    ray = rotation @ rays_through(camera, np.array([[x, y]]))[0]
+    return camera.position, ray / np.linalg.norm(ray)

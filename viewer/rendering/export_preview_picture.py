@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.drawing import Program
+from viewer.rendering.opengl import Program
 from viewer.rendering.shader_source import assemble
 
 if TYPE_CHECKING:

@@ -17,9 +17,10 @@ import numpy as np
 from console import progress
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_clock import GpuClock, is_software
 from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.opengl import GpuClock
 from viewer.rendering.settings import RenderSettings
+from viewer.rendering.software_rasteriser import is_software
 
 WARM_UP_FRAMES = 3
 

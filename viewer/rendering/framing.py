@@ -13,9 +13,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
-from scenepack.pack import Pack
+from scenepack.pack import Pack, cached_per_pack
 from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, inner_box, is_mirrored, orbit_path
-from viewer.rendering.pack_cache import cached_per_pack
 
 MARGIN = 1.05  # of half the picture over what is seen
 STRAY = 0.01  # of the macroblocks: a piece with fewer is not counted

@@ -24,17 +24,17 @@ import numpy as np
 
 from scenepack.pack import Pack
 from viewer.rendering.gpu_memory import Limits, NoRoomError, Uploader
-from viewer.rendering.huge_pages import (
+from viewer.rendering.skip_grid import skip_grid_of
+from viewer.rendering.software_rasteriser import (
     Range,
     memory_taken_since,
     move_to_huge_pages,
     private_memory,
     software_draws,
 )
-from viewer.rendering.skip_grid import skip_grid_of
 
 if TYPE_CHECKING:
-    from viewer.rendering.texture_preallocation import PreallocatedTexture
+    from viewer.rendering.software_rasteriser.texture_preallocation import PreallocatedTexture
 
 MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
 SHOWN_EVERY_S = 0.02  # while a pack arrives

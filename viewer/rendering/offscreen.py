@@ -13,10 +13,8 @@ import numpy as np
 from console import UserError
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.current_context import current_context
-from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.gpu_memory import Limits
-from viewer.rendering.opengl_version import opengl_refusal, version_at
+from viewer.rendering.opengl import current_context, free_framebuffer, opengl_refusal, unbind_framebuffers, version_at
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
 

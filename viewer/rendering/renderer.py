@@ -15,19 +15,17 @@ from console import Notice
 from scenepack.contraction import contract
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.drawing import Drawing
-from viewer.rendering.gpu_memory import Limits, NoRoomError
+from viewer.rendering.gpu_memory import Limits, NoRoomError, half_resolution
 from viewer.rendering.gpu_scene import GpuScene, upload
-from viewer.rendering.half_resolution import half_resolution
+from viewer.rendering.opengl import Drawing
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
-from viewer.rendering.shader_source import assemble, glsl_reciprocals
+from viewer.rendering.shader_source import assemble, glsl_reciprocals, view_mlp_biases, view_mlp_weights
 from viewer.rendering.skip_grid import CELL
 from viewer.rendering.supersampling import Supersampling
-from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
 
 if TYPE_CHECKING:
-    from viewer.rendering.texture_preallocation import PreallocatedTexture
+    from viewer.rendering.software_rasteriser.texture_preallocation import PreallocatedTexture
 
 GL_FRAMEBUFFER_SRGB = 0x8DB9
 GL_DEPTH_CLAMP = 0x864F

@@ -15,7 +15,7 @@ import moderngl
 
 from console import UserError
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.framebuffers import free_framebuffer
+from viewer.rendering.opengl import free_framebuffer
 from viewer.rendering.settings import RenderSettings, of_picture
 from viewer.rendering.shader_source import assemble, compile_program
 
@@ -33,12 +33,7 @@ class Supersampling:
         self._filters: dict[int, tuple[moderngl.Program, moderngl.VertexArray]] = {}
 
     def draw(
-        self,
-        draw: Draw,
-        framebuffer: moderngl.Framebuffer,
-        camera: ViewCamera,
-        settings: RenderSettings,
-        viewport: Box,
+        self, draw: Draw, framebuffer: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, viewport: Box
     ) -> None:
         """Fills `viewport` of `framebuffer` with the view of `camera`, which has the viewport's size.
 

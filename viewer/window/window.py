@@ -23,19 +23,16 @@ from console import UserError
 from console.streams import printable
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.controllers import ControllerState
+from viewer.app.controllers import ControllerState, KeyPress
 from viewer.app.frame import is_waiting, unfinished
-from viewer.app.keyboard import KeyPress
 from viewer.app.making import POLL_EVERY_S
 from viewer.app.state import FRAMES_AFTER_EVENT
-from viewer.rendering.framebuffers import free_framebuffer
-from viewer.rendering.gl_without_gil import finish
-from viewer.rendering.opengl_version import opengl_refusal, version_at
-from viewer.window.canvas import Canvas
-from viewer.window.joysticks import controllers_now, text_of
-from viewer.window.notices import notices_logged
-from viewer.window.second_context import SecondContext
-from viewer.window.ui_interface import MakeUi, UiInterface
+from viewer.panels.ui import Ui
+from viewer.rendering.canvas import Canvas
+from viewer.rendering.opengl import free_framebuffer, opengl_refusal, version_at
+from viewer.rendering.software_rasteriser import finish
+from viewer.window.glfw_parts import SecondContext, controllers_now, text_of
+from viewer.window.shutdown import notices_logged
 
 import glfw  # isort: skip  (after imgui_bundle)
 
@@ -50,7 +47,7 @@ SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
 MODIFIERS = frozenset(
     getattr(glfw, f"KEY_{side}_{name}") for side in ("LEFT", "RIGHT") for name in ("CONTROL", "SHIFT", "ALT", "SUPER")
 )
-# GLFW's keys are places already; see viewer.app.keyboard.
+# GLFW's keys are places already; see viewer.app.controllers.
 NAMED = "Escape Space Tab Home Delete Backspace Enter Left Right Up Down Page_Up Page_Down"
 PUNCTUATION = "SEMICOLON COMMA PERIOD SLASH APOSTROPHE MINUS EQUAL LEFT_BRACKET RIGHT_BRACKET BACKSLASH GRAVE_ACCENT"
 PLACES = {
@@ -87,10 +84,10 @@ def display_problem() -> str | None:
 class Window:
     """A window on `app`. Raises NoDisplay where there is no display, UserError where it lacks OpenGL.
 
-    panels: makes what is drawn in it. size: width, height in screen units.
+    size: width, height in screen units.
     """
 
-    def __init__(self, app: App, panels: MakeUi, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
+    def __init__(self, app: App, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
         problem = display_problem()
         if problem:
             raise NoDisplay(problem)
@@ -105,7 +102,7 @@ class Window:
         app.canvas = self.canvas
         self._listen()
         self.read_controllers: Callable[[], list[ControllerState]] = lambda: controllers_now(glfw)
-        self.ui: UiInterface = panels(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
+        self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
         self.ui.keyboard.local_name = _local_name
         app.clipboard = self.ui.clipboard
         self._v_sync, self._title = True, PROGRAM

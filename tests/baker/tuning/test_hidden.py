@@ -9,8 +9,8 @@ from baker.tuning.hidden import HIDDEN, follow_neighbours, smooth_hidden
 from baker.tuning.pruning import Light
 from scenepack import Pack, save_pack
 from scenepack.blocks import dense_from_pack
-from scenepack.codecs.pieces import follows_grid
 from scenepack.codecs.quantisation import EXACT, Steps, steps_of
+from scenepack.piece_files import follows_grid
 from tests.baker.tuning.helpers import pack_of
 from tests.scenepack.test_quantisation import in_steps
 

@@ -14,10 +14,9 @@ from scenepack import Pack, save_pack
 from scenepack.blocks import atlas_from_dense
 from scenepack.exports import scene
 from scenepack.exports.field import Field
-from scenepack.exports.gaussians import COLUMNS, opacity_table
-from scenepack.exports.mesh_cleanup import components, decimated, smoothed
+from scenepack.exports.file_formats import COLUMNS, opacity_table
 from scenepack.exports.scene import Export, export_scene
-from scenepack.exports.surface import extract
+from scenepack.exports.surface import components, decimated, extract, smoothed
 from scenepack.pack import pack_of_cube
 from tests.viewer.rendering.shapes import BALL, BLENDER_FRAME, NDC_FRAME, SKY, surroundings_pack
 

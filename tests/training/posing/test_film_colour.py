@@ -14,8 +14,7 @@ from tests.training.posing.rooms import texture
 
 av = pytest.importorskip("av", reason="films need PyAV (the extra video)")
 
-from training.posing.film import take_frames  # noqa: E402
-from training.posing.film_colour import (  # noqa: E402
+from training.posing.film import (  # noqa: E402
     BRIGHTEST_PQ,
     DIFFUSE_WHITE_HLG,
     DIFFUSE_WHITE_PQ,
@@ -27,6 +26,7 @@ from training.posing.film_colour import (  # noqa: E402
     hlg_to_scene,
     pq_to_nits,
     srgb_to_linear,
+    take_frames,
     tone_mapped,
 )
 

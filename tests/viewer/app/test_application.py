@@ -8,7 +8,7 @@ import pytest
 from console import UserError
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
-from viewer.app import loading as loading_module
+from viewer.app import opening as loading_module
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS, modes_for, run
 from viewer.rendering.settings import MODES

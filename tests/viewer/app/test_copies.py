@@ -19,8 +19,7 @@ from tests.viewer.waiting import until
 from training.scenes import load_scene
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.photographs import Photographs, psnr
-from viewer.app.thumbnails import Thumbnails
+from viewer.app.photographs import Photographs, Thumbnails, psnr
 
 DEMO = Path(__file__).parents[3] / "viewer" / "demo" / "demo.zip"
 ELSEWHERE = {"scene": "/home/ann/captures/shelf"}

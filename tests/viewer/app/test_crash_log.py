@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from viewer.app import crash_log
+from viewer.app import log as log_module
 from viewer.app.commands import run
-from viewer.app.crash_log import KEPT, CrashLog, left_behind
+from viewer.app.log import KEPT, CrashLog, left_behind
 
 
 def test_nothing_is_left_of_a_good_end(tmp_path):
@@ -42,7 +42,7 @@ def test_a_bug_leaves_versions_commands_and_its_traceback(tmp_path, app, pack, p
 CRASH = """
 import sys, ctypes
 from pathlib import Path
-from viewer.app.crash_log import CrashLog
+from viewer.app.log import CrashLog
 log = CrashLog(Path(sys.argv[1]))
 log.add("command fly")
 ctypes.string_at(0)
@@ -68,7 +68,7 @@ def test_only_the_last_crashes_are_kept(tmp_path):
 
 
 def test_a_long_session_writes_no_endless_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(crash_log, "MOST_BYTES", 4000)
+    monkeypatch.setattr(log_module, "MOST_BYTES", 4000)
     log = CrashLog(tmp_path)
     for i in range(400):
         log.add(f"command number {i} " + 20 * "x")

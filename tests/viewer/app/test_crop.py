@@ -5,7 +5,7 @@ import pytest
 
 from viewer.app import crop
 from viewer.app.commands import run
-from viewer.app.projection import project
+from viewer.app.pose import project
 
 
 @pytest.fixture

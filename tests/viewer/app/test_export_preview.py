@@ -13,7 +13,7 @@ from scenepack.exports import export_preview
 from scenepack.exports.scene import Export
 from tests.viewer.waiting import until
 from viewer.app.application import App
-from viewer.app.export_preview import ExportPreview
+from viewer.app.exporting import ExportPreview
 
 
 def finish(preview: ExportPreview, pack: Pack, export: Export) -> None:

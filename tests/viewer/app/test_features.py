@@ -8,7 +8,7 @@ from viewer.app.application import App
 from viewer.app.comparison import Comparison
 from viewer.app.filming import Filming
 from viewer.app.forward_facing import orbit_camera_for
-from viewer.app.ray_costs import CostMeter
+from viewer.app.frame_stats import CostMeter
 from viewer.app.state import OpenScene, Viewport
 
 

@@ -14,8 +14,8 @@ from viewer.app import crop, preferences
 from viewer.app.application import App
 from viewer.app.files import kind_of
 from viewer.app.photographs import Photographs, psnr, shots_of
+from viewer.app.pose import along_axis, project
 from viewer.app.preferences import apply_preferences, current_preferences
-from viewer.app.projection import along_axis, project
 from viewer.app.state import name_of
 from viewer.rendering.camera import ViewCamera
 

@@ -16,7 +16,7 @@ from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
 from training.posing import find
 from training.scenes.presets import BakeablePreset
-from viewer.app import make_plan
+from viewer.app import survey
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import POSED, REPORT
@@ -66,7 +66,7 @@ def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monk
             assert called["no_view"] and called["masks"] and called["spherify"] and called["preset"] == "full"
             assert (called["downscale"], called["steps"], called["resolution"]) == (2, 5, 96)
     monkeypatch.undo()
-    assert set(make_plan.OFFERED) <= set(get_args(BakeablePreset))
+    assert set(survey.OFFERED) <= set(get_args(BakeablePreset))
 
 
 def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):
@@ -80,7 +80,7 @@ def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):
 
 
 def test_the_viewer_alone_says_what_is_missing(scene, monkeypatch, tmp_path):
-    monkeypatch.setattr(make_plan.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(survey.importlib.util, "find_spec", lambda name: None)
     assert "pip install 'snerg[train]'" in Plan("scene", scene, tmp_path).problem()
 
 
@@ -106,7 +106,7 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
 
 
 def test_what_lies_beside_photographs_or_a_film_and_is_not_used_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(make_plan, "poser_missing", lambda source: "poses")  # no preview
+    monkeypatch.setattr(survey, "poser_missing", lambda source: "poses")  # no preview
     folder = photographs(tmp_path / "shed")
     (folder / "a.gif").write_bytes(b"")
     (tmp_path / "walk").mkdir()
@@ -189,9 +189,9 @@ def test_without_pycolmap_bare_photographs_say_what_is_missing(tmp_path, monkeyp
     film = tmp_path / "walk.mp4"
     film.touch()
     until(lambda: plan.survey.finished)
-    there = make_plan.importlib.util.find_spec
+    there = survey.importlib.util.find_spec
     monkeypatch.setattr(
-        make_plan.importlib.util, "find_spec", lambda name: None if name in ("pycolmap", "av") else there(name)
+        survey.importlib.util, "find_spec", lambda name: None if name in ("pycolmap", "av") else there(name)
     )
     assert "pip install 'snerg[poses]'" in plan.problem()
     assert "pip install 'snerg[poses,video]'" in Plan.of("scene", film).problem()

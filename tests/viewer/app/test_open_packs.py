@@ -8,9 +8,9 @@ import pytest
 
 from console import UserError
 from tests.viewer.conftest import toy_pack
-from viewer.app import open_packs as open_packs_module
+from viewer.app import opening as open_packs_module
 from viewer.app.commands import run
-from viewer.app.open_packs import MOST_PACKS, OpenPack, OpenPacks, bytes_of
+from viewer.app.opening import MOST_PACKS, OpenPack, OpenPacks, bytes_of
 
 
 @pytest.fixture

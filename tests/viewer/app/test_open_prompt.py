@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from console import UserError
 from viewer.app.commands import COMMANDS, choose, run
-from viewer.app.open_prompt import SHOWN, OpenPrompt, path_in, suggestions
+from viewer.app.files import SHOWN, OpenPrompt, path_in, suggestions
 
 
 @pytest.fixture

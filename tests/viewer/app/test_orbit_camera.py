@@ -11,9 +11,8 @@ from tests.viewer.conftest import toy_pack
 from viewer.app.commands import run
 from viewer.app.forward_facing import DISTANCES, PAN_LIMIT, TURN_LIMIT, ForwardFacingCamera, orbit_camera_for
 from viewer.app.orbit_camera import OrbitCamera
-from viewer.app.pose import shortest_turn, view_camera
-from viewer.app.projection import box_points
-from viewer.app.projection import project as projected
+from viewer.app.pose import box_points, shortest_turn, view_camera
+from viewer.app.pose import project as projected
 from viewer.rendering.camera import ViewCamera, content_box
 from viewer.rendering.framing import outline
 

@@ -12,7 +12,7 @@ from console import UserError
 from tests.viewer.app.test_application import FakeCanvas
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.export import Export, films_possible
+from viewer.app.film_export import Export, films_possible
 from viewer.app.path import CameraPath, Keyframe, load_path, save_path
 from viewer.app.pose import Pose, Turntable, view_camera
 from viewer.rendering.settings import RenderSettings

@@ -9,13 +9,13 @@ from imgui_bundle import imgui
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
-from viewer.app.frame_stats import AVERAGED, KEPT, FrameStats, FrameSummary
-from viewer.app.ray_costs import LONGEST_SIDE, RayCosts
-from viewer.panels.time_plots import _top
+from viewer.app.frame_stats import AVERAGED, KEPT, LONGEST_SIDE, FrameStats, FrameSummary, RayCosts
+from viewer.panels.page_performance import _top
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_clock import GpuClock, is_software
 from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.opengl import GpuClock
 from viewer.rendering.settings import RenderSettings
+from viewer.rendering.software_rasteriser import is_software
 
 
 class QueryContext:

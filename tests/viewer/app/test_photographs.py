@@ -7,10 +7,9 @@ from PIL import Image
 from tests.viewer.app.scenes import photographed
 from tests.viewer.waiting import until
 from training.scenes.pictures import PictureLoader
-from viewer.app import thumbnails as thumbnails_module
-from viewer.app.photographs import Photographs
-from viewer.app.projection import project
-from viewer.app.thumbnails import Thumbnails
+from viewer.app import photographs as thumbnails_module
+from viewer.app.photographs import Photographs, Thumbnails
+from viewer.app.pose import project
 
 PER_SPLIT = 24
 

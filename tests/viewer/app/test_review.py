@@ -22,12 +22,11 @@ from viewer.app import make_plan
 from viewer.app import review as review_module
 from viewer.app.application import App
 from viewer.app.command_process import CommandProcess
-from viewer.app.ground import normal_at
+from viewer.app.make_job import RejectedPhotographs
 from viewer.app.make_plan import Plan
-from viewer.app.projection import project
-from viewer.app.rejected_photographs import RejectedPhotographs
+from viewer.app.pose import project
 from viewer.app.review import Review
-from viewer.app.sparse_preview import SparsePreview, read_sparse_preview
+from viewer.app.sparse_preview import SparsePreview, normal_at, read_sparse_preview
 
 FAKE = Path(__file__).with_name("fake_make.py")
 

@@ -13,7 +13,7 @@ from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
 from tests.viewer.conftest import BLENDER, toy_pack
 from viewer.app.forward_facing import orbit_camera_for
-from viewer.app.projection import project
+from viewer.app.pose import project
 from viewer.app.surface import opacities, surface_at
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import RenderSettings

@@ -9,15 +9,15 @@ import pytest
 
 from tests.viewer.waiting import until
 from tools.procedural import write_procedural_scene
-from viewer.app import background, make_plan
-from viewer.app.make_plan import Survey
-from viewer.app.time_needed import TimeNeeded, memory
+from viewer.app import background
+from viewer.app import survey as survey_module
+from viewer.app.survey import Survey, TimeNeeded, memory
 from viewer.panels.make_dialog import what_it_needs
 
 
 @pytest.mark.slow
 def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_path, monkeypatch):
-    monkeypatch.setattr(make_plan, "MEASURES", True)
+    monkeypatch.setattr(survey_module, "MEASURES", True)
     survey = Survey(write_procedural_scene(tmp_path / "scene", size=32, views=4, subpixels=1))
     until(lambda: survey.finished)
     needed = survey.time

@@ -13,8 +13,8 @@ from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.app.test_making import FAKE, ROOT, live
 from tests.viewer.waiting import until
 from viewer.app.application import App
+from viewer.app.make_job import TrainingPreviewFile
 from viewer.app.make_plan import PREVIEWS, Plan
-from viewer.app.training_preview import TrainingPreviewFile
 
 
 @pytest.fixture

@@ -16,7 +16,8 @@ from scenepack.blocks import atlas_from_dense, dense_from_pack
 from scenepack.pack import pack_of_cube
 from tests.told import told
 from tests.viewer.rendering.shapes import shapes_pack
-from viewer.commands import bench, render, scaling
+from tools import scaling
+from viewer.commands import bench, render
 from viewer.rendering import offscreen
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.frame_times import same_view
@@ -293,7 +294,8 @@ import importlib.util, sys
 real = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if name.startswith("matplotlib") else real(name, *rest)
 sys.modules["matplotlib"] = None
-from viewer.commands import bench, scaling
+from viewer.commands import bench
+from tools import scaling
 sys.exit({"bench": bench, "scaling": scaling}[sys.argv[1]].main(sys.argv[2:]))
 """
 

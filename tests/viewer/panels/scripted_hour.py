@@ -31,7 +31,7 @@ from tests.fuzz.memory import resident, with_steady_memory
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import PLACES, OffscreenUi
-from viewer.app import make_plan
+from viewer.app import survey
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS, run
 from viewer.app.controllers import ControllerState
@@ -59,7 +59,7 @@ class Hour:
 
     def __init__(self, ctx: moderngl.Context, folder: Path, seed: int) -> None:
         self.random, self.folder, self.ctx = random.Random(seed), folder, ctx
-        make_plan.MEASURES = False
+        survey.MEASURES = False
         self.app = App()
         self.app.making.start = lambda host: self.app.making.dismiss(host)
         self.ui = OffscreenUi(ctx, self.app, size=SIZES[0])

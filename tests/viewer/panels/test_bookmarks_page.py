@@ -7,8 +7,8 @@ import pytest
 
 from tests.viewer.conftest import toy_pack
 from tests.viewer.window.widgets_seen import watch
+from viewer.app.bookmarks import MOST_KEPT, SIZE
 from viewer.app.commands import run
-from viewer.app.view_pictures import MOST_KEPT, SIZE
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_pictures_are_of_this_background_and_of_this_pack_and_not_too_many(ui, a
     app.show(toy_pack(seed=1), pack_folder)
     ui.settle()
     assert not app.views._pictures
-    monkeypatch.setattr("viewer.app.view_pictures.MOST_KEPT", 3)
+    monkeypatch.setattr("viewer.app.bookmarks.MOST_KEPT", 3)
     for turn in (0.1, 0.2, 0.3, 0.4, 0.5):
         app.scene.rig.orbit(turn, 0.0)
         app.scene.rig.shown = app.scene.rig.goal

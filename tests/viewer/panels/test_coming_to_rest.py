@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.viewer.waiting import until
-from viewer.window import canvas as canvas_module
-from viewer.window.canvas import BLEND_S, REST_S
+from viewer.rendering import canvas as canvas_module
+from viewer.rendering.canvas import BLEND_S, REST_S
 
 FRAME_S = 0.016
 

@@ -8,7 +8,7 @@ from viewer.app import preferences
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.preferences import apply_preferences, current_preferences
-from viewer.panels.docking import HEADER
+from viewer.panels.layout import HEADER
 
 
 @pytest.fixture

@@ -17,12 +17,11 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.waiting import until
 from viewer.app.application import App
-from viewer.app.export import Export, films_possible
-from viewer.app.films import write_film
-from viewer.app.startup import Startup
+from viewer.app.film_export import Export, films_possible, write_film
+from viewer.commands.view import View
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
-from viewer.window.canvas import Canvas
 
 DEMO = Path(__file__).parents[3] / "viewer" / "demo" / "demo.zip"
 SIZE = (64, 64)  # x264 writes the same pictures of 48 × 32 in two ways, now and then
@@ -56,7 +55,7 @@ def test_what_the_command_line_exports_depends_on_no_window(
         for _ in range(frames):  # which lay the window out before anything is open
             ui.frame()
         target = tmp_path / str(i) / name
-        Startup(pack_folder, export=target, export_size=SIZE, page=page).begin(app)
+        View(pack_folder, export=target, export_size=f"{SIZE[0]}x{SIZE[1]}", page=page).begin(app)
         until(lambda app=app, ui=ui: ui.frame() or (app.loading is None and app.filming.export is None))
         assert not app.messages.dialogs
         written.append(pictures_in(target))

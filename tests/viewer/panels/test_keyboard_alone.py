@@ -14,7 +14,8 @@ from tools.procedural import write_procedural_scene
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.files import FileRequest
-from viewer.app.make_plan import Plan, Survey
+from viewer.app.make_plan import Plan
+from viewer.app.survey import Survey
 from viewer.panels import keys, modal
 
 WIDGETS = ("button", "invisible_button", "selectable", "checkbox", "slider_float", "slider_int", "input_text",

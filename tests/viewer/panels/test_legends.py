@@ -10,7 +10,7 @@ import pytest
 from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
 from tests.viewer.rendering.shapes import surroundings_pack
-from viewer.panels import legend
+from viewer.panels import overlays
 from viewer.rendering.settings import MODES
 from viewer.rendering.shader_source import assemble, colour_stops, compile_program
 
@@ -50,7 +50,7 @@ def test_the_bar_has_the_colours_of_the_shader(ctx):
 
 def test_the_numbers_of_the_depths_are_distances(ui, app):
     app.set(mode="depth")
-    told = legend.legend(app)
+    told = overlays.legend_of(app)
     near, far = float(told.low), float(told.high)
     camera = app.camera()
     shades = ui.canvas._floats(camera, replace(app.settings, mode="depth"))[..., 0]
@@ -68,7 +68,7 @@ def test_depths_of_a_contracted_pack_are_told_as_far_as_the_inner_cube(ui, app, 
     app.show(surroundings_pack(64), pack_folder)
     app.set(mode="depth")
     ui.settle()
-    told, camera = legend.legend(app), app.camera()
+    told, camera = overlays.legend_of(app), app.camera()
     assert told.high.startswith("≥ ")
     distances = [ui.canvas.distance_at(camera, app.settings, x, 20.5) for x in (10.5, 200.5, 400.5)]
     assert all(distance > float(told.high[2:]) for distance in distances)  # the sky
@@ -77,7 +77,7 @@ def test_depths_of_a_contracted_pack_are_told_as_far_as_the_inner_cube(ui, app, 
 @pytest.mark.parametrize("mode", ["samples", "jumps"])
 def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
     app.set(mode=mode, cost_scale=32.0)
-    told = legend.legend(app)
+    told = overlays.legend_of(app)
     assert (told.low, told.middle, told.high) == ("0", "16", "≥ 32") and "ray" in told.unit
     counted = ui.canvas.ray_counts(app.camera(), replace(app.settings, mode="normal", counts=True))
     shown = ui.canvas._floats(app.camera(), app.settings)
@@ -91,7 +91,7 @@ def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
 def test_only_depth_and_costs_have_a_legend_and_it_is_seen(ui, app):
     for mode in MODES:
         app.set(mode=mode)
-        assert (legend.legend(app) is not None) == (mode in ("depth", "samples", "jumps"))
+        assert (overlays.legend_of(app) is not None) == (mode in ("depth", "samples", "jumps"))
     app.set(mode="depth")
     ui.settle()
     with_it = ui.picture().astype(int)

@@ -10,9 +10,8 @@ from imgui_bundle import ImVec2, imgui
 from tests.reference_marcher import render_reference
 from tests.viewer.app.scenes import photographed
 from tests.viewer.offscreen_ui import OffscreenUi
-from viewer.app.backdrops import STYLES, backdrop
 from viewer.app.commands import run
-from viewer.app.preferences import Preferences, apply_preferences, current_preferences, load, save
+from viewer.app.preferences import STYLES, Preferences, apply_preferences, backdrop, current_preferences, load, save
 from viewer.panels import theme
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer

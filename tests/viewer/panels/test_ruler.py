@@ -18,8 +18,7 @@ from tests.viewer.conftest import BLENDER, toy_pack
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.pose import Pose, triple
-from viewer.app.projection import project
+from viewer.app.pose import Pose, project, triple
 
 TILE = 8  # voxels
 FLOOR, WALL = 20, 12  # voxels: the floor's upper face and the wall's front

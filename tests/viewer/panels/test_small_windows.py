@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from imgui_bundle import imgui
 
 from viewer.app.commands import COMMANDS
-from viewer.panels import help_overlay, top_bar
+from viewer.panels import keys, top_bar
 from viewer.panels.layout import PAGES
 from viewer.panels.top_bar import EDGE, GAP, MARK, NAME_GAP, STEP, WORD, plan
 
@@ -52,7 +52,7 @@ def test_a_wide_bar_has_everything_and_gives_up_what_matters_least_first():
 def help_window(ui):
     ui.app.interface.help_shown = True
     ui.settle()
-    return imgui.internal.find_window_by_name(help_overlay.NAME)
+    return imgui.internal.find_window_by_name(keys.NAME)
 
 
 @pytest.mark.parametrize(
@@ -77,16 +77,16 @@ def test_the_overlay_names_every_command_and_the_keys_of_flying(offscreen, app, 
     ui.frame()
     app.keyboard.local_name = {"W": "Z", "A": "Q", "Q": "A"}.get
     app.keyboard.local_name = lambda place: {"W": "Z", "A": "Q", "Q": "A"}.get(place, place)
-    rows = [row for group in help_overlay._groups(app) for row in group.rows]
+    rows = [row for group in keys._groups(app) for row in group.rows]
     assert {title for _, title in rows} >= {command.title for command in COMMANDS.values() if command.keys}
-    keys = " ".join(keys for keys, _ in rows)
-    assert all(word in keys for word in ("Z  S", "Q  D", "E  A", "Left drag", "Wheel", "Double click", "arrows"))
+    listed = " ".join(keys for keys, _ in rows)
+    assert all(word in listed for word in ("Z  S", "Q  D", "E  A", "Left drag", "Wheel", "Double click", "arrows"))
 
 
 @given(rows=st.lists(st.integers(1, 14), min_size=4, max_size=8), count=st.integers(1, 3))
 def test_the_columns_keep_the_order_and_are_balanced(rows, count):
-    groups = [help_overlay._Group(str(i), (("", ""),) * n) for i, n in enumerate(rows)]
-    columns = help_overlay._columns(groups, count)
+    groups = [keys._Group(str(i), (("", ""),) * n) for i, n in enumerate(rows)]
+    columns = keys._columns(groups, count)
     assert [group for column in columns for group in column] == groups and len(columns) == count
     heights = [sum(len(group.rows) + 2 for group in column) for column in columns]
     lines = [n + 2 for n in rows]

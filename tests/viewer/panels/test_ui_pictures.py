@@ -31,7 +31,8 @@ from viewer.app.commands import run
 from viewer.app.frame_stats import FrameStats
 from viewer.app.log import LogLine
 from viewer.app.make_job import MakeJob
-from viewer.app.make_plan import Plan, Survey
+from viewer.app.make_plan import Plan
+from viewer.app.survey import Survey
 from viewer.panels.layout import PAGES
 from viewer.panels.theme import THEMES
 

@@ -11,9 +11,9 @@ import pytest
 from scenepack import Pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.content_hull import MARGIN, hull_triangles
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
+from viewer.rendering.skip_grid import MARGIN, hull_triangles
 
 CELL = 4
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from viewer.rendering.drawing import Drawing
-from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
+from viewer.rendering.opengl import Drawing, free_framebuffer, unbind_framebuffers
 from viewer.rendering.shader_source import ShaderText
 
 VERTEX = """#version 330 core

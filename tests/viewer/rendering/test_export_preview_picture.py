@@ -10,8 +10,8 @@ from scenepack.exports.export_preview import preview_geometry
 from scenepack.exports.scene import KINDS, Export
 from tests.viewer.conftest import toy_pack
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
-from viewer.window.canvas import Canvas
 
 GROUND = (0.0, 0.0, 0.0)
 

@@ -4,7 +4,7 @@ import moderngl
 import pytest
 
 from tests.fuzz.memory import resident
-from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
+from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 
 
 def test_freeing_a_framebuffer_frees_what_is_attached_to_it(ctx: moderngl.Context) -> None:

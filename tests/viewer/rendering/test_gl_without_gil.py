@@ -8,8 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
-from viewer.rendering.gpu_clock import GpuClock, is_software
+from viewer.rendering.opengl import GpuClock, free_framebuffer, is_software, unbind_framebuffers
 
 SLOW = """
 #version 330 core

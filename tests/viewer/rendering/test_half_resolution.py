@@ -18,11 +18,10 @@ from tests.viewer.rendering.shapes import shapes_pack
 from viewer.commands import render
 from viewer.rendering import gpu_scene
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_memory import Limits, NoRoomError
-from viewer.rendering.half_resolution import half_resolution
+from viewer.rendering.canvas import Canvas
+from viewer.rendering.gpu_memory import Limits, NoRoomError, half_resolution
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.renderer import Renderer
-from viewer.window.canvas import Canvas
 
 PLENTY = 2048
 

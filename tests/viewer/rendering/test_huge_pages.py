@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from viewer.rendering.huge_pages import HUGE, _without, memory_taken_since, move_to_huge_pages, private_memory
+from viewer.rendering.software_rasteriser import HUGE, _without, memory_taken_since, move_to_huge_pages, private_memory
 
 
 def test_the_parts_that_are_new_are_found() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from viewer.rendering.opengl_version import DRIVER_CHOICES, OVERRIDE, opengl_refusal
+from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, opengl_refusal
 
 ROOT = Path(__file__).parents[3]
 OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"

@@ -16,9 +16,9 @@ from scenepack.pack import Pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from viewer.rendering import offscreen as offscreen_module
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.gpu_scene import Limits
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
+from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 from viewer.rendering.settings import MODES, RenderSettings
 
 Make = Callable[..., OffscreenRenderer]

@@ -16,8 +16,9 @@ from viewer.rendering.shader_source import (
     compile_program,
     define_lines,
     glsl_float,
+    view_mlp_biases,
+    view_mlp_weights,
 )
-from viewer.rendering.view_mlp_source import view_mlp_biases, view_mlp_weights
 
 VERTEX = "#version 330 core\nvoid main() { gl_Position = vec4(0.0); }\n"
 

@@ -11,8 +11,8 @@ import pytest
 from scenepack.pack import Pack
 from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.framebuffers import free_framebuffer, unbind_framebuffers
 from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 from viewer.rendering.settings import Mode, RenderSettings
 
 Make = Callable[..., OffscreenRenderer]

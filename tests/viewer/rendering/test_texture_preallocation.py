@@ -12,12 +12,11 @@ import pytest
 
 from scenepack import Pack
 from tests.viewer.conftest import toy_pack
-from viewer.rendering import texture_preallocation
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.huge_pages import software_draws
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.renderer import Renderer
-from viewer.rendering.texture_preallocation import preallocate
+from viewer.rendering.software_rasteriser import software_draws, texture_preallocation
+from viewer.rendering.software_rasteriser.texture_preallocation import preallocate
 
 EGL_OPENGL_API, EGL_NONE = 0x30A2, 0x3038
 

@@ -12,7 +12,6 @@ import numpy as np
 from scenepack import load_pack
 from tests.viewer.rendering.flights import flight
 from viewer.app.application import App
-from viewer.panels.ui import Ui
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.window.window import Window
 
@@ -34,7 +33,7 @@ class Noting(DynamicResolution):
 def main(path: Path = DEMO, fps: float = 30.0) -> None:
     """Flies through a pack at `fps` frames per second."""
     pack, app = load_pack(path), App()
-    with Window(app, Ui, (1100, 800)) as window:
+    with Window(app, (1100, 800)) as window:
         app.interface.page = ""
         app.show(pack, path)
         window.draw_frames(5)

@@ -17,9 +17,9 @@ from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.window.living import at_start_page, live, opened_window, other_program, press, pump
 from viewer.app import crop
 from viewer.app.application import App
-from viewer.app.bare_preview import BarePreview
 from viewer.app.make_plan import Plan
-from viewer.app.projection import project
+from viewer.app.pose import project
+from viewer.app.survey import BarePreview
 from viewer.window.window import Window
 
 SIZE = (1000, 700)

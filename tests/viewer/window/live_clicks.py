@@ -23,11 +23,11 @@ from tests.viewer.unseen import draw_unseen
 from tests.viewer.waiting import until
 from tests.viewer.window.places import PLACES, WITHOUT_SCENE, Scenes, child
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
-from viewer.app import loading, make_plan, making
+from viewer.app import make_plan, making, opening
 from viewer.app.application import App
-from viewer.app.make_plan import Plan, Survey
+from viewer.app.make_plan import Plan
+from viewer.app.survey import Survey
 from viewer.panels.layout import NARROW
-from viewer.panels.ui import Ui
 from viewer.rendering.settings import RenderSettings
 from viewer.window.window import Window
 
@@ -44,7 +44,7 @@ def opened(display) -> Iterator[tuple[Window, Watch]]:
         patch.delenv("WAYLAND_DISPLAY", raising=False)
         # Clicks are looked at here, not pictures.
         patch.setattr(imgui.backends, "opengl3_render_draw_data", draw_unseen)
-        with Window(App(), Ui, SIZES[-1]) as window:
+        with Window(App(), SIZES[-1]) as window:
             window.ui.file_dialogs.native = False
             yield window, seen
 
@@ -70,13 +70,13 @@ def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "CommandProcess", lambda *_: child())
         patch.setattr(make_plan, "trainer_missing", lambda: False)  # nothing is trained here
-        read = loading.load_pack
+        read = opening.load_pack
 
         def slow(path: Path, **options):
             release.wait(60)
             return read(path, **options)
 
-        patch.setattr(loading, "load_pack", slow)
+        patch.setattr(opening, "load_pack", slow)
         yield Scenes(pack, toy_pack(seed=1), folder / "toy", folder / "scene", plan, release)
         release.set()
 

@@ -15,7 +15,7 @@ from scenepack import save_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.window.living import at_start_page, live, opened_window, press, pump
 from viewer.app.make_plan import Plan
-from viewer.app.projection import project
+from viewer.app.pose import project
 from viewer.app.review import Review
 from viewer.window.window import Window
 
@@ -53,7 +53,7 @@ def test_a_click_on_the_ground_sets_up(opened, window, xdotool, tmp_path):
     pytest.importorskip("pycolmap", reason="the reconstruction is written by pycolmap (the extra poses)")
     from tests.training.reconstructions import around, write_colmap
     from tests.viewer.app.test_review import look_at, tilted_ground
-    from viewer.app.ground import normal_at
+    from viewer.app.sparse_preview import normal_at
 
     app, folder = window.app, write_colmap(tmp_path / "scene", around(), tilted_ground())
     app.making.sparse_preview = look_at(folder)

@@ -23,9 +23,8 @@ from tests.viewer.rendering.pictures import FAILURES
 from tests.viewer.window.live_window import pump
 from viewer.app import crop
 from viewer.app.application import App
-from viewer.app.projection import box_points, project
+from viewer.app.pose import box_points, project
 from viewer.panels import theme
-from viewer.panels.ui import Ui
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.window.window import Window
 
@@ -57,7 +56,7 @@ def opened(display) -> Iterator[Window]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Window(App(), Ui, SIZE) as window:
+        with Window(App(), SIZE) as window:
             yield window
 
 

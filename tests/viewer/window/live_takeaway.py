@@ -73,10 +73,10 @@ def test_another_program_pastes_the_picture_that_was_copied(window, xdotool, oth
         app.set(mode=mode)
         pump(window)
         xdotool("key", "ctrl+i")
-        wait(window, lambda: app.filming.copying)
-        wait(window, lambda: not app.filming.copying)
+        wait(window, lambda: app.messages.lines[-1].text == "The picture is on the clipboard")
+        app.messages.log("pasted")
         other_client("paste", tmp_path / "pasted.png")
-        pasted = np.asarray(Image.open(tmp_path / "pasted.png"))
+        pasted = np.asarray(Image.open(tmp_path / "pasted.png").convert("RGB"))
         assert np.array_equal(pasted, window.canvas.snapshot(app.camera(), app.settings))
     assert not app.messages.dialogs
 

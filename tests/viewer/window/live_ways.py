@@ -10,7 +10,7 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.window.live_keys import wait_until
 from tests.viewer.window.live_window import opened, pump, window
 from viewer.app.pose import shortest_turn
-from viewer.panels import axis_gizmo
+from viewer.panels import overlays
 
 __all__ = ["opened", "window"]  # fixtures
 
@@ -61,10 +61,10 @@ def test_a_click_on_an_axis_looks_along_it_and_a_drag_of_the_gizmo_orbits(window
     app, rig = window.app, window.app.scene.rig
 
     def places() -> np.ndarray:
-        radius, rim = axis_gizmo.RADIUS, axis_gizmo.MARGIN + axis_gizmo.RADIUS + axis_gizmo.BALL
+        radius, rim = overlays.RADIUS, overlays.MARGIN + overlays.RADIUS + overlays.BALL
         view = app.viewport
         middle = np.array([view.x + view.width - rim, view.y + rim])
-        return middle + radius * axis_gizmo.axis_ends(rig.matrix[:3, :3])[:, :2]
+        return middle + radius * overlays.axis_ends(rig.matrix[:3, :3])[:, :2]
 
     for end, (azimuth, elevation) in ((0, (90, 0)), (5, (180, 0)), (1, (0, 90))):
         rig.home()

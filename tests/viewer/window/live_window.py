@@ -20,12 +20,11 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.screen import SCREEN
 from tests.viewer.waiting import until
 from tests.viewer.window.living import draw_only_what_is_looked_at, live, other_program, pump
-from viewer.app import loading
+from viewer.app import opening
 from viewer.app.application import App
 from viewer.app.make_plan import Plan
-from viewer.panels.ui import Ui
-from viewer.rendering import texture_preallocation
 from viewer.rendering.settings import RenderSettings
+from viewer.rendering.software_rasteriser import texture_preallocation
 from viewer.window.window import Window
 
 SIZE = (900, 600)
@@ -39,7 +38,7 @@ def opened(display):
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
         draw_only_what_is_looked_at(patch)
-        with Window(App(), Ui, SIZE) as window:
+        with Window(App(), SIZE) as window:
             yield window
 
 
@@ -168,7 +167,7 @@ def test_room_is_made_beside_the_window_while_a_pack_is_read(window, tmp_path, m
     monkeypatch.setattr(texture_preallocation, "WORTH_A_THREAD", 0)
     made, make = [], texture_preallocation.preallocate
     monkeypatch.setattr(texture_preallocation, "preallocate", lambda *words: made.append(make(*words)) or made[-1])
-    reads, whole = threading.Event(), loading.load_pack
+    reads, whole = threading.Event(), opening.load_pack
 
     def once_there_is_room(path, *, on_begin, **options):
         def begun(pack):
@@ -177,7 +176,7 @@ def test_room_is_made_beside_the_window_while_a_pack_is_read(window, tmp_path, m
 
         return whole(path, on_begin=begun, **options)
 
-    monkeypatch.setattr(loading, "load_pack", once_there_is_room)
+    monkeypatch.setattr(opening, "load_pack", once_there_is_room)
     pack = toy_pack(seed=3)
     save_pack(pack, tmp_path / "roomy")
     window.app.open(tmp_path / "roomy")

@@ -18,7 +18,6 @@ from imgui_bundle import imgui
 from tests.viewer.unseen import draw_unseen
 from tests.viewer.window.widgets_seen import Watch, watch
 from viewer.app.application import App
-from viewer.panels.ui import Ui
 from viewer.window.window import Window
 
 PATIENCE_S = 90.0
@@ -63,7 +62,7 @@ def opened_window(display: str, size: tuple[int, int]) -> Iterator[tuple[Window,
     with pytest.MonkeyPatch.context() as patch, watch() as seen:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Window(App(), Ui, size) as window:
+        with Window(App(), size) as window:
             yield window, seen
 
 

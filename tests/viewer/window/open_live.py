@@ -11,9 +11,8 @@ import time
 from pathlib import Path
 
 from scenepack import save_pack
+from tools.scaling import carved_pack
 from viewer.app.application import App
-from viewer.benchmark.scaling import carved_pack
-from viewer.panels.ui import Ui
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.window.window import Window
 
@@ -37,7 +36,7 @@ def main(path: Path | None = None) -> None:
 def watch_it_open(path: Path) -> None:
     """Prints the moments, in seconds since it was asked for."""
     app = App()
-    with Window(app, Ui, (640, 480)) as window:
+    with Window(app, (640, 480)) as window:
         window.draw_frames(5)
         app.resolution = DynamicResolution(target_fps=30)
         begin = last = time.perf_counter()

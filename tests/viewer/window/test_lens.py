@@ -7,9 +7,8 @@ import pytest
 
 from tests.viewer.app.scenes import photographed
 from viewer.app.application import App
-from viewer.app.pose import fitted
-from viewer.app.projection import frustum_points, project, rays_through
-from viewer.rendering.camera import ViewCamera
+from viewer.app.pose import fitted, frustum_points, project
+from viewer.rendering.camera import ViewCamera, rays_through
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.ray_frame import lens_reach
 

@@ -18,7 +18,6 @@ from tests.viewer.app.scenes import photographed
 from viewer.app.application import App
 from viewer.commands.view import PageName
 from viewer.panels.layout import PAGES
-from viewer.panels.ui import Ui
 from viewer.window.window import NoDisplay, Window, display_problem
 
 pytestmark = pytest.mark.slow
@@ -170,7 +169,7 @@ def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     assert display_problem() is None
     with pytest.raises(NoDisplay, match="no window can be opened"):
-        Window(App(), Ui)
+        Window(App())
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Wayland is Linux's")

@@ -10,17 +10,7 @@ import itertools
 import numpy as np
 
 from tools.procedural.island.light import rows_of
-from tools.procedural.island.shapes import (
-    BOAT_AT,
-    COTTAGE_AT,
-    JETTY_AT,
-    SPAN,
-    TOWER_AT,
-    WATER,
-    Island,
-    ground,
-    rough,
-)
+from tools.procedural.island.shapes import BOAT_AT, COTTAGE_AT, JETTY_AT, SPAN, TOWER_AT, WATER, Island, ground, rough
 from training.scenes.scene import Camera
 
 HEIGHTS = 1024  # of the height map, a side

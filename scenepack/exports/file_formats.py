@@ -1,0 +1,173 @@
+"""Files of meshes, points and Gaussians: PLY, binary glTF.
+
+The colours are photographed light, so nothing may light them again. COLOR_0 is linear, so they are decoded from sRGB, into 16
+bits: 8 would show bands in the dark.
+
+One round Gaussian for each voxel, without any dependence on the viewing direction: f_dc only, which stands for the diffuse
+colour. Viewers splat a Gaussian as o g(d): its opacity o, and g(d) = exp(-d^2 / 2 s^2) at distance d of the ray. A plane of
+voxels of opacity a must let as much pass as the pack does, so that o is chosen such that 1 - a is the mean, over where the ray
+pierces the plane, of the product of 1 - o g over the plane's voxels.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from scenepack.exports.field import ExportFrame, Field
+
+TYPES = {"f4": "float", "u1": "uchar"}
+Column = tuple[str, str]  # name and type, "f4" or "u1"
+POINT: tuple[Column, ...] = (
+    *((name, "f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
+    *((name, "u1") for name in ("red", "green", "blue")),
+)
+
+
+def ply_parts(
+    columns: Sequence[Column],
+    values: Sequence[np.ndarray],
+    faces: np.ndarray | None = None,
+    comments: Sequence[str] = (),
+) -> list[bytes]:
+    """The file in parts. columns: of a vertex; values: one array [n, k] after the other that together fill them.
+
+    faces: int [f, 3] or None.
+    """
+    count = len(values[0])
+    table = np.zeros(count, [(name, f"<{kind}") for name, kind in columns])
+    names = iter(columns)
+    for array in values:
+        for i in range(array.shape[1]):
+            table[next(names)[0]] = array[:, i]
+    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
+    lines += [f"element vertex {count}", *(f"property {TYPES[kind]} {name}" for name, kind in columns)]
+    if faces is not None:
+        lines += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+    parts = ["\n".join([*lines, "end_header", ""]).encode("ascii"), table.tobytes()]
+    if faces is not None:
+        rows = np.zeros(len(faces), [("count", "u1"), ("vertices", "<i4", 3)])
+        rows["count"], rows["vertices"] = 3, faces
+        parts.append(rows.tobytes())
+    return parts
+
+
+# --- A mesh with vertex colours as binary glTF 2.0 ---
+
+FLOAT, UINT16, UINT32 = 5126, 5123, 5125  # of OpenGL
+ARRAY, ELEMENTS = 34962, 34963
+MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
+
+
+def glb_parts(
+    vertices: np.ndarray, normals: np.ndarray, colours: np.ndarray, faces: np.ndarray, said: dict[str, Any]
+) -> list[bytes]:
+    """The file in parts. vertices, normals float32 [v, 3]; colours uint8 [v, 3], sRGB; faces int [f, 3]. said: asset.extras."""
+    colour = np.full((len(colours), 4), 65535, "<u2")
+    colour[:, :3] = np.rint(65535 * _linear(colours))
+    arrays = [
+        (vertices.astype("<f4"), FLOAT, "VEC3", ARRAY),
+        (normals.astype("<f4"), FLOAT, "VEC3", ARRAY),
+        (colour, UINT16, "VEC4", ARRAY),
+        (faces.astype("<u4").reshape(-1), UINT32, "SCALAR", ELEMENTS),
+    ]
+    views, accessors, offset = [], [], 0
+    for i, (array, kind, shape, target) in enumerate(arrays):
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": array.nbytes, "target": target})
+        accessors.append({"bufferView": i, "componentType": kind, "count": len(array), "type": shape})
+        offset += array.nbytes  # multiples of four, all of them
+    accessors[0] |= {"min": vertices.min(axis=0).tolist(), "max": vertices.max(axis=0).tolist()}
+    accessors[2]["normalized"] = True
+    attributes = {"POSITION": 0, "NORMAL": 1, "COLOR_0": 2}
+    document = {
+        "asset": {"version": "2.0", "generator": "snerg", "extras": said},
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}]}],
+        "materials": [
+            {
+                "doubleSided": True,
+                "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
+                "extensions": {"KHR_materials_unlit": {}},
+            }
+        ],
+        "buffers": [{"byteLength": offset}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<III", MAGIC, 2, 12 + 8 + len(text) + 8 + offset)
+    binary = struct.pack("<II", offset, BINARY_CHUNK)
+    return [head, struct.pack("<II", len(text), JSON_CHUNK), text, binary, *(array.tobytes() for array, *_ in arrays)]
+
+
+def _linear(colours: np.ndarray) -> np.ndarray:
+    levels = np.arange(256) / 255.0
+    table = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
+    return table[colours]
+
+
+# --- Voxels as 3D Gaussians ---
+
+SIGMA = 0.5  # of a Gaussian, in voxels
+SH_0 = 0.28209479177387814  # the spherical harmonic of degree 0
+MOST_OPACITY = 0.99
+COLUMNS: tuple[Column, ...] = tuple(
+    (name, "f4")
+    for name in (
+        *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+        *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
+    )
+)
+
+
+def voxels_of(field: Field, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Positions float64 [n, 3] (x, y, z in voxels of the pack) and premultiplied rgba float32 [n, 4], of opacity >= least."""
+    places: list[np.ndarray] = [np.zeros((0, 3))]
+    values: list[np.ndarray] = [np.zeros((0, 4), np.float32)]
+    for place in field.occupied:
+        cells = field.block(place)
+        if cells is None:
+            continue
+        at = np.argwhere(cells[..., 3] >= least)
+        values.append(cells[tuple(at.T)])
+        places.append(field.coarser * (at + np.asarray(place) * field.side + 0.5)[:, ::-1])
+    return np.concatenate(places), np.concatenate(values)
+
+
+def gaussian_values(
+    positions: np.ndarray, rgba: np.ndarray, field: Field, export_frame: ExportFrame
+) -> list[np.ndarray]:
+    """What fills COLUMNS: position, no normal, colour, opacity before the sigmoid, logarithms of sizes, no rotation."""
+    straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
+    alphas, opacities = opacity_table()
+    opacity = np.clip(np.interp(rgba[:, 3], alphas, opacities), 1e-3, MOST_OPACITY)[:, None]
+    count = len(positions)
+    sizes = SIGMA * field.coarser * export_frame.sizes(positions)
+    return [
+        export_frame.points(positions),
+        np.zeros((count, 3)),
+        (straight - 0.5) / SH_0,
+        np.log(opacity / (1.0 - opacity)),
+        np.log(sizes),
+        np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 4)),
+    ]
+
+
+@cache
+def opacity_table() -> tuple[np.ndarray, np.ndarray]:
+    """Opacities of a plane of voxels, rising, and the Gaussians' own that give them."""
+    across = (np.arange(16) + 0.5) / 16 - 0.5
+    reach = np.arange(-3, 4)
+    distance = (across[:, None] - reach) ** 2  # [pierced at, voxel]
+    passes = np.exp(-(distance[:, None, :, None] + distance[None, :, None, :]) / (2 * SIGMA**2))
+    own = np.linspace(0.0, MOST_OPACITY, 100)
+    return np.array([1.0 - np.prod(1.0 - o * passes, axis=(2, 3)).mean() for o in own]), own

@@ -1,0 +1,400 @@
+"""OpenGL canvas of the open pack: quick pictures while the camera moves, full ones in tiles while it rests.
+
+Features ask it for figures and stills; panels draw its layers. Only the main thread calls it. Textures are as large as the
+viewport; quick pictures use their lower left corner, so that a change of scale allocates nothing. The picture is drawn while the
+panels are built, so that both show the same camera.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import moderngl
+import numpy as np
+
+from scenepack.pack import Pack
+from viewer.rendering.camera import ViewCamera, ray_through
+from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
+from viewer.rendering.export_preview_picture import ExportPreviewPicture
+from viewer.rendering.layers import depth_along_axis
+from viewer.rendering.opengl import GpuClock, free_framebuffer, unbind_framebuffers
+from viewer.rendering.renderer import Renderer
+from viewer.rendering.settings import RenderSettings, of_picture
+from viewer.rendering.software_rasteriser.texture_preallocation import SharedContext, TexturePreallocator
+from viewer.rendering.targets import MARGIN, Box, Difference, Drawn, Layer, Sheet, SheetTexture, Target, with_margin
+
+if TYPE_CHECKING:
+    from scenepack.exports.export_preview import PreviewGeometry
+
+ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
+REST_S = 0.12  # this long without a change, and the full picture is begun
+BLEND_S = 0.08  # in which a tile of it appears over the quick picture, so that nothing jumps
+
+
+class Canvas:
+    """Draws the open pack. ctx: of the window, or an offscreen one. shared_context: see TexturePreallocator."""
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        retired: list[moderngl.Texture] | None = None,
+        shared_context: SharedContext | None = None,
+    ) -> None:
+        self.ctx = ctx
+        self._preallocator = TexturePreallocator(ctx, shared_context)
+        self.renderer: Renderer | None = None
+        self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
+        self._retired = [] if retired is None else retired
+        self._quick, self._full, self._still = (Target(ctx, self._retired) for _ in range(3))
+        self._wanted: tuple[object, ...] = ()
+        self._changed_at = 0.0
+        self._tiles: list[Box] | None = None  # still to draw, margin included; None: not begun
+        self._done: list[tuple[Box, float]] = []  # and when each was drawn
+        self._size = (0, 0)  # of the full picture, pixels
+        self._blending = False
+        self._tile_ms = self._tile_gpu_ms = 0.0
+        self.layers: list[Layer] = []
+        self.quick: Layer | None = None  # all of the picture, at the scale of movements
+        self.other: Canvas | None = None  # another pack under the same camera
+        self.difference: Layer | None = None
+        self._difference: Difference | None = None
+        self._images: dict[str, tuple[int, moderngl.Texture]] = {}
+        self._sheet = SheetTexture(ctx, self._retired)
+        self._preview_picture: ExportPreviewPicture | None = None
+        self.clock = GpuClock(ctx)
+        self.rest_s, self.blend_s = REST_S, BLEND_S
+        self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
+        self.gpu_ms: float | None = None  # of the same, by the card's own clock
+        self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
+        self.picture_gpu_ms: float | None = None  # likewise, by the card's own clock
+        self.drawn_size = (0, 0)  # pixels of the picture that is shown
+        self.drawn: Drawn | None = None  # by this frame; see viewer.app.frame
+
+    # Packs and pixels
+
+    def preallocate(self, pack: Pack | None) -> None:
+        """Begins to allocate textures for a pack that is still being read; None gives them up."""
+        self._preallocator.make(pack)
+
+    def show(self, pack: Pack | None) -> None:
+        """Uploads another pack. UserError, with the old one kept, where it does not fit."""
+        self._drop_coming()
+        renderer = (
+            None if pack is None else Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
+        )
+        if self.renderer is not None:
+            self.renderer.release()
+        self.renderer = renderer
+        self.forget()
+
+    def refine(self, pack: Pack) -> None:
+        """Uploads a finer version of the open pack and shows it once it is complete."""
+        coming = Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
+        self._drop_coming()
+        self._coming = coming
+
+    def _drop_coming(self) -> None:
+        if self._coming is not None:
+            self._coming.release()
+        self._coming = None
+
+    def _receive(self, camera: ViewCamera) -> None:
+        """Goes on with what is on its way to the card, what lies close to the camera first."""
+        assert self.renderer is not None
+        (self._coming or self.renderer).see_first(camera)
+        if self._coming is not None:
+            if self._coming.arrive(ARRIVING_S):
+                self.renderer.release()
+                self.renderer, self._coming = self._coming, None
+                self._wanted = ()
+        elif self.renderer.arriving:
+            self.renderer.arrive(ARRIVING_S)
+            self._wanted = ()  # more is to be seen now
+
+    def _receive_all(self) -> Renderer:
+        """What draws the whole pack, at its finest: what is still on its way to the card is waited for."""
+        assert self.renderer is not None
+        finest = self._coming or self.renderer
+        finest.arrive()
+        return finest
+
+    def show_other(self, pack: Pack | None) -> None:
+        """Uploads a second pack to compare with; None removes it."""
+        other = None
+        if pack is not None:
+            other = Canvas(self.ctx, self._retired)
+            other.rest_s, other.blend_s = self.rest_s, self.blend_s
+            other.show(pack)
+        if self.other is not None:
+            self.other.release()
+        self.other = other
+
+    def image(self, name: str, pixels: np.ndarray) -> int:
+        """OpenGL name of the texture `name` with `pixels` (uint8 [h, w, 3]); uploaded again when they change."""
+        if name not in self._images or self._images[name][0] != id(pixels):
+            self.drop_image(name)
+            texture = self.ctx.texture((pixels.shape[1], pixels.shape[0]), 3, pixels.tobytes(), alignment=1)
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            self._images[name] = (id(pixels), texture)
+        return self._images[name][1].glo
+
+    def sheet(self, sheet: Sheet) -> int:
+        """OpenGL name of the texture with all that has arrived on a sheet."""
+        return self._sheet.follow(sheet)
+
+    def drop_image(self, name: str) -> None:
+        """Frees such a texture, if there is one."""
+        if name in self._images:
+            self._retired.append(self._images.pop(name)[1])
+
+    def subtract(self, picture: Layer, other: Layer, size: tuple[int, int], gain: float) -> None:
+        """Sets `difference` to |picture - other| · gain, at `size` (width, height in pixels)."""
+        if self._difference is None:
+            self._difference = Difference(self.ctx, self._retired)
+        self.difference = self._difference.draw(picture, other, size, gain)
+
+    def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
+        """Distance (grid units) along the ray through a pixel to the surface; None for none, and in forward-facing packs."""
+        if self.renderer is None or self.renderer.pack.ndc:
+            return None
+        pack = self.renderer.pack
+        pixel = replace(camera, cx=camera.cx - x + 0.5, cy=camera.cy - y + 0.5, width=1, height=1)
+        raw = self._floats(pixel, replace(settings, marcher="exact", mode="depth", raw=True), components=4)
+        if raw[0, 0, 3] < 0.1:
+            return None
+        _, ray = ray_through(camera, x, y)
+        return float(depth_along_axis(raw, pixel, pack)[0, 0] / (ray @ -camera.grid_T_camera[:3, 2]))
+
+    def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """Samples per ray, float32 [height, width, 3], for `settings` with counts."""
+        return self._floats(camera, settings)
+
+    def draw_export_preview(
+        self, geometry: PreviewGeometry, camera: ViewCamera, ground: tuple[float, float, float]
+    ) -> np.ndarray:
+        """A picture of what an export would write, uint8 [height, width, 3], over the colour `ground` (sRGB, 0 … 1)."""
+        if self._preview_picture is None:
+            self._preview_picture = ExportPreviewPicture(self.ctx)
+        width, height = camera.width, camera.height
+        framebuffer = self._still.fit(width, height)
+        self._preview_picture.draw(framebuffer, geometry, camera, ground)
+        pixels = np.frombuffer(framebuffer.read((0, 0, width, height), components=3, alignment=1), np.uint8)
+        return pixels.reshape(height, width, 3)[::-1].copy()
+
+    def drop_export_preview(self) -> None:
+        """Frees the GPU memory of `draw_export_preview`."""
+        if self._preview_picture is not None:
+            self._preview_picture.release()
+        self._preview_picture = None
+
+    def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """Raw values or counts of the whole pack, float32 [height, width, 4]; see viewer.rendering.layers."""
+        self._receive_all()
+        return self._floats(camera, settings, components=4)
+
+    def _floats(self, camera: ViewCamera, settings: RenderSettings, components: int = 3) -> np.ndarray:
+        """The picture unrounded, float32 [height, width, components]."""
+        assert self.renderer is not None
+        self.renderer.arrive()
+        texture = self.ctx.texture((camera.width, camera.height), 4, dtype="f4")
+        framebuffer = self.ctx.framebuffer([texture], self.ctx.depth_renderbuffer((camera.width, camera.height)))
+        try:
+            self.renderer.render(framebuffer, camera, settings)
+            pixels = np.frombuffer(framebuffer.read(components=components, dtype="f4"), "f4")
+            return pixels.reshape(camera.height, camera.width, components)[::-1]
+        finally:
+            unbind_framebuffers(self.ctx)
+            free_framebuffer(framebuffer)
+
+    def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """The picture, uint8 [height, width, 3]; waits until the whole pack is uploaded."""
+        renderer = self._receive_all()
+        width, height = camera.width, camera.height
+        framebuffer = self._still.fit(width, height)
+        renderer.render(framebuffer, camera, settings, (0, 0, width, height))
+        pixels = np.frombuffer(framebuffer.read((0, 0, width, height), components=3, alignment=1), np.uint8)
+        return pixels.reshape(height, width, 3)[::-1].copy()
+
+    @property
+    def card(self) -> str:
+        """The graphics card's name."""
+        return str(self.ctx.info.get("GL_RENDERER", "unknown"))
+
+    @property
+    def clock_problem(self) -> str:
+        """Why the GPU's timer is unreliable; "" where it is not."""
+        return self.clock.reason
+
+    @property
+    def gpu_bytes_by_use(self) -> dict[str, int]:
+        """Texture memory in bytes, by what it is for; what takes none is left out."""
+        other = self.other.gpu_bytes if self.other is not None else 0
+        uses = {
+            "Pack": self.renderer.gpu_bytes() if self.renderer is not None else 0,
+            "Other pack": other,
+            "Pictures": sum(4 * target.size[0] * target.size[1] for target in (self._quick, self._full, self._still)),
+            "Photographs": self._sheet.gpu_bytes + sum(t.width * t.height * 4 for _, t in self._images.values()),
+        }
+        return {use: size for use, size in uses.items() if size}
+
+    @property
+    def gpu_bytes(self) -> int:
+        """Texture memory in use."""
+        return sum(self.gpu_bytes_by_use.values())
+
+    # Drawing
+
+    def follow(
+        self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution, *, anew: bool = False
+    ) -> bool:
+        """Draws a quick picture if `layers` show another camera or other settings, or if `anew`. True if it drew."""
+        if self.renderer is None or camera is None:
+            self.layers = []
+            return False
+        self._receive(camera)
+        wanted = _key(camera, settings, resolution.rest_scale)
+        if wanted == self._wanted and not anew:
+            return False
+        self._wanted, self._changed_at, self._tiles = wanted, time.monotonic(), None
+        self._draw_quick(camera, settings, resolution)
+        return True
+
+    def sharpen(self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution) -> bool:
+        """Draws the next tile of the full picture once nothing has changed for a moment. True if it drew.
+
+        Call it after follow(), with the same arguments.
+        The moment is `rest_s`.
+        """
+        if self.renderer is None or camera is None or not self._wanted:
+            return False
+        if self._tiles == []:
+            self._blend()
+            return False
+        if self._tiles is None and time.monotonic() - self._changed_at < self.rest_s:
+            return False
+        self._draw_tile(camera, settings, resolution)
+        self._blend()
+        return True
+
+    def sweep(self) -> None:
+        """Frees textures that are no longer needed. Call before a frame's panels are built: lists of drawing that are
+        built already may still name them.
+        """
+        while self._retired:
+            self._retired.pop().release()
+        self._preallocator.sweep()
+
+    def forget(self) -> None:
+        """Begins anew with the next draw, after one that failed."""
+        self._wanted, self._tiles, self.layers, self.quick, self.difference = (), None, [], None, None
+        self._blending = False
+
+    @property
+    def pending(self) -> bool:
+        """Whether the full picture is not there yet."""
+        if self.renderer is None:
+            return False
+        drawing = bool(self._wanted) and self._tiles != []
+        return self.renderer.arriving or self._coming is not None or drawing or self._blending
+
+    @property
+    def blending(self) -> bool:
+        """Whether a tile is appearing at this moment: the next frame shows more of it, and nothing is to be drawn for it."""
+        return self.renderer is not None and self._blending and self._tiles == []
+
+    def _draw_quick(self, camera: ViewCamera, settings: RenderSettings, resolution: DynamicResolution) -> None:
+        size = _scaled(camera, resolution.moving_scale)
+        drawn = with_margin(camera.resized(*size))
+        whole = with_margin(camera)
+        target = self._quick.fit(whole.width, whole.height)
+        settings = of_picture(settings, camera.height, camera.fy)
+        self._timed(target, drawn, settings, (0, 0, drawn.width, drawn.height))
+        self.picture_ms, self.picture_gpu_ms = self.scene_ms, self.gpu_ms
+        resolution.moved(self.scene_ms, drawn.width * drawn.height)
+        self.drawn_size = size
+        self.quick = self._quick.layer(size)
+        self.layers, self._blending = [self.quick], False
+        if size == _scaled(camera, resolution.rest_scale):
+            self._tiles = []
+
+    def _draw_tile(self, camera: ViewCamera, settings: RenderSettings, resolution: DynamicResolution) -> None:
+        size = _scaled(camera, resolution.rest_scale)
+        whole = with_margin(camera.resized(*size))
+        if self._tiles is None:
+            self._tiles, self._done = tiles(whole.width, whole.height, resolution.tile_side()), []
+            self._tile_ms, self._tile_gpu_ms = 0.0, 0.0
+        target = self._full.fit(whole.width, whole.height)
+        x, y, w, h = self._tiles.pop(0)
+        part = replace(whole, width=w, height=h, cx=whole.cx - x, cy=whole.cy - y)
+        settings = of_picture(settings, camera.height, camera.fy)
+        self._timed(target, part, settings, (x, whole.height - y - h, w, h))
+        resolution.measured(self.scene_ms, w * h)
+        self._tile_ms += self.scene_ms
+        self._tile_gpu_ms += self.gpu_ms or 0.0
+        self._done.append(((x, y - MARGIN, w, h), time.monotonic()))
+        self._size, self._blending = size, True
+        if not self._tiles:
+            self.drawn_size, self.picture_ms = size, self._tile_ms
+            self.picture_gpu_ms = None if self.gpu_ms is None else self._tile_gpu_ms
+
+    def _blend(self) -> None:
+        """Puts the tiles that are drawn over the quick picture, each as far as it has appeared by now.
+
+        Behind the last one, all of the picture comes over them: tiles end at their outermost pixels' centres.
+        """
+        if not self._blending:
+            return
+        assert self.quick is not None
+        now = time.monotonic()
+
+        def shown(layer: Layer, drawn: float) -> Layer:
+            age = (now - drawn) / self.blend_s if self.blend_s > 0 else 1.0
+            return replace(layer, opacity=min(age, 1.0))
+
+        tiles = [shown(self._full.layer(self._size, box), drawn) for box, drawn in self._done]
+        self.layers = [self.quick, *tiles]
+        if not self._tiles:
+            whole = shown(self._full.layer(self._size), self._done[-1][1])
+            self._blending = whole.opacity < 1.0
+            self.layers = [*self.layers, whole] if self._blending else [whole]
+
+    def _timed(self, target: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, viewport) -> None:
+        assert self.renderer is not None
+        renderer = self.renderer
+        self.gpu_ms, self.scene_ms = self.clock.time(lambda: renderer.render(target, camera, settings, viewport))
+
+    def release(self) -> None:
+        """Frees everything on the card."""
+        self._preallocator.release()
+        self.show_other(None)
+        self._drop_coming()
+        for name in list(self._images):
+            self.drop_image(name)
+        self._sheet.release()
+        self.drop_export_preview()
+        if self._difference is not None:
+            self._difference.release()
+        for target in (self._quick, self._full, self._still):
+            target.release()
+        if self.renderer is not None:
+            self.renderer.release()
+            self.renderer = None
+        self.layers, self.difference = [], None
+
+    def close(self) -> None:
+        """As release(), and what was left to be freed as well: nothing is drawn any more."""
+        self.release()
+        self.sweep()
+
+
+def _scaled(camera: ViewCamera, scale: float) -> tuple[int, int]:
+    return max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
+
+
+def _key(camera: ViewCamera, settings: RenderSettings, rest_scale: float) -> tuple[object, ...]:
+    """What makes two pictures the same one."""
+    numbers = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near)
+    numbers += (camera.ray_near, camera.orthographic, *camera.distortion)
+    return camera.grid_T_camera.tobytes(), numbers, settings, rest_scale

@@ -1,0 +1,241 @@
+"""OpenGL beside moderngl: versions, the current context, framebuffers, programs and their buffers, timer queries.
+
+The window and the offscreen renderer ask here, so that both say the same. A function's address, as drivers hand them
+out, stands for OpenGL itself: the context that is current may be older than anything moderngl speaks to.
+
+moderngl makes a context current, but neither says which one was nor makes that current again; on EGL, leaving `with ctx:`
+leaves none at all.
+
+A software rasteriser draws on the processor after the query has ended, or not at all until it is asked for pixels, so
+that its timer queries tell little of what a picture costs; there they are not used.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from console import UserError
+from viewer.rendering.shader_source import ShaderText, compile_program
+from viewer.rendering.software_rasteriser import finish, is_software
+
+NEEDED = "OpenGL 3.3 or later"
+GL_RENDERER, GL_VERSION = 0x1F01, 0x1F02
+OVERRIDE = "MESA_GL_VERSION_OVERRIDE"
+# Other variables of the environment that decide which driver draws.
+DRIVER_CHOICES = (
+    "LIBGL_ALWAYS_INDIRECT",
+    "LIBGL_DRIVERS_PATH",
+    "GALLIUM_DRIVER",
+    "MESA_LOADER_DRIVER_OVERRIDE",
+    "EGL_PLATFORM",
+    "__EGL_VENDOR_LIBRARY_FILENAMES",
+    "__GLX_VENDOR_LIBRARY_NAME",
+)
+PACKAGES = "apt-get install libgl1 libegl1 libgl1-mesa-dri, or dnf install mesa-libGL mesa-libEGL mesa-dri-drivers"
+
+
+def version_at(get_string: int | None) -> str:
+    """The version and the renderer of the context that is current; "" where they are not told.
+
+    get_string: address of glGetString, None where there is none.
+    """
+    if not get_string:
+        return ""
+    make = getattr(ctypes, "WINFUNCTYPE", ctypes.CFUNCTYPE)  # OpenGL's calling convention on Windows
+    ask = make(ctypes.c_char_p, ctypes.c_uint)(get_string)
+    version, renderer = ((ask(name) or b"").decode(errors="replace") for name in (GL_VERSION, GL_RENDERER))
+    return f"OpenGL {version}, drawn by {renderer}" if version else ""
+
+
+def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -> UserError:
+    """What to tell where there is no OpenGL 3.3.
+
+    version: as version_at gives it, "" where there is no OpenGL at all. complaint: the driver's own words. window: it was
+    for a window, which some displays refuse where drawing into files works.
+    """
+    version = version if _is_old(version) else ""  # it was something else then
+    remedy = _remedy(version, complaint, os.environ, sys.platform)
+    if window and not version:
+        remedy += "; snerg-render may draw without a window"
+    what, found = (
+        ("this computer's OpenGL is too old", version) if version else ("no OpenGL to draw with", complaint.strip())
+    )
+    choices = [f"{name}={os.environ[name]}" for name in DRIVER_CHOICES if os.environ.get(name)]
+    if choices:
+        found = f"{found or 'none'}, while {', '.join(choices)} is set"
+        remedy = f"unset {choices[0].partition('=')[0]} and start again; or {remedy}"
+    return UserError(what, expected=NEEDED, found=found or "none", remedy=remedy)
+
+
+def _is_old(version: str) -> bool:
+    number = re.match(r"OpenGL (?:ES )?(\d+)\.(\d+)", version)
+    return number is not None and (int(number[1]), int(number[2])) < (3, 3)
+
+
+def _remedy(version: str, complaint: str, environment: Mapping[str, str], platform: str) -> str:
+    """What to install, or to try."""
+    if override := environment.get(OVERRIDE):
+        return f"{OVERRIDE}={override} is set, which hides what the driver can do: unset it and start again"
+    if platform == "win32":
+        return (
+            "install the driver of the graphics card's maker (what comes with Windows has OpenGL 1.1 alone); over Remote "
+            "Desktop, start it on the computer itself"
+        )
+    if platform == "darwin":
+        return "update macOS: every Mac since 2012 has OpenGL 4.1"
+    if "GLX extension not found" in complaint:
+        return "this display has no OpenGL, as over ssh -X or some VNC servers: start it on the computer's own screen"
+    if is_software(version):
+        return f"update Mesa: {PACKAGES}"
+    if version:
+        return f"update the graphics driver, or draw without it: start again with LIBGL_ALWAYS_SOFTWARE=1 (needs {PACKAGES})"
+    return f"install a graphics driver, or Mesa, which draws without a graphics card: {PACKAGES}"
+
+
+# --- Which OpenGL context is the thread's current one ---
+
+DRAW, READ = 0x3059, 0x305A  # EGL_DRAW, EGL_READ
+
+
+def current_context() -> Callable[[], None]:
+    """Call what this returns to make that context current again which is current now, if there is one and it lives then."""
+    egl = _egl()
+    if egl is None:
+        return lambda: None
+    context, display = egl.eglGetCurrentContext(), egl.eglGetCurrentDisplay()
+    if not context or not display:
+        return lambda: None
+    thread = threading.get_ident()
+    surfaces = egl.eglGetCurrentSurface(DRAW), egl.eglGetCurrentSurface(READ)
+
+    def give_back() -> None:
+        if threading.get_ident() == thread:
+            egl.eglMakeCurrent(display, *surfaces, context)  # False, and nothing happens, where it is gone
+
+    return give_back
+
+
+def _egl() -> ctypes.CDLL | None:
+    """The system's EGL, None where there is none."""
+    if not sys.platform.startswith("linux"):
+        return None
+    try:
+        egl = ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        return None
+    handle = ctypes.c_void_p
+    for name, arguments in (
+        ("eglGetCurrentContext", []),
+        ("eglGetCurrentDisplay", []),
+        ("eglGetCurrentSurface", [ctypes.c_int]),
+        ("eglMakeCurrent", [handle] * 4),
+    ):
+        function = getattr(egl, name)
+        function.argtypes, function.restype = arguments, ctypes.c_uint if name == "eglMakeCurrent" else handle
+    return egl
+
+
+# --- Letting framebuffers go ---
+
+
+def unbind_framebuffers(ctx: moderngl.Context) -> None:
+    """Binds a framebuffer that outlives ours: moderngl binds the last one again whenever it makes another."""
+    if ctx.screen is not None:
+        ctx.screen.use()
+        return
+    if ctx.extra is None:
+        ctx.extra = ctx.simple_framebuffer((1, 1))
+    ctx.extra.use()
+
+
+def free_framebuffer(framebuffer: moderngl.Framebuffer) -> None:
+    """Frees a framebuffer with all that is attached to it: its own release() keeps that, 8 bytes for each pixel at least."""
+    for attached in (*framebuffer.color_attachments, framebuffer.depth_attachment):
+        if attached is not None:
+            attached.release()
+    framebuffer.release()
+
+
+# --- Programs that know which uniforms they have ---
+
+
+class Program:
+    """A vertex and a fragment shader, compiled and linked. linked: as moderngl has it."""
+
+    def __init__(self, ctx: moderngl.Context, vertex: ShaderText, fragment: ShaderText) -> None:
+        self.linked = compile_program(ctx, vertex, fragment)
+        # Asked for once: a window draws hundreds of frames a second, and each has some twenty values to write.
+        members = ((name, self.linked[name]) for name in self.linked)
+        self._uniforms = [(name, member) for name, member in members if isinstance(member, moderngl.Uniform)]
+
+    def write(self, values: Mapping[str, Any]) -> None:
+        """Numbers, vectors or matrices by the name of their uniform, or functions that work one out, called if it is there.
+
+        Values that the program has no uniform for are passed over: what a variant does not use vanishes when it is linked.
+        """
+        for name, uniform in self._uniforms:
+            if name in values:
+                value = values[name]
+                value = value() if callable(value) else value
+                uniform.write(np.asarray(value, "f4").T.tobytes())  # GLSL's matrices are column-major
+
+    def release(self) -> None:
+        self.linked.release()
+
+
+class Drawing(Program):
+    """A program and what it always draws: content, (buffer, format, attribute) each as moderngl has it; none for
+    fullscreen.vert."""
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        vertex: ShaderText,
+        fragment: ShaderText,
+        content: Sequence[tuple[moderngl.Buffer, str, str]] = (),
+    ) -> None:
+        super().__init__(ctx, vertex, fragment)
+        self.vertices = ctx.vertex_array(self.linked, list(content))
+
+    def draw(self, vertices: int = -1) -> None:
+        """Draws triangles from the first `vertices`; from all of them unless told."""
+        self.vertices.render(moderngl.TRIANGLES, vertices=vertices)
+
+    def release(self) -> None:
+        self.vertices.release()
+        super().release()
+
+
+# --- How long drawing takes ---
+
+
+class GpuClock:
+    """Times drawing in `ctx`. reason: why GPU times are not measured; "" where they are."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self.ctx = ctx
+        renderer = str(ctx.info.get("GL_RENDERER", ""))
+        self.reason = f"{renderer.split(' (')[0]} draws in software" if is_software(renderer) else ""
+        self._query = None if self.reason else ctx.query(time=True)
+
+    def time(self, draw: Callable[[], None]) -> tuple[float | None, float]:
+        """Runs `draw` to its end: milliseconds on the GPU, None where they are not measured, and by the wall clock."""
+        start = time.perf_counter()
+        if self._query is None:
+            draw()
+        else:
+            with self._query:
+                draw()
+        finish(self.ctx)
+        wall = 1000.0 * (time.perf_counter() - start)
+        return (self._query.elapsed / 1e6 if self._query is not None else None), wall

@@ -1,0 +1,175 @@
+"""What the canvas draws into, and textures of small pictures.
+
+A picture of width × height pixels lies in the lower left corner of its texture with one more row of pixels above it and
+one more column at its right: what is magnified is blended with the true neighbours at every edge, not with whatever an
+earlier picture has left there. Sizes are (width, height) in pixels; boxes x, y, w, h are measured from the top left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import moderngl
+import numpy as np
+
+from console import UserError
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.opengl import unbind_framebuffers
+from viewer.rendering.shader_source import assemble, compile_program
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A rectangle of a texture, drawn over the layers before it."""
+
+    texture: int  # OpenGL name
+    uv0: tuple[float, float]  # top left corner in the texture
+    uv1: tuple[float, float]  # bottom right corner in the texture
+    box: tuple[float, float, float, float]  # x0, y0, x1, y1 on the viewport, 0 … 1 from the top left
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Time that a frame took to draw the picture, or both pictures of a comparison."""
+
+    scene_ms: float  # wall clock, around finish()
+    gpu_ms: float | None  # the GPU's own timer; None where it is unreliable
+
+
+class Sheet(Protocol):
+    """Small pictures side by side in one array."""
+
+    sheet: np.ndarray  # uint8 [rows, columns, 3]
+    boxes: dict[int, tuple[int, int, int, int]]  # x, y, width, height by index of each picture that has arrived
+
+
+Box = tuple[int, int, int, int]
+MARGIN = 1  # pixels above and at the right of each picture
+
+
+def with_margin(camera: ViewCamera) -> ViewCamera:
+    """The camera of the picture and its margin."""
+    width, height = camera.width + MARGIN, camera.height + MARGIN
+    return replace(camera, width=width, height=height, cy=camera.cy + MARGIN)
+
+
+class Target:
+    """A texture to draw into, grown as needed. Textures that it no longer needs go to `retired`; see Canvas.sweep."""
+
+    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
+        self.ctx, self.size, self.retired = ctx, (0, 0), retired
+        self.framebuffer: moderngl.Framebuffer | None = None
+
+    def fit(self, width: int, height: int) -> moderngl.Framebuffer:
+        """A framebuffer of at least this size. UserError where the driver refuses one."""
+        if self.framebuffer is None or self.size[0] < width or self.size[1] < height:
+            self.release()
+            texture = self.ctx.texture((width, height), 4)
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            texture.repeat_x = texture.repeat_y = False
+            depth = self.ctx.depth_renderbuffer((width, height))
+            self.framebuffer, self.size = self.ctx.framebuffer([texture], depth), (width, height)
+            if self.ctx.error != "GL_NO_ERROR":
+                self.release()
+                raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+        return self.framebuffer
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        assert self.framebuffer is not None
+        return self.framebuffer.color_attachments[0]  # type: ignore[return-value]
+
+    def release(self) -> None:
+        if self.framebuffer is not None:
+            unbind_framebuffers(self.ctx)
+            texture = self.texture
+            self.framebuffer.depth_attachment.release()  # type: ignore[union-attr]
+            self.framebuffer.release()
+            self.retired.append(texture)
+        self.framebuffer, self.size = None, (0, 0)
+
+    def layer(self, size: tuple[int, int], part: Box | None = None) -> Layer:
+        """What draws a picture of `size`, or of its `part` what lies inside the part's outermost pixels' centres."""
+        (tw, th), (width, height) = self.size, size
+        x0, y0, x1, y1 = 0.0, 0.0, float(width), float(height)
+        if part is not None:  # beyond these centres it would be blended with what is not drawn yet
+            x, y, w, h = part
+            x0, y0, x1, y1 = x + 0.5, max(y + 0.5, 0.0), min(x + w - 0.5, x1), y + h - 0.5
+        uv0, uv1 = (x0 / tw, (height - y0) / th), (x1 / tw, (height - y1) / th)
+        return Layer(self.texture.glo, uv0, uv1, (x0 / width, y0 / height, x1 / width, y1 / height))
+
+
+class Difference:
+    """Subtracts two layers; see shaders/difference.frag."""
+
+    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
+        self.ctx, self._target = ctx, Target(ctx, retired)
+        self.program = compile_program(ctx, assemble("fullscreen.vert"), assemble("difference.frag"))
+        self.triangle = ctx.vertex_array(self.program, [])
+
+    def draw(self, a: Layer, b: Layer, size: tuple[int, int], gain: float) -> Layer:
+        """The layer that shows |a - b| · gain on the whole viewport of `size` pixels."""
+        framebuffer = self._target.fit(*size)
+        framebuffer.use()
+        framebuffer.viewport = (0, 0, *size)
+        self.ctx.enable_only(moderngl.NOTHING)
+        for unit, (name, layer) in enumerate((("a", a), ("b", b))):
+            texture = self.ctx.external_texture(layer.texture, (1, 1), 4, 0, "f1")
+            texture.use(unit)
+            self.program[f"picture_{name}"] = unit
+            self.program[f"box_{name}"] = layer.box
+            self.program[f"part_{name}"] = (*layer.uv0, *layer.uv1)
+        self.program["target_size"] = size
+        self.program["gain"] = gain
+        self.triangle.render(moderngl.TRIANGLES, vertices=3)
+        return self._target.layer(size)
+
+    def release(self) -> None:
+        self._target.release()
+        self.triangle.release()
+        self.program.release()
+
+
+# --- The sheet of thumbnails on the card ---
+
+HALVINGS = 2  # mipmaps; cells are powers of two, so that neighbours do not mix at these sizes
+
+
+class SheetTexture:
+    """An RGB texture as large as a sheet. Textures that it no longer needs go to `retired`; see Canvas.sweep."""
+
+    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
+        self.ctx, self._retired = ctx, retired
+        self._texture: moderngl.Texture | None = None
+        self._of: Sheet | None = None
+        self._there: set[int] = set()
+
+    def follow(self, sheet: Sheet) -> int:
+        """OpenGL name of the texture with all of `sheet` that has arrived."""
+        if self._texture is None or self._of is not sheet:
+            self.release()
+            height, width = sheet.sheet.shape[:2]
+            self._texture, self._of = self.ctx.texture((width, height), 3, alignment=1), sheet
+        arrived = [index for index in list(sheet.boxes) if index not in self._there]
+        for index in arrived:
+            x, y, width, height = sheet.boxes[index]
+            pixels = np.ascontiguousarray(sheet.sheet[y : y + height, x : x + width])
+            self._texture.write(pixels.tobytes(), (x, y, width, height), alignment=1)
+        if arrived:
+            self._there.update(arrived)
+            self._texture.build_mipmaps(0, HALVINGS)
+            self._texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        return self._texture.glo
+
+    @property
+    def gpu_bytes(self) -> int:
+        """Texture memory in use, mipmaps included."""
+        return 0 if self._texture is None else self._texture.width * self._texture.height * 4
+
+    def release(self) -> None:
+        """Frees the texture."""
+        if self._texture is not None:
+            self._retired.append(self._texture)
+        self._texture, self._of, self._there = None, None, set()
