@@ -194,7 +194,7 @@ def said(child: CommandProcess) -> str:
     return child.error_line().removeprefix("snerg-pack: ")
 
 
-# --- What an export would look like ---
+# --- Preview ---
 
 SETTLED_S = 0.25  # without a change, before it is begun: sliders pass through many values
 

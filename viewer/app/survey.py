@@ -103,7 +103,7 @@ class BarePreview(JsonTask):
         return None if self.seconds is None else sum(self.seconds.values())
 
 
-# --- What making a scene will take on this computer ---
+# --- Time, memory and disk ---
 
 SPEED_MODULE = "training.speed"
 # Of five captures in docs/results.md: baking took 0.8 to 1.1 times as long as training.
@@ -161,7 +161,7 @@ def _share(preset: str, side: int) -> float:
     return (PRESETS[preset].resolution_for(side) / 1000) ** 2  # type: ignore[index]
 
 
-# --- What is there ---
+# --- Survey ---
 
 
 def trainer_missing() -> bool:

@@ -145,7 +145,7 @@ class Docking:
                 app.interface.placed(page, usual)
 
 
-# --- Where everything goes ---
+# --- Rail and pages ---
 
 TOP, RAIL, SIDE = 48.0, 50.0, 318.0
 ICON_STEP = 40.0  # from one icon of the rail to the next

@@ -45,7 +45,7 @@ def corner_card(name: str, box: Box) -> Iterator[None]:
         imgui.end()
 
 
-# --- What lies over the picture ---
+# --- Over the picture ---
 
 Box = tuple[float, float, float, float]
 AXIS_COLOURS = ("#f2777a", "#6fd08c", "#6cb2f5")
