@@ -174,7 +174,7 @@ def decimated(surface: Surface, most_faces: int) -> Surface:
         return surface
     import fast_simplification
 
-    vertices, faces = fast_simplification.simplify(surface.vertices, surface.faces, target_count=most_faces)
+    vertices, faces = fast_simplification.simplify(surface.vertices, surface.faces, target_count=most_faces)[:2]
     closest = KDTree(surface.vertices).query(vertices)[1]
     return Surface(vertices.astype(np.float32), faces.astype(np.int32), surface.colours[closest])
 

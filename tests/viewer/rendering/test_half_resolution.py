@@ -146,9 +146,9 @@ def test_a_pack_can_be_drawn_while_it_arrives(ctx: moderngl.Context, shapes: Pac
 def test_a_canvas_goes_on_drawing_until_all_has_arrived(
     ctx: moderngl.Context, shapes: Pack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    from viewer.rendering import canvas as canvas_module
     from viewer.rendering.dynamic_resolution import DynamicResolution
     from viewer.rendering.settings import RenderSettings
-    from viewer.window import canvas as canvas_module
 
     monkeypatch.setattr(canvas_module, "ARRIVING_S", 1e-9)
     canvas = Canvas(ctx)
