@@ -62,10 +62,11 @@ def test_bare_photographs_that_are_dropped_are_shown_with_what_is_set_aside_and_
     dialog = window.screenshot()
     assert blue_pixels(dialog) > 300  # of the photographs; nothing else there is blue
     assert window.app.making.plan.problem() is None
-    process = preview._process
     xdotool("key", "Escape")
-    pump(window)
-    assert window.app.making.plan is None and process.poll() is not None
+    end = time.monotonic() + 10
+    while not preview.finished and time.monotonic() < end:
+        pump(window)
+    assert window.app.making.plan is None and preview.finished
 
 
 def test_a_film_that_is_dropped_is_shown_by_some_of_its_frames(window, drop, xdotool, tmp_path):
