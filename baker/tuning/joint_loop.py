@@ -22,6 +22,7 @@ HELD_OUT_RAYS = 65_536
 RAYS_PER_CELL, NARROWEST, WIDEST = 6, 2, 4
 MOST_CELLS = 1 << 27  # of a grid, empty ones included: a table of all of them is kept
 LEAST_STEPS, FEWEST_SAMPLES = 200, 32_768
+CHOOSING = 0.15  # of the time: which rays meet content
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,9 @@ def joint_tune(
     by_opacity: see baker.tuning.shading.ErrorTerms. If no training ray meets the pack, it is returned unchanged, without figures.
     """
     told = on_share or (lambda share, text: None)
-    told(0.0, "choosing rays")
     every = np.arange(dataset.count, dtype=np.int32)
-    hits = every[PackMarcher(pack, dataset).meets(every)]
+    meets = PackMarcher(pack, dataset).meets(every, on_share=lambda share: told(CHOOSING * share, "choosing rays"))
+    hits = every[meets]
     trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
     if not len(trained_on):
         return pack, {}, EXACT
@@ -78,7 +79,7 @@ def joint_tune(
         tuner.fill(trained_on, max(int(config.samples * steps / LEAST_STEPS), FEWEST_SAMPLES), config.seed)
         steps = config.passes * len(trained_on) / tuner.rays
     steps = min(max(int(steps), 1), config.most_steps)
-    told(0.0, "compiling")
+    told(CHOOSING, "compiling")
     before = best = now = tuner.score(held_out)
     stored_in = config.steps
     if stored_in != EXACT:
@@ -104,7 +105,10 @@ def joint_tune(
             now = tuner.score(held_out)
             if now[0] >= best[0] or not config.held_out:
                 best, kept = now, tuner.snapshot()
-        told(done / steps, f"step {done} of {steps}, {'held-out ' if config.held_out else ''}{now[0]:.2f} dB")
+        told(
+            CHOOSING + (1 - CHOOSING) * done / steps,
+            f"step {done} of {steps}, {'held-out ' if config.held_out else ''}{now[0]:.2f} dB",
+        )
     return tuner.tuned(kept), {
         "passes": round(done * tuner.rays / len(trained_on), 2), **figures,
         "held_out_psnr_before": round(before[0], 3), "held_out_psnr_after": round(best[0], 3),
