@@ -25,6 +25,11 @@ LONGEST_LINE = 1 << 24  # bytes
 _FLAGS = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 
+def module_command(module: str, *words: str) -> list[str]:
+    """`python -m module words`, without the modules that lie in the current folder, which is the user's (-P)."""
+    return [sys.executable, "-P", "-m", module, *words]
+
+
 class ChildProcess:
     """A running child. OSError where it cannot be started.
 

@@ -46,13 +46,14 @@ FORMAT = 3  # of a work folder: raised whenever the same key would give other pi
 
 @dataclass(frozen=True)
 class Bake:
-    """What is baked and how. work: where a broken-off bake with the same work_key goes on, and where other processes help (its
-    share); the caller removes it when the pack is saved."""
+    """A bake: the run, how to bake it, and where its parts are kept."""
 
     run: Run
     config: BakeConfig
     work: WorkFolder | None = None
+    """Finished parts, for resuming and for sharing a bake between processes. The caller removes it when the pack is saved."""
     stages: Stages = field(default_factory=Stages)
+    """Progress and times."""
 
     @property
     def query(self) -> FieldQuery:
@@ -72,8 +73,7 @@ def bake(
 ) -> Pack:
     """Bakes the run's field. UserError where the field holds nothing that a training camera sees.
 
-    work: see Bake. last: nobody needs the run's state after this; it is given up once the voxels are made, which leaves a
-    gigabyte to what follows.
+    work, stages: see Bake. last: frees the run's state once the voxels are made, which saves a gigabyte.
     """
     check_bake(run, config)
     job = Bake(run, config, work, stages or Stages())
@@ -99,15 +99,13 @@ def bake(
 
 
 def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
-    """What `bake` quantises, as it is: neither pruned nor tuned, and not kept on disk. UserError as there."""
+    """The grid in floats, before quantisation: neither pruned nor tuned, not kept on disk. Raises what `bake` raises."""
     check_bake(run, config)
     job = Bake(run, config)
     grid, culling = culled_grid(job)
     grain, as_paper = run.method.grain(run.state), config.preset == "paper"
-    sampler, count = (
-        Sampler.of(job.query, grid, culling, grain, config.seed, as_paper=as_paper),
-        int(culling.kept.sum()),
-    )
+    sampler = Sampler.of(job.query, grid, culling, grain, config.seed, as_paper=as_paper)
+    count = int(culling.kept.sum())
     with job.stages("supersampling, in floats", count) as bar:
         return assemble(supersample_floats(sampler, _Rate(bar, count)), culling.kept, grid)
 
@@ -133,7 +131,7 @@ def check_bake(run: Run, config: BakeConfig) -> None:
 
 
 def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
-    """What the voxels of a bake depend on, for its work folder: the run as it is now, and the options before tuning."""
+    """Identifies the contents of a work folder: the run's state, and the options that decide voxels before pruning."""
     crc = 0
     for name, array in sorted(run.method.save(run.state).items()):
         crc = zlib.crc32(np.ascontiguousarray(array).data, zlib.crc32(name.encode(), crc))

@@ -109,10 +109,10 @@ def opaque_macroblocks(
     query: FieldQuery, grid: BakeGrid, occupied: Occupied | None = None, tick: Tick | None = None,
     work: WorkFolder | None = None,
 ) -> Opacity:  # fmt: skip
-    """The first test. The field is asked at every voxel centre, one layer of macroblocks after another; only cells are kept.
+    """Culling by opacity: evaluates the field at every voxel centre, layer by layer of macroblocks, and keeps cells.
 
-    occupied: spares asking the field where it is surely empty (baker.baking.field_query). tick: is told the share done. work:
-    where a broken-off bake goes on.
+    occupied: tells which boxes may hold content, to skip the others (baker.baking.field_query). tick: called with the share done.
+    work: finished layers, for resuming.
     """
     bx, by, bz = grid.blocks
     size, per_block = grid.block_size, grid.block_size // grid.cell
@@ -146,7 +146,7 @@ def opaque_macroblocks(
 def seen_macroblocks(
     opacity: Opacity, grid: BakeGrid, dataset: RayDataset, tick: Tick | None = None, work: WorkFolder | None = None
 ) -> Culling:
-    """The second test: what no training ray reaches with TAU_VIS goes."""
+    """Culling by visibility: drops macroblocks that no training ray reaches with transmittance TAU_VIS."""
     cells = opacity.density > 0
     name = f"{grid.resolution}_visibility"
     bits = once(work, name, lambda: _seen(opacity.density, grid, dataset, tick))["bits"]

@@ -31,21 +31,21 @@ COMPACT = Steps(3, 12, 8)  # of what a compact pack stores
 # dB of training rays that COMPACT may cost before it is tuned in. Surfaces lose half as much, and regain it. Mist, which is made
 # of faint voxels, loses more, and keeps a grain on walls.
 MOST_LOST_ROUNDED = 0.4
-MOST_LOST_PRUNED = 0.2  # dB of training rays, which tuning regains
+MOST_LOST_PRUNED = 0.2  # dB of training rays; tuning regains it, quality draft does not
 MOST_LOST_HIDDEN = 0.03  # dB of training rays, which nothing regains
 
 
 @dataclass(frozen=True)
 class Voxels:
-    """What a bake has after the passes so far."""
+    """State of a bake between passes."""
 
     pack: Pack
     photographs: RayDataset
-    """In the look of the field."""
+    """Training photographs with the exposure that the field has."""
     config: BakeConfig
     pruned: Pruned | None = None
     steps: Steps = EXACT
-    """What is stored in multiples of."""
+    """Quantisation steps of what is stored."""
     notes: Mapping[str, Any] = field(default_factory=dict)
     """For the pack's provenance."""
 
@@ -81,7 +81,7 @@ def passes_of(config: BakeConfig) -> list[tuple[str, Pass]]:
 
 
 def padded(voxels: Voxels, bar: Progress) -> Voxels:
-    """In place."""
+    """Fills the borders of macroblocks, in place."""
     pack = voxels.pack
     for part in (pack.atlas_rgba, pack.atlas_features):
         if part is not None:
@@ -90,17 +90,17 @@ def padded(voxels: Voxels, bar: Progress) -> Voxels:
 
 
 def pruned(voxels: Voxels, bar: Progress) -> Voxels:
-    """Without the voxels that are faint, as far as the photographs allow it."""
+    """Empties faint voxels, as far as PSNR on the photographs allows it."""
     light = voxels.light(bar)
     if light is None:
         return voxels
     pack, done = prune(voxels.pack, light, voxels.score, MOST_LOST_PRUNED)
-    told = {"before": done.voxels_before, "after": done.voxels_after, "tau_weight": done.tau_weight}
-    return replace(voxels, pack=pack, pruned=done).noted(voxels=told)
+    counts = {"before": done.voxels_before, "after": done.voxels_after, "tau_weight": done.tau_weight}
+    return replace(voxels, pack=pack, pruned=done).noted(voxels=counts)
 
 
 def tuned(voxels: Voxels, bar: Progress) -> Voxels:
-    """In place, but for the view MLP."""
+    """Tunes voxels, in place, and the view MLP."""
     compact = voxels.config.quality == "compact"
     config = JointConfig(seed=voxels.config.seed, steps=COMPACT if compact else EXACT, most_lost=MOST_LOST_ROUNDED)
     pack, figures, steps = joint_tune(voxels.pack, voxels.photographs, config, bar.update, voxels.by_opacity)
@@ -111,18 +111,18 @@ def tuned(voxels: Voxels, bar: Progress) -> Voxels:
 
 
 def with_tuned_view_mlp(voxels: Voxels, bar: Progress) -> Voxels:
-    """As in the paper."""
+    """Tunes the view MLP alone (section 5.5)."""
     pack, before, after = fine_tune(
         voxels.pack, voxels.photographs, seed=voxels.config.seed, by_opacity=voxels.by_opacity, on_share=bar.update
     )
     if not np.isfinite(after):
         return voxels
-    told = {"epochs": EPOCHS, "train_psnr_before": round(before, 3), "train_psnr_after": round(after, 3)}
-    return replace(voxels, pack=pack).noted(fine_tuning=told)
+    figures = {"epochs": EPOCHS, "train_psnr_before": round(before, 3), "train_psnr_after": round(after, 3)}
+    return replace(voxels, pack=pack).noted(fine_tuning=figures)
 
 
 def smoothed(voxels: Voxels, bar: Progress) -> Voxels:
-    """Of a compact pack; another is as it was."""
+    """Copies neighbours into hidden voxels of a compact pack; other packs stay as they are."""
     light = None if voxels.steps == EXACT else voxels.light(bar)
     if light is None:
         return voxels

@@ -17,7 +17,7 @@ import tyro
 from baker.baking.config import Quality
 from console import Notice, UserError, run_command
 from console.arguments import join_negative_values
-from console.python_command import module_command
+from console.child_process import module_command
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
 from training.posing.find import FRAMES, SCENE, posed_scene

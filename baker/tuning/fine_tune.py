@@ -53,8 +53,8 @@ def fine_tune(
 
     A diffuse pack, and one that no training pixel meets, comes back as it is.
     """
-    told = on_share or (lambda share, text: None)
-    pixels = None if pack.view_mlp is None else shaded_pixels(pack, dataset, seed, told)
+    report = on_share or (lambda share, text: None)
+    pixels = None if pack.view_mlp is None else shaded_pixels(pack, dataset, seed, report)
     if pack.view_mlp is None or pixels is None:
         return pack, float("nan"), float("nan")
     if not by_opacity:
@@ -68,7 +68,7 @@ def fine_tune(
     for epoch in range(epochs):  # pixels are in random order already: the same batches in another are enough
         order = jax.random.permutation(jax.random.fold_in(key, epoch), -(-count // batch))
         params, moments = _epoch(params, moments, pixels, order, batch, optimiser)
-        told(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
+        report(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
     return replace(pack, view_mlp=from_params(params)), before, _psnr(params, pixels)
 
 

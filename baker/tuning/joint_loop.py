@@ -65,9 +65,9 @@ def joint_tune(
 
     by_opacity: see baker.tuning.shading.ErrorTerms. If no training ray meets the pack, it is returned unchanged, without figures.
     """
-    told = on_share or (lambda share, text: None)
+    report = on_share or (lambda share, text: None)
     every = np.arange(dataset.count, dtype=np.int32)
-    meets = PackMarcher(pack, dataset).meets(every, on_share=lambda share: told(CHOOSING * share, "choosing rays"))
+    meets = PackMarcher(pack, dataset).meets(every, on_share=lambda share: report(CHOOSING * share, "choosing rays"))
     hits = every[meets]
     trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
     if not len(trained_on):
@@ -79,7 +79,7 @@ def joint_tune(
         tuner.fill(trained_on, max(int(config.samples * steps / LEAST_STEPS), FEWEST_SAMPLES), config.seed)
         steps = config.passes * len(trained_on) / tuner.rays
     steps = min(max(int(steps), 1), config.most_steps)
-    told(CHOOSING, "compiling")
+    report(CHOOSING, "compiling")
     before = best = now = tuner.score(held_out)
     stored_in = config.steps
     if stored_in != EXACT:
@@ -105,7 +105,7 @@ def joint_tune(
             now = tuner.score(held_out)
             if now[0] >= best[0] or not config.held_out:
                 best, kept = now, tuner.snapshot()
-        told(
+        report(
             CHOOSING + (1 - CHOOSING) * done / steps,
             f"step {done} of {steps}, {'held-out ' if config.held_out else ''}{now[0]:.2f} dB",
         )

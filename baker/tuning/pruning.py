@@ -48,10 +48,10 @@ class Pruned:
 def prune(
     pack: Pack, light: Light, score: Callable[[Pack], float], most_lost: float, tau_weight: float = TAU_WEIGHT
 ) -> tuple[Pack, Pruned]:
-    """The pack without the voxels that would make up less than tau_weight of any pixel in this light, closed within.
+    """The pack without voxels that contribute less than tau_weight to every pixel in this light, closed behind surfaces.
 
-    score (dB) may fall by no more than most_lost. Otherwise tau_weight is MILDER, or the pack comes back as it is. What one voxel
-    shows may be little, and all of them together a wall: rooms whose walls are mist are such scenes.
+    score: PSNR (dB) of a pack; it may fall by most_lost. If it falls further, smaller thresholds (MILDER) are tried, and in the
+    end the pack is returned unchanged: many faint voxels together may be a wall.
     """
     least = score(pack) - most_lost
     for part in (1.0, *MILDER):

@@ -70,13 +70,11 @@ class ShadingInputs(NamedTuple):
 class Tuner:
     """It works on the pack's own arrays, which must be writable: a second copy of an atlas of 1000³ is a gigabyte.
 
-    cell: voxels a side of a cell. by_opacity: see ErrorTerms. steps: of what is stored. rays: how many a step takes; known once
+    cell: voxels a side of a cell. by_opacity: see ErrorTerms. rays: how many a step takes; known once
     `fill` was called.
     """
 
-    def __init__(
-        self, pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False, steps: Steps = EXACT
-    ) -> None:
+    def __init__(self, pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False) -> None:
         self.terms = ErrorTerms(pack.ndc, by_opacity)
         features = None if pack.atlas_features is None else np.ascontiguousarray(pack.atlas_features)
         self.pack = replace(pack, atlas_rgba=np.ascontiguousarray(pack.atlas_rgba), atlas_features=features)
@@ -91,12 +89,10 @@ class Tuner:
         self.head_moments = [jax.tree.map(jnp.zeros_like, self.head) for _ in range(2)]
         self.found = [room_for_samples() for _ in range(self.workers.count)]
         self.steps = EXACT.channels
-        if steps != EXACT:
-            self.round_to(steps)
         self.rays, self.work = 0, work_for(0, 0)
 
     def round_to(self, steps: Steps) -> None:
-        """From now on, what is stored is in multiples of `steps`."""
+        """Stores everything in multiples of `steps`, now and after each update."""
         self.steps = steps.channels
         self._store(self.delta, np.arange(1, self.cells.count + 1, dtype=np.int32))
 

@@ -12,8 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from console.child_process import ChildProcess
-from console.python_command import module_command
+from console.child_process import ChildProcess, module_command
 from scenepack.codecs.base import CodecError, Shape
 
 PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # time limit of a decoder: PATIENCE_S + decoded bytes / BYTES_PER_S

@@ -265,7 +265,7 @@ def loss(
         "sparsity": sparsity,
     }
     total_loss = colour + settings.distortion * spread + sparsity
-    if settings.pairs:
+    if pairs.shape[0]:
         metrics["smoothness"] = roughness(table, parameters, levels, maps, pairs) @ jnp.asarray(settings.smoothness)
         total_loss += metrics["smoothness"]
     metrics |= {"rays": total, "samples": samples.valid.sum()}

@@ -194,15 +194,13 @@ class JaxEngine:
     def pairs(self, state: State, step: int) -> jax.Array:
         """The pairs of points of a step's smoothness loss; the same in every process."""
         settings = self.settings
-        if not settings.pairs:
+        if not any(settings.smoothness):
             return jnp.zeros((0, 2, 3))
         if "occupied" not in state.kept:
             state.kept["occupied"] = np.flatnonzero(is_on(state.codes))
         random = np.random.default_rng((self.seed, step, 3))
-        finest = self.plan.resolutions[-1]
-        return jnp.asarray(
-            neighbouring_points(state.kept["occupied"], settings.resolution, 1 / finest, settings.pairs, random)
-        )
+        cells, finest = state.kept["occupied"], self.plan.resolutions[-1]
+        return jnp.asarray(neighbouring_points(cells, settings.resolution, 1 / finest, self.plan.pairs, random))
 
     def _constants(self, state: State) -> Constants:
         return Constants(self._derived(state)[-1], self._lists(state), state.step_cells, self.settings)

@@ -60,8 +60,10 @@ def visited(
 def neighbouring_points(
     cells: np.ndarray, side: int, spacing: float, count: int, random: np.random.Generator
 ) -> np.ndarray:  # fmt: skip
-    """Pairs [count, 2, 3] of points of the unit cube: a random one of the cells int [C] of side³, and one `spacing` further along
-    an axis."""
+    """Pairs [count, 2, 3] of points of the unit cube: a random point of the cells int [C] of side³, and one `spacing` further
+    along an axis. None where there are no cells."""
+    if not len(cells):
+        return np.zeros((0, 2, 3), np.float32)
     chosen = cells[random.integers(0, len(cells), count)]
     corner = np.stack([chosen % side, chosen // side % side, chosen // side**2], -1)
     pairs = np.repeat(((corner + random.random((count, 3))) / side).astype(np.float32)[:, None], 2, 1)

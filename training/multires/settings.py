@@ -32,8 +32,8 @@ class Settings(NamedTuple):
 
     resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances
     in sides of the cube. sparsity: weight of the loss summed over lengths of rays in world units; sparsity_scale: its scale.
-    smoothness: weights of density, and of colours and features; pairs: of points that it compares in a step. rates: of table,
-    decoder, view MLP. octaves: of the view direction; has_view_mlp.
+    smoothness: weights of density, and of colours and features. rates: of table, decoder, view MLP. octaves: of the view
+    direction; has_view_mlp.
     """
 
     resolution: int
@@ -43,7 +43,6 @@ class Settings(NamedTuple):
     sparsity: float
     sparsity_scale: float
     smoothness: tuple[float, float]
-    pairs: int
     rates: tuple[float, float, float]
     final_rate_factor: float
     warmup_steps: int
@@ -82,6 +81,11 @@ class Plan:
         """Distance between samples, in cells of an occupancy grid of this resolution."""
         across = self.steps_across[sum(progress >= start for start in self.steps_from)]
         return resolution / across
+
+    @property
+    def pairs(self) -> int:
+        """Pairs of points that the smoothness loss compares in a step."""
+        return self.samples // SAMPLES_PER_PAIR
 
     def rays(self, samples_per_ray: float) -> int:
         """Rays that fill a step."""
@@ -153,8 +157,6 @@ def samples_for(pixels: int) -> int:
 def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
     """The constants of a run's steps."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
-    smoothness = by_kind.density_smoothness, by_kind.colour_smoothness
-    samples = own.samples_per_step or samples_for(longest_side(dataset))
     return Settings(
         resolution=by_kind.occupancy,
         background=dataset.background,
@@ -162,8 +164,7 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
         distortion=by_kind.distortion_weight,
         sparsity=config.sparsity_weight * by_kind.sparsity_factor * SPARSITY_SAMPLES / _ray_length(dataset),
         sparsity_scale=config.sparsity_scale,
-        smoothness=smoothness,
-        pairs=samples // SAMPLES_PER_PAIR if any(smoothness) else 0,
+        smoothness=(by_kind.density_smoothness, by_kind.colour_smoothness),
         rates=(own.table_rate, own.decoder_rate, own.view_rate),
         final_rate_factor=own.final_rate_factor,
         warmup_steps=own.warmup_steps,

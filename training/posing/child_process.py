@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from console import UserError, refusal
-from console.child_process import ChildProcess, json_answers
-from console.python_command import module_command
+from console.child_process import ChildProcess, json_answers, module_command
 from training.lock import one_at_a_time
 
 OnProgress = Callable[[str, float, float], None]  # what goes on, units done, units in all

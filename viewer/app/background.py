@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
-from console.child_process import ChildProcess
-from console.python_command import module_command
+from console.child_process import ChildProcess, module_command
 
 T = TypeVar("T")
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from console import UserError, not_written
 from console.atomic import write_file
-from console.python_command import module_command
+from console.child_process import module_command
 from training.scenes.sources import CONTAINERS
 
 NAME = "snerg"  # also the window's class, by which a desktop knows whose window it is

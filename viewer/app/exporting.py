@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from console import UserError
+from console.child_process import module_command
 from console.progress_protocol import Report
-from console.python_command import module_command
 from scenepack.pack import Pack
 from viewer.app.background import Task
 from viewer.app.command_process import CommandProcess, temporary_folder

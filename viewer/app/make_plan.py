@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Literal
 
 from console import UserError
+from console.child_process import module_command
 from console.json_text import read_json_file
-from console.python_command import module_command
 from training.scenes.scene import Box, Direction
 from training.scenes.sources import FEWEST, Source, is_film
 from viewer.app.files import POSED, REPORT, found_poses, why_not_writable

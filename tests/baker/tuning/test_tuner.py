@@ -151,7 +151,8 @@ def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appear
     dataset: RayDataset, steps: Steps
 ) -> None:
     pack = pack_of(4, whole_blocks=True)
-    tuner = Tuner(copied(pack), dataset, 4, steps=steps)
+    tuner = Tuner(copied(pack), dataset, 4)
+    tuner.round_to(steps)
     delta = np.random.default_rng(0).normal(0, [0.2] * 3 + [1.5] + [0.2] * 4, tuner.delta.shape).astype(np.float32)
     delta[0] = 0
     stored = tuner.tuned(tuner.snapshot()._replace(delta=delta))
@@ -191,7 +192,9 @@ def uniform(rgba: tuple[int, ...], features: tuple[int, ...]) -> Pack:
 
 def test_colours_of_neighbours_are_rounded_up_and_down_so_that_their_mean_stays(dataset: RayDataset) -> None:
     pack = uniform((101, 102, 103, 230), (50, 57, 60, 61))
-    values = eight_of(Tuner(pack, dataset, 4, steps=COARSE), pack)
+    tuner = Tuner(pack, dataset, 4)
+    tuner.round_to(COARSE)
+    values = eight_of(tuner, pack)
     np.testing.assert_allclose(values[:, :4].mean(axis=0), [101, 102, 103, 230], atol=0.25)
     assert set(np.unique(values[:, 0])) == {100, 104}
     assert np.all(values[:, 4:] == [48, 64, 64, 64]), "features are rounded to the nearest"
@@ -199,7 +202,9 @@ def test_colours_of_neighbours_are_rounded_up_and_down_so_that_their_mean_stays(
 
 def test_what_is_as_bright_as_can_be_stays_so_in_coarse_steps(dataset: RayDataset) -> None:
     pack = uniform((102, 101, 3, 102), (102, 100, 0, 102))
-    values = eight_of(Tuner(pack, dataset, 4, steps=COARSE), pack)
+    tuner = Tuner(pack, dataset, 4)
+    tuner.round_to(COARSE)
+    values = eight_of(tuner, pack)
     assert np.all(values[:, [0, 3, 4, 7]] == 102) and not values[:, 6].any()
     assert set(np.unique(values[:, 1])) == {100, 102} and np.all(values[:, 5] == 102)
     assert abs(values[:, 1].mean() - 101) <= 0.25 and abs(values[:, 2].mean() - 3) <= 0.5

@@ -24,7 +24,7 @@ from training.multires.engines import chosen_engine
 from training.multires.levels import INITIAL, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
-from training.multires.occupancy import NEVER, code_of, is_on, visited
+from training.multires.occupancy import NEVER, code_of, is_on, neighbouring_points, visited
 from training.multires.settings import plan_of
 from training.scenes import Scene, load_scene
 
@@ -232,3 +232,15 @@ def test_contracted_space_is_empty_before_cameras_and_between_the_sides_of_the_i
     within, beyond = inner * np.array([[1.5, 1 - 1e-6, 0.2]]), inner * np.array([[1.5, 1.02, 0.2]])
     for found, expected in zip(*(method.query(state, jnp.asarray(p)) for p in (beyond, within)), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
+def test_pairs_begin_in_the_cells_and_lie_one_step_apart_along_an_axis() -> None:
+    cells, side = np.array([0, 5 + 8 * (2 + 8 * 7)]), 8
+    pairs = neighbouring_points(cells, side, 1 / 64, 500, np.random.default_rng(0))
+    x, y, z = np.floor(pairs[:, 0] * side).astype(int).T
+    assert set((z * side + y) * side + x) == set(cells)
+    apart = np.sort(pairs[:, 1] - pairs[:, 0], axis=1)
+    np.testing.assert_array_equal(apart[:, :2], 0)
+    assert apart[:, 2].max() == pytest.approx(1 / 64, rel=1e-4) and np.median(apart[:, 2]) > 0.9 / 64
+    assert (pairs < 1).all()
+    assert neighbouring_points(cells[:0], side, 1 / 64, 500, np.random.default_rng(0)).shape == (0, 2, 3)

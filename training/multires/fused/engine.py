@@ -127,11 +127,10 @@ class FusedEngine:
             fill_batch(photographs, ids, box.origin, box.cell, box.dims, batch, low, high)
 
         self.workers.share(-(-rays // size), fill)
-        if self.settings.pairs:
+        if any(self.settings.smoothness):
             cells, finest = self._derived(state)[2], self.plan.resolutions[-1]
-            batch = batch._replace(
-                pairs=neighbouring_points(cells, self.settings.resolution, 1 / finest, self.settings.pairs, random)
-            )
+            pairs = neighbouring_points(cells, self.settings.resolution, 1 / finest, self.plan.pairs, random)
+            batch = batch._replace(pairs=pairs)
         return batch
 
     def differentiate(self, state: State, batch: Batch) -> Output:

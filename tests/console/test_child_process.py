@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from console import UserError
-from console.python_command import module_command
+from console.child_process import module_command
 from scenepack.codecs.base import CodecError
 from scenepack.codecs.decoder_sandbox import Decoders
 from training.posing import child_process
