@@ -29,9 +29,8 @@ def field_query(run: Run) -> FieldQuery:
     def ask(points: np.ndarray) -> FieldOutput:
         parts = []
         for turn, start in enumerate(range(0, len(points), BATCH)):
-            part = points[start : start + BATCH]
-            padded = np.zeros((BATCH, 3), np.float32)
-            padded[: len(part)] = part
+            part = np.asarray(points[start : start + BATCH], np.float32)
+            padded = np.pad(part, ((0, BATCH - len(part)), (0, 0)))
             device = turn % len(devices)
             parts.append(run.method.query(states[device], jax.device_put(padded, devices[device])))
             if turn >= len(devices):  # no more than one batch waits for each device

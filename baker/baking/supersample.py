@@ -1,10 +1,10 @@
 """The content of kept macroblocks: samples within each voxel, averaged and quantised (SNeRG sections 5.3 and 5.4).
 
 The paper takes 16 Gaussian samples a voxel, since an MLP may change within a voxel by as much as it likes. The multi-resolution
-field does not: it is smooth within the cells of its finest level (its grain), and blurring it again loses sharpness. So the
-Gaussian makes up for no more than what the grain leaves; where the field is no finer than the grid, one sample at the centre is
-all. Colours and features are weighted by opacity before they are averaged. With `as_paper`, all is what the paper writes, to the
-letter: 16 Gaussian samples always, and plain averages of colours, features and densities.
+field does not: it is smooth within the cells of its finest level (its grain), and blurring it again loses sharpness. So it is
+sampled once for each of its cells within a voxel: where it is no finer than the grid, at the centre alone. Colours and features
+are weighted by opacity before they are averaged. With `as_paper`, all is what the paper writes, to the letter: 16 Gaussian
+samples always, and plain averages of colours, features and densities.
 
 Macroblocks are made some at a time, in z, y, x order, and kept on disk where a work folder is given; of each only the
 voxels that are not empty. The random numbers of a macroblock depend on the seed and its place alone.
@@ -21,13 +21,13 @@ from functools import partial
 import numpy as np
 
 from baker.baking.culling import Culling
-from baker.baking.field_query import FieldQuery
+from baker.baking.field_query import BATCH, FieldQuery
 from baker.baking.grid import BakeGrid
 from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
 
 SAMPLES = 16
-SIGMA = 1 / np.sqrt(12)  # of the Gaussian, in voxels: a voxel's own standard deviation
-VOXELS_AT_ONCE = 16_384  # of a thread: its arrays stay near its core
+SIGMA = np.float32(1 / np.sqrt(12))  # of the Gaussian, in voxels: a voxel's own standard deviation
+MOST_ALONG = 3  # samples along an axis of a voxel, of a field with a grain
 # NumPy and compiled loops let go of Python's lock; each thread may hold a batch of a network's activations.
 MOST_THREADS = 4
 BLOCKS_AT_ONCE = 32  # macroblocks to a piece of work: about a second of it on two cores
@@ -101,22 +101,22 @@ def supersample_floats(
             yield part, places, content
 
 
-def spread_of(grid: BakeGrid, grain: np.ndarray | None) -> np.ndarray:
-    """float32 [3], x, y, z: the Gaussian's standard deviation in voxels, where the field is smooth within `grain`."""
-    if grain is None:
-        return np.full(3, SIGMA, np.float32)
+def lattice_of(grid: BakeGrid, grain: np.ndarray) -> np.ndarray:
+    """float32 [S, 3], x, y, z in voxels from a voxel's centre: where a field that is smooth within `grain` is sampled."""
     own = np.abs(grid.worldspace_T_opengl[:3, :3]).T @ grain / grid.voxel_size
-    return (SIGMA * np.sqrt(np.maximum(1 - own**2, 0))).astype(np.float32)
+    counts = np.clip(np.round(1 / np.maximum(own, 1e-6)), 1, MOST_ALONG).astype(int)
+    axes = [(np.arange(n, dtype=np.float32) + 0.5) / n - 0.5 for n in counts]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3).astype(np.float32)
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """Averages a field within the voxels of a grid. spread: of the Gaussian, see spread_of. as_paper: see above."""
+    """Averages a field within the voxels of a grid. lattice: see lattice_of; None for Gaussian samples. as_paper: see above."""
 
     query: FieldQuery
     grid: BakeGrid
     culling: Culling
-    spread: np.ndarray
+    lattice: np.ndarray | None
     seed: int
     as_paper: bool
 
@@ -125,41 +125,48 @@ class Sampler:
         cls, query: FieldQuery, grid: BakeGrid, culling: Culling, grain: np.ndarray | None, seed: int, *, as_paper: bool
     ) -> Sampler:
         """The sampler of a field of this grain (training.method.Method.grain)."""
-        return cls(query, grid, culling, spread_of(grid, None if as_paper else grain), seed, as_paper)
+        lattice = None if as_paper or grain is None else lattice_of(grid, grain)
+        return cls(query, grid, culling, lattice, seed, as_paper)
 
     @property
     def samples(self) -> int:
         """Samples a voxel."""
-        return SAMPLES if self.spread.any() else 1
+        return SAMPLES if self.lattice is None else len(self.lattice)
 
     def content(self, blocks: np.ndarray, pool: Executor) -> tuple[np.ndarray, np.ndarray]:
         """Flat places int32 [N] among the voxels of `blocks` [n, 3], one after another, and their content float32 [N, 8]:
         premultiplied rgb, alpha and features, not quantised."""
 
-        def fill(start: int) -> None:
-            part = slice(start, start + VOXELS_AT_ONCE)
-            values[part] = self._average(centres[part, None] + noise[part])
+        at_once = max(BATCH // self.samples, 1)  # voxels of a thread
 
-        places, voxels, offsets = zip(*pool.map(lambda i: self._wanted(i, blocks[i]), range(len(blocks))), strict=True)
-        centres, noise = np.concatenate(voxels) + np.float32(0.5), np.concatenate(offsets)
+        def fill(start: int) -> None:
+            part = slice(start, start + at_once)
+            values[part] = self._average(centres[part, None] + (offsets[part] if self.lattice is None else offsets))
+
+        places, voxels = zip(*pool.map(lambda i: self._wanted(i, blocks[i]), range(len(blocks))), strict=True)
+        centres = np.concatenate(voxels) + np.float32(0.5)
+        if self.lattice is None:
+            offsets = np.concatenate(list(pool.map(self._noise, blocks, map(len, voxels))))
+        else:
+            offsets = self.lattice[None]
         values = np.empty((len(centres), 8), np.float32)
-        list(pool.map(fill, range(0, len(centres), VOXELS_AT_ONCE)))
+        list(pool.map(fill, range(0, len(centres), at_once)))
         return np.concatenate(places), values
 
-    def _wanted(self, number: int, block: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _noise(self, block: np.ndarray, count: int) -> np.ndarray:
+        """float32 [count, SAMPLES, 3]: Gaussian offsets within the voxels of a macroblock."""
+        return SIGMA * np.random.default_rng((self.seed, *block)).standard_normal((count, SAMPLES, 3), np.float32)
+
+    def _wanted(self, number: int, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of a macroblock's voxels in wanted cells: flat places int32 [N], counted from `number` macroblocks on; positions
-        float32 [N, 3]; offsets of the samples from their centres [N, samples, 3]. In voxels."""
+        float32 [N, 3], in voxels."""
         size, cell = self.grid.block_size, self.grid.cell
         per_block = size // cell
         cells = self.culling.cells[tuple(slice(b * per_block, (b + 1) * per_block) for b in block)]
         wanted = np.repeat(np.repeat(np.repeat(cells, cell, 0), cell, 1), cell, 2)
         z, y, x = np.nonzero(wanted)
         places = (number * size**3 + np.flatnonzero(wanted)).astype(np.int32)
-        voxels = (np.stack([x, y, z], -1) + block[::-1] * size).astype(np.float32)
-        if not self.spread.any():
-            return places, voxels, np.zeros((len(x), 1, 3), np.float32)
-        rng = np.random.default_rng((self.seed, *block))
-        return places, voxels, self.spread * rng.standard_normal((len(x), SAMPLES, 3), np.float32)
+        return places, (np.stack([x, y, z], -1) + block[::-1] * size).astype(np.float32)
 
     def _average(self, positions: np.ndarray) -> np.ndarray:
         """float32 [N, 8], premultiplied rgb, alpha and features, averaged over positions [N, samples, 3] in voxels.

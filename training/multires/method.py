@@ -88,21 +88,25 @@ class MultiresMethod:
     def render(self, state: State, rays: Rays) -> RenderOutput:
         return self.engine.render(state, rays)
 
-    def query(self, state: State, points: jax.Array) -> FieldOutput:
-        """The field at points [N, 3]; see training.method.Method. Density is 0 where the occupancy grid is off."""
+    def query(self, state: State, points: jax.Array | np.ndarray) -> FieldOutput:
+        """The field at points [N, 3] in NumPy; see training.method.Method. Density is 0 where the occupancy grid is off."""
         box, side, inner = state.box, self.settings.resolution, self.dataset.facts.contraction
-        asked = np.asarray(points, np.float64)
+        asked = np.asarray(points, np.float32)
         if inner is not None:  # a voxel beyond an edge of contracted space, to interpolate with, is as the edge
-            largest = np.abs(asked).max(-1, keepdims=True)
-            asked = np.where(np.abs(asked) == largest, asked, np.clip(asked, -WITHIN * inner, WITHIN * inner))
-        places = (asked - box.origin) / box.cell
-        inside = ((places >= 0) & (places < box.dims)).all(-1)
-        x, y, z = np.clip(places.astype(np.int64), 0, side - 1).T
-        on = inside & is_on(state.codes[z, y, x])
+            size = np.abs(asked)
+            beyond = np.flatnonzero(size.max(-1) > inner)
+            clipped, largest = np.clip(asked[beyond], -WITHIN * inner, WITHIN * inner), size[beyond].argmax(-1)
+            clipped[np.arange(len(beyond)), largest] = asked[beyond, largest]
+            asked = asked.copy()
+            asked[beyond] = clipped
+        places = (asked - box.origin.astype(np.float32)) * (1 / box.cell).astype(np.float32)
+        cells = np.clip(places, 0, side - 1).astype(np.int32)
+        codes = state.codes.ravel()[(cells[:, 2] * side + cells[:, 1]) * side + cells[:, 0]]
+        inside = ((places >= 0) & (places < np.asarray(box.dims, np.float32))).all(-1)
+        on = np.flatnonzero(inside & is_on(codes))
         values = np.zeros((len(places), 8), np.float32)
-        values[on] = self.engine.values_at(state, (places[on] / side).astype(np.float32))
-        density = values[:, 0] / np.float32(box.cell[0] * side)
-        return FieldOutput(jnp.asarray(density), jnp.asarray(values[:, 1:4]), jnp.asarray(values[:, 4:]))
+        values[on] = self.engine.values_at(state, places[on] * np.float32(1 / side))
+        return FieldOutput(values[:, 0] / np.float32(box.cell[0] * side), values[:, 1:4], values[:, 4:])  # type: ignore[arg-type]
 
     def may_hold(self, state: State, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Whether the boxes meet a cell that is on; see training.method.Method."""

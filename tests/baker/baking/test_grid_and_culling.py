@@ -12,7 +12,7 @@ from baker.baking import bake as baking
 from baker.baking.config import BakeConfig
 from baker.baking.culling import content_box
 from baker.baking.grid import box_in_grid_frame, make_grid
-from baker.baking.supersample import spread_of, supersample
+from baker.baking.supersample import lattice_of, supersample
 from baker.baking.work_folder import WorkFolder
 from console import Notice, UserError
 from scenepack import Pack, check_pack
@@ -152,19 +152,17 @@ def test_a_field_no_finer_than_the_grid_is_asked_once_a_voxel_and_stays_as_sharp
     np.testing.assert_allclose(content[z, y, x, 3], 255 * alpha, atol=0.51)
 
 
-def test_what_the_fields_own_grain_blurs_along_an_axis_is_not_blurred_again() -> None:
+def test_a_field_is_sampled_once_for_each_of_its_cells_within_a_voxel() -> None:
     frame = np.eye(4)
     frame[:3, :3] = BLENDER_FRAME[:3, :3]
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, frame)
-    np.testing.assert_allclose(
-        spread_of(grid, None), np.full(3, 1 / np.sqrt(12)), rtol=1e-6
-    )  # a voxel's own: the paper's
-    along = frame[:3, :3].T @ np.array([0.0, 1.0, 0.0])  # the grid's axis that is the training frame's y
-    coarse = np.abs(along) > 0.5
-    spread = spread_of(grid, np.array([0.0, 4.0, 0.0]) * grid.voxel_size)
-    assert spread[coarse] == 0 and np.allclose(spread[~coarse], 1 / np.sqrt(12))
-    half = spread_of(grid, np.full(3, 0.6) * grid.voxel_size)
-    np.testing.assert_allclose(half, 0.8 / np.sqrt(12), rtol=1e-6)
+    np.testing.assert_array_equal(lattice_of(grid, np.full(3, 0.8) * grid.voxel_size), np.zeros((1, 3)))
+    finer = np.array([4.0, 0.5, 4.0]) * grid.voxel_size
+    along = np.abs(frame[:3, :3].T @ np.array([0.0, 1.0, 0.0])) > 0.5  # the grid's axis that is the training frame's y
+    lattice = lattice_of(grid, finer)
+    np.testing.assert_allclose(np.sort(lattice[:, along], axis=0), [[-0.25], [0.25]])
+    assert not lattice[:, ~along].any()
+    assert len(lattice_of(grid, np.full(3, 0.01) * grid.voxel_size)) == 27
 
 
 def test_the_atlas_holds_each_macroblock_and_copies_of_its_neighbours(dataset) -> None:
