@@ -22,15 +22,17 @@ from typing import TYPE_CHECKING, Literal
 
 from console import UserError
 from scenepack.constants import MAX_BLOCK_INDEX
+from training.scenes.presets import FEWEST_VOXELS, voxels_for
 
 if TYPE_CHECKING:
-    from training.scenes.scene import Box, Scene
+    from training.run import Run
+    from training.scenes.scene import Box
 
 BakePreset = Literal["snerg", "paper"]
 Quality = Literal["draft", "compact", "full"]
 
 BLOCK_SIZE = 30  # data voxels; 32 with padding, aligned with the blocks of image codecs (section 5.4)
-RESOLUTION, SYNTHETIC_RESOLUTION, REAL_RESOLUTION = 512, 1000, 1300
+SYNTHETIC_RESOLUTION, REAL_RESOLUTION = 1000, 1300  # of the paper
 LARGEST_SEED = 2**32 - 1
 MOST_MACROBLOCKS = 6000  # 1.6 GB of textures
 UNLIMITED = 2**31 - 1
@@ -40,7 +42,7 @@ UNLIMITED = 2**31 - 1
 class BakeConfig:
     """How to bake."""
 
-    resolution: int = RESOLUTION
+    resolution: int = FEWEST_VOXELS
     """Voxels along the longest side of the content's box."""
     preset: BakePreset = "snerg"
     """By whose method; see above."""
@@ -72,8 +74,10 @@ class BakeConfig:
                 raise UserError(what, where=f"--{option}", expected=f"{low} to {high}", found=str(value)[:40])
 
 
-def default_resolution(preset: BakePreset, scene: Scene) -> int:
+def default_resolution(preset: BakePreset, run: Run) -> int:
     """Voxels along the longest side; in the paper's preset "slightly larger than the size of the training images"."""
-    if preset == "snerg":
-        return RESOLUTION
-    return SYNTHETIC_RESOLUTION if scene.kind == "blender" else REAL_RESOLUTION
+    scene = run.scene
+    if preset == "paper":
+        return SYNTHETIC_RESOLUTION if scene.kind == "blender" else REAL_RESOLUTION
+    pixels = max(max(photo.camera.width, photo.camera.height) for photo in scene.splits["train"])
+    return voxels_for(pixels, contracted=run.dataset.facts.contraction is not None)

@@ -39,8 +39,8 @@ def snerg_bake(
         out: Folder of the pack, or a file name that ends in .zip. A new pack replaces an old one when it is complete.
         scene: Folder of the photographs, if they moved. The default is where the run read them.
         preset: How to bake: snerg (our way), paper (what the SNeRG paper writes; see docs/commands.md).
-        resolution: Voxels along the longest side of the content. The default is 512; of the preset paper, 1000 for synthetic
-            scenes (Blender) and 1300 for photographs.
+        resolution: Voxels along the longest side of the content. The default is 1.25 a pixel of the photographs, 2.5 where they
+            show everything around, from 512 to 1000; of the preset paper, 1000 for synthetic scenes, 1300 for photographs.
         codec: Codec of the atlas: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
         quality: draft (nothing is tuned), compact (tuned, and stored in coarser steps where these cost little: half the bytes),
             or full (tuned, 8 bits). compact is full where the codec is lossy. The preset paper tunes the view MLP alone.
@@ -56,7 +56,7 @@ def snerg_bake(
             computers. 0 puts in none.
     """
     begin_libraries()  # JAX starts here, not for --help
-    from baker.baking.config import RESOLUTION, BakeConfig, default_resolution
+    from baker.baking.config import BakeConfig, default_resolution
     from baker.baking.to_pack import bake_to, help_with, share_of
     from scenepack import check_target
     from scenepack.pictures import LARGEST_SIDE
@@ -65,14 +65,17 @@ def snerg_bake(
 
     share = share_of(processes, process_id)
     check_target(out)  # now, not after the work is done
-    given = RESOLUTION if resolution is None else resolution
-    config = BakeConfig(given, preset, quality, seed, most_macroblocks, parse_box(aabb))
+    config = BakeConfig(
+        preset=preset, quality=quality, seed=seed, most_macroblocks=most_macroblocks, aabb=parse_box(aabb)
+    )
+    if resolution is not None:
+        config = replace(config, resolution=resolution)
     config.check()
     if not 0 <= pictures <= LARGEST_SIDE:
         raise UserError("is out of range", where="--pictures", expected=f"0 to {LARGEST_SIDE}", found=pictures)
     loaded = load_run(run, scene_path=scene)
     if resolution is None:
-        config = replace(config, resolution=default_resolution(preset, loaded.scene))
+        config = replace(config, resolution=default_resolution(preset, loaded))
     if share.helps:
         help_with(loaded, config, out, share)
     else:

@@ -68,8 +68,7 @@ def snerg_make(
         up: What is up, x,y,z in the training frame as it is without this option. Only for COLMAP scenes, and photographs and
             films whose poses are found, that are seen from all around. The default is the mean up direction of the cameras.
         steps: Number of training steps. The default is the preset's.
-        resolution: Voxels along the longest side of the baked grid. The default is the preset's; for the presets cpu and
-            full, 1.25 per pixel of the photographs, from 512 to 1000.
+        resolution: Voxels along the longest side of the content. The default is that of snerg-bake.
         codec: Codec of the pack: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
         quality: draft (nothing is tuned), compact (tuned, and stored in coarser steps where these cost little: half the bytes),
             or full (tuned, 8 bits). compact is full where the codec is lossy. The preset paper tunes the view MLP alone.
@@ -102,11 +101,11 @@ def snerg_make(
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
     require_valid(config)
-    baking = BakeConfig(
-        PRESETS[preset].resolution if resolution is None else resolution,
-        "paper" if preset == "paper" else "snerg",
-        quality,
-    )
+    baking = BakeConfig(preset="paper" if preset == "paper" else "snerg", quality=quality)
+    if resolution is None:
+        resolution = PRESETS[preset].resolution
+    if resolution is not None:
+        baking = dataclasses.replace(baking, resolution=resolution)
     baking.check()
     if frames < FEWEST:
         raise UserError(
@@ -138,13 +137,8 @@ def snerg_make(
     shown = Previews(out / NAME, previews)
     run = train(scene, run_path, config, options, resume=stored or False, watcher=shown if previews > 0 else None)
     trained = time.monotonic()
-    if resolution is None and preset == "paper":
-        baking = dataclasses.replace(baking, resolution=default_resolution("paper", run.scene))
-    elif resolution is None:
-        pixels = max(max(photo.camera.width, photo.camera.height) for photo in run.scene.splits["train"])
-        if run.dataset.facts.contraction is not None:  # half of the grid's side is the inner cube
-            pixels *= 2
-        baking = dataclasses.replace(baking, resolution=PRESETS[preset].resolution_for(pixels))
+    if resolution is None:
+        baking = dataclasses.replace(baking, resolution=default_resolution(baking.preset, run))
     bake_to(run, baking, pack_path, codec, last=True)
     shown.remove()
     baked = time.monotonic()

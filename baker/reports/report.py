@@ -119,7 +119,7 @@ def open_study(sources: Sources) -> Study:
         places = np.linspace(0, len(photographs) - 1, sources.views).round().astype(int)
         photographs = tuple(photographs[i] for i in places)
     scored = changed(run.scene, splits={**run.scene.splits, split: photographs})
-    resolution = default_resolution("paper", run.scene) if sources.resolution is None else sources.resolution
+    resolution = default_resolution("paper", run) if sources.resolution is None else sources.resolution
     baselines = _baselines(run, sources.baselines)
     return Study(run, scored, split, sources.out, resolution, sources.overrides, sources.against, baselines)
 

@@ -9,7 +9,7 @@ import pytest
 from baker.commands import make
 from training.commands import train
 from training.config import PRESETS as CONFIGS
-from training.scenes.presets import PRESETS, BakeablePreset, PresetName
+from training.scenes.presets import PRESETS, BakeablePreset, PresetName, voxels_for
 from viewer.app import survey
 
 
@@ -39,15 +39,6 @@ def test_the_viewer_offers_the_presets_that_have_a_title() -> None:
     assert all(preset.advice for preset in survey.OFFERED.values())
 
 
-def test_photographs_that_are_not_shrunk_are_baked_as_finely_as_they_show() -> None:
-    quick, full, paper, tiny = (PRESETS[name] for name in ("quick", "full", "paper", "tiny"))
-    assert [quick.resolution_for(pixels) for pixels in (200, 256, 400, 640, 800, 4000)] == [
-        512,
-        512,
-        512,
-        800,
-        1000,
-        1000,
-    ]
-    assert [full.resolution_for(pixels) for pixels in (200, 504, 1008)] == [512, 630, 1000]
-    assert paper.resolution_for(100) == paper.resolution_for(4000) == 1000 and tiny.resolution_for(800) == 96
+def test_packs_are_about_as_fine_as_photographs_and_twice_as_fine_where_half_a_side_is_the_surroundings() -> None:
+    assert [voxels_for(pixels) for pixels in (200, 400, 504, 640, 800, 4000)] == [512, 512, 630, 800, 1000, 1000]
+    assert [voxels_for(pixels, contracted=True) for pixels in (128, 256, 512)] == [512, 640, 1000]

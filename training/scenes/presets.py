@@ -14,8 +14,15 @@ BakeablePreset = Literal["quick", "normal", "full", "paper", "small", "tiny", "d
 PresetName = Literal[BakeablePreset, "jaxnerf", "jaxnerf-plus", "tinyview"]
 
 
-# The paper's 1000 voxels for photographs of 800 × 800: with tuned voxels, a lego baked at 512 lost 1.6 dB, at 1000 nothing.
-VOXELS_PER_PIXEL = 1.25
+# Voxels along the longest side of a pack. The paper's 1000 for photographs of 800 × 800: lego baked at 512 lost 1.6 dB, at 1000
+# nothing.
+VOXELS_PER_PIXEL, FEWEST_VOXELS, MOST_VOXELS = 1.25, 512, 1000
+
+
+def voxels_for(pixels: int, *, contracted: bool = False) -> int:
+    """Voxels along the longest side of a pack for photographs of so many pixels along their longer side. contracted: half of a
+    side is the inner cube."""
+    return max(FEWEST_VOXELS, min(MOST_VOXELS, round(VOXELS_PER_PIXEL * pixels * (2 if contracted else 1))))
 
 
 @dataclass(frozen=True)
@@ -24,24 +31,19 @@ class Preset:
     title: str = ""  # how the viewer offers it; not at all where untitled
     advice: str = ""
     longest_side: int | None = None  # photographs are shrunk to so many pixels; None takes all there are
-    # Voxels along the longest side of snerg-make's bake. The paper's: slightly more than its photographs have pixels (section 6).
-    resolution: int = 1000
-
-    def resolution_for(self, pixels: int) -> int:
-        """The resolution for photographs of so many pixels along their longer side: more where they were not shrunk."""
-        if self.longest_side is None:
-            return self.resolution
-        return max(self.resolution, min(Preset.resolution, round(VOXELS_PER_PIXEL * pixels)))
+    resolution: int | None = (
+        None  # voxels along the longest side of snerg-make's bake; None: voxels_for the photographs
+    )
 
 
 PRESETS: Mapping[PresetName, Preset] = {
-    "quick": Preset("minutes", "Quick", "Minutes on any computer, from photographs shrunk to 256 pixels.", 256, 512),
+    "quick": Preset("minutes", "Quick", "Minutes on any computer, from photographs shrunk to 256 pixels.", 256),
     "normal": Preset(
-        "photographs of 512 pixels", "Normal", "Photographs of up to 512 pixels. Takes longer than Quick.", 512, 512
+        "photographs of 512 pixels", "Normal", "Photographs of up to 512 pixels. Takes longer than Quick.", 512
     ),
     "full": Preset(
         "photographs of 1024 pixels", "Full size",
-        "Photographs of up to 1024 pixels, up to 1000³ voxels. Takes the longest.", 1024, 512,
+        "Photographs of up to 1024 pixels, up to 1000³ voxels. Takes the longest.", 1024,
     ),
     "paper": Preset(
         "the paper's own numbers, days", "As in the paper",

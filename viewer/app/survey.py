@@ -21,7 +21,7 @@ from PIL import Image
 from console import Notice, UserError
 from training.scenes import Scene, load_scene
 from training.scenes.pictures import UNREADABLE, picture_size
-from training.scenes.presets import PRESETS
+from training.scenes.presets import PRESETS, voxels_for
 from training.scenes.read import has_poses, suggested_downscale
 from training.scenes.sources import FEWEST, Source, find_source
 from viewer.app.background import JsonTask, Task
@@ -158,7 +158,7 @@ def memory(preset: str, side: int) -> float:
 
 def _share(preset: str, side: int) -> float:
     """Of what a bake at 1000 voxels takes: it grows with surfaces."""
-    return (PRESETS[preset].resolution_for(side) / 1000) ** 2  # type: ignore[index]
+    return ((PRESETS[preset].resolution or voxels_for(side)) / 1000) ** 2  # type: ignore[index]
 
 
 # --- Survey ---

@@ -29,9 +29,10 @@ from training.scenes import Scene
 def config_of(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str = "blender") -> BakeConfig:
     """What snerg-bake would bake with."""
     configs: list[BakeConfig] = []
-    monkeypatch.setattr(
-        "training.run.load_run", lambda path, scene_path: SimpleNamespace(scene=SimpleNamespace(kind=kind))
-    )
+    photograph = SimpleNamespace(camera=SimpleNamespace(width=400, height=300))
+    scene = SimpleNamespace(kind=kind, splits={"train": (photograph,)})
+    dataset = SimpleNamespace(facts=SimpleNamespace(contraction=None))
+    monkeypatch.setattr("training.run.load_run", lambda *_, **__: SimpleNamespace(scene=scene, dataset=dataset))
     monkeypatch.setattr("baker.baking.to_pack.bake_to", lambda run, config, *_, **__: configs.append(config))
     assert snerg_bake(["run", "--out", str(tmp_path / "pack"), *words.split()]) == 0
     return configs[0]
