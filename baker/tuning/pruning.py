@@ -15,12 +15,15 @@ Notation: B = block_size + 2; slots number the occupied macroblocks; T the trans
 transmittance the largest T of the samples that it is part of, in units of 1/255 and rounded up; 0 where there is none.
 """
 
+# pyright: reportCallIssue=false
+
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from baker.tuning.marcher import PackMarcher
 from baker.tuning.sighting import lines_of_sight
@@ -32,7 +35,7 @@ from training.dataset import RayDataset
 TAU_WEIGHT = 0.034  # tuning regains what this costs
 MILDER = (0.7, 0.5, 0.35, 0.25)  # parts of tau_weight that are tried where it costs too much
 DENSER = 20.0  # times itself, density grows to where it is closed
-CLOSED = (0.8, 0.3)  # transmittance: from the first down to the second, density grows to DENSER times itself
+CLOSED = (0.3, 0.1)  # transmittance: from the first down to the second, density grows to DENSER times itself
 
 
 @dataclass(frozen=True)
@@ -69,17 +72,18 @@ def _untouched(pack: Pack) -> Pruned:
 
 def _thinner(pack: Pack, lit: Light, tau_weight: float) -> tuple[Pack, Pruned]:
     """The pack without its voxels that make up less than tau_weight in this light, closed."""
-    assert pack.atlas_features is not None, "baking always stores features"
-    before = after = 0
+    features = pack.atlas_features
+    assert features is not None, "baking always stores features"
+    gain, blocks = _gains(tau_weight), _blocks(pack)
+    counts = np.array([_count(_data(pack, pack.atlas_rgba, block), lit.at(block), gain) for block in blocks])
+    before, after = counts.sum(0).tolist()
     kept = np.zeros(pack.occupied.shape, bool)
-    blocks = _blocks(pack)
-    for block in blocks:
-        rgba = _data(pack, pack.atlas_rgba, block)
-        stays = _stays(rgba, lit.at(block), tau_weight)
-        before, after = before + int(np.count_nonzero(rgba[..., 3])), after + int(stays.sum())
-        kept[block] = stays.any()
+    kept[tuple(np.transpose(blocks))] = counts[:, 1] > 0
     indices, rgba, features = fill_atlas(
-        ((block, _thinned(pack, block, lit.at(block), tau_weight)) for block in blocks if kept[block]),
+        (
+            (block, _scaled(_data(pack, pack.atlas_rgba, block), _data(pack, features, block), lit.at(block), gain))
+            for block in blocks if kept[block]
+        ),
         kept, pack.block_size,
     )  # fmt: skip
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
@@ -107,18 +111,38 @@ def _data(pack: Pack, atlas: np.ndarray, block: tuple[int, ...]) -> np.ndarray:
     return block_copy(pack, atlas, block)[1:-1, 1:-1, 1:-1]
 
 
-def _stays(rgba: np.ndarray, arriving: np.ndarray, tau_weight: float) -> np.ndarray:
-    """bool [bs, bs, bs]: which voxels of a macroblock stay where so much light arrives, uint8 [bs, bs, bs]."""
-    return (rgba[..., 3] > 0) & (arriving.astype(np.float32) * rgba[..., 3] >= tau_weight * 255**2)
+def _gains(tau_weight: float) -> np.ndarray:
+    """float32 [256, 256]: what a voxel of an alpha and a transmittance is multiplied by; 0 where it is emptied."""
+    alpha, transmittance = np.arange(256)[:, None], np.arange(256)
+    stays = (alpha > 0) & (alpha * transmittance >= tau_weight * 255**2)
+    return (stays * closing_gain(alpha, transmittance)).astype(np.float32)
 
 
-def _thinned(pack: Pack, block: tuple[int, ...], arriving: np.ndarray, tau_weight: float) -> np.ndarray:
+@njit(nogil=True, cache=True)
+def _count(rgba, arriving, gain):
+    """How many voxels of a macroblock have alpha, and how many stay."""
+    before = after = 0
+    for z in range(arriving.shape[0]):
+        for y in range(arriving.shape[1]):
+            for x in range(arriving.shape[2]):
+                before += rgba[z, y, x, 3] > 0
+                after += gain[rgba[z, y, x, 3], arriving[z, y, x]] > 0
+    return before, after
+
+
+@njit(nogil=True, cache=True)
+def _scaled(rgba, features, arriving, gain):
     """rgba and features uint8 [bs, bs, bs, 8] of what stays of a macroblock, closed within."""
-    assert pack.atlas_features is not None, "baking always stores features"
-    rgba = _data(pack, pack.atlas_rgba, block)
-    gain = _stays(rgba, arriving, tau_weight) * closing_gain(rgba[..., 3], arriving)
-    voxels = np.concatenate([rgba, _data(pack, pack.atlas_features, block)], axis=-1)
-    return np.round(voxels * gain[..., None]).astype(np.uint8)
+    out = np.zeros((*arriving.shape, 8), np.uint8)
+    for z in range(arriving.shape[0]):
+        for y in range(arriving.shape[1]):
+            for x in range(arriving.shape[2]):
+                by = gain[rgba[z, y, x, 3], arriving[z, y, x]]
+                if by > 0:
+                    for c in range(4):
+                        out[z, y, x, c] = np.uint8(np.round(by * rgba[z, y, x, c]))
+                        out[z, y, x, 4 + c] = np.uint8(np.round(by * features[z, y, x, c]))
+    return out
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,7 @@ def test_a_pack_that_no_camera_sees_has_no_light(dataset) -> None:
 
 
 def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None:
-    alpha, transmittance = np.full(4, 51, np.uint8), np.array([255, 77, 38, 3], np.uint8)
+    alpha, transmittance = np.full(4, 51, np.uint8), np.array([255, 60, 25, 3], np.uint8)
     made = alpha * closing_gain(alpha, transmittance)
     assert np.round(made[0]) == 51, "in more light than the first of CLOSED nothing changes"
     assert 51 < made[1] <= made[2] <= made[3] <= 255 and transmittance[2] < 255 * CLOSED[1]
