@@ -20,7 +20,7 @@ SEED ?= 0
 TIMES ?= 10
 EVENTS ?= 3000
 DEMO := viewer/demo/demo.zip
-QUICK := tests/console tests/scenepack tests/training tests/tools tests/baker/baking tests/viewer/app tests/viewer/rendering
+QUICK := tests/console tests/scenepack tests/training tests/tools tests/baker/baking tests/viewer/app tests/viewer/core tests/viewer/features tests/viewer/rendering
 
 # What the graphics card's report trains with: JAX for the card where there is one.
 CARD_EXTRAS ?= $(if $(shell command -v nvidia-smi 2>/dev/null),train-cuda12,train),video
@@ -41,7 +41,7 @@ fuzz: $(VENV)/.developer
 	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --seed $(SEED) $(FUZZ)
 
 events: $(VENV)/.developer gl
-	$(BIN)/python -m tests.viewer.panels.scripted_hour --events $(EVENTS) --seed $(SEED)
+	$(BIN)/python -m tests.viewer.interface.scripted_hour --events $(EVENTS) --seed $(SEED)
 
 kills: $(VENV)/.developer gl
 	$(BIN)/python -m tests.fuzz.interruptions --times $(TIMES) --disks $(TIMES) --seed $(SEED) $(ONLY)

@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from snerg_commands import MODULES
-from viewer.app.pictures import PICTURE
+from viewer.features.film.pictures import PICTURE
 from viewer.rendering.settings import MODES
 
 ROOT = Path(__file__).parents[1]

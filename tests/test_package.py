@@ -14,7 +14,7 @@ import pytest
 
 from tests.told import told
 from tests.viewer.conftest import PACKAGES
-from viewer.app.survey import PARTS
+from viewer.features.making.survey import PARTS
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -24,11 +24,11 @@ from training.config import TINY, from_json
 from training.recorder import MetricsLog
 from training.run import read_description
 from training.scenes import load_scene
-from viewer.app import preferences
-from viewer.app.annotations import annotations_from_json
-from viewer.app.path import load_path
-from viewer.app.pose import pose_from_text
-from viewer.app.session import load_session
+from viewer.core.annotations import annotations_from_json
+from viewer.core.pose import pose_from_text
+from viewer.features.film.camera_path import load_path
+from viewer.features.opening.session import load_session
+from viewer.features.preferences import preferences
 
 # As they stand in the file; json.dumps would not write most of them.
 HOSTILE = {

@@ -15,9 +15,9 @@ import pytest
 
 from baker.reports.cross_sections import Section, draw_sections
 from console import atomic, write_json
-from viewer.app.film_export import write_film
-from viewer.app.path import CameraPath, save_path
-from viewer.app.preferences import Preferences, save
+from viewer.features.film.camera_path import CameraPath, save_path
+from viewer.features.film.film_export import write_film
+from viewer.features.preferences.preferences import Preferences, save
 
 ROOT = Path(__file__).parents[2]
 PICTURE = np.zeros((16, 16, 3), np.uint8)
@@ -80,7 +80,7 @@ def test_no_other_module_writes_aside_and_renames() -> None:
                     found.append(str(path.relative_to(ROOT)))
     assert set(found) == {
         "console/atomic.py",
-        "viewer/app/log.py",
+        "viewer/core/log.py",
     }  # the latter names a log that is complete, and writes none
 
 

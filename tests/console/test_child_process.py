@@ -15,7 +15,7 @@ from console.child_process import module_command
 from scenepack.codecs.base import CodecError
 from scenepack.codecs.decoder_sandbox import Decoders
 from training.posing import child_process
-from viewer.app.background import JsonTask
+from viewer.core.tasks import JsonTask
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("console", "scenepack", "training", "baker", "viewer")

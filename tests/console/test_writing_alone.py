@@ -17,8 +17,8 @@ from scenepack import load_pack, save_pack
 from scenepack.commands import main as snerg_pack
 from tests.scenepack.helpers import same_pack, small_pack
 from tests.told import told
-from viewer.app.film_export import Export
 from viewer.commands.render import main as snerg_render
+from viewer.features.film.film_export import Export
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import RenderSettings
 

@@ -119,8 +119,8 @@ def run(minutes: float, base: Path, tell: Callable[[Lap], None]) -> list[Lap]:
     import jax
     import moderngl
 
+    from tests.viewer.interface.many_packs import open_and_look
     from tests.viewer.offscreen_ui import OffscreenUi
-    from tests.viewer.panels.many_packs import open_and_look
     from tools.procedural import write_procedural_scene
     from viewer.app.application import App
 

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 from viewer.app.application import App
-from viewer.app.make_plan import Plan
 from viewer.commands import view
+from viewer.features.making.make_plan import Plan
 
 
 def main(scene: Path, out: Path, steps: int, resolution: int) -> int:

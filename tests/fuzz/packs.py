@@ -16,10 +16,10 @@ from scenepack.reader import open_pack
 from scenepack.report import pack_facts, print_facts, print_findings
 from tests.fuzz.words import require_words
 from tests.scenepack.helpers import small_pack
-from viewer.app.files import kind_of, pack_in
-from viewer.app.forward_facing import orbit_camera_for
-from viewer.app.orbit_camera import view_from_within
-from viewer.app.photographs import Photographs
+from viewer.core.files import kind_of, pack_in
+from viewer.features.camera.forward_facing import orbit_camera_for
+from viewer.features.camera.orbit_camera import view_from_within
+from viewer.features.photographs.photographs import Photographs
 from viewer.rendering.skip_grid import skip_grid_of
 
 CODECS = ("png", "jpeg", "webp", "avif", "h264")

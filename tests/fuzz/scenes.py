@@ -13,7 +13,7 @@ from training.scenes import load_scene
 from training.scenes.rays import camera_rays
 from training.scenes.scene import SceneOptions, picture_stems
 from training.scenes.scene_options import box_line
-from viewer.app.files import kind_of, scene_around
+from viewer.core.files import kind_of, scene_around
 
 BASES = ("blender", "llff", "llff-around", "transforms", "colmap", "colmap-forward")
 OPTIONS = {"llff-around": SceneOptions(spherify=True), "transforms": SceneOptions(masks=True)}

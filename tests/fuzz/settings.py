@@ -11,11 +11,18 @@ import numpy as np
 from console import UserError
 from console.json_text import read_json_file
 from console.progress_protocol import Report, read_report
-from viewer.app import preferences
-from viewer.app.annotations import Annotations, Bookmark, Measurement, Scale, annotations_from_json, annotations_to_json
-from viewer.app.path import CameraPath, Keyframe, load_path, save_path
-from viewer.app.pose import pose_from_text, pose_to_text
-from viewer.app.session import Seen, Session, load_session, save_session
+from viewer.core.annotations import (
+    Annotations,
+    Bookmark,
+    Measurement,
+    Scale,
+    annotations_from_json,
+    annotations_to_json,
+)
+from viewer.core.pose import pose_from_text, pose_to_text
+from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
+from viewer.features.opening.session import Seen, Session, load_session, save_session
+from viewer.features.preferences import preferences
 
 BASES = ("preferences", "path", "older-path", "pose", "progress", "session", "marks")
 FILE = "file.json"

@@ -12,7 +12,7 @@ import pytest
 
 from tests.fuzz.interruptions import Writer, digest
 from tests.fuzz.windows import MakingWindow, working_on
-from viewer.app.film_export import films_possible, write_film
+from viewer.features.film.film_export import films_possible, write_film
 
 OLD, NEW = "old " * 1000, "new " * 1000
 # Each writes NEW to the last word of its line. Its first run makes the file `begun` beside it and goes on for a minute.

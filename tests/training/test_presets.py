@@ -10,7 +10,7 @@ from baker.commands import make
 from training.commands import train
 from training.config import PRESETS as CONFIGS
 from training.scenes.presets import PRESETS, BakeablePreset, PresetName, voxels_for
-from viewer.app import survey
+from viewer.features.making import survey
 
 
 def test_every_name_has_settings_and_says_what_it_is_for() -> None:

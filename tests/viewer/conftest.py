@@ -16,8 +16,8 @@ from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.screen import NoScreen, virtual_screen
-from viewer.app import survey
 from viewer.app.application import App
+from viewer.features.making import survey
 from viewer.rendering.offscreen import create_context
 
 SIDE, BLOCK = 44, 14

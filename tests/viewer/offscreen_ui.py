@@ -11,9 +11,9 @@ from imgui_bundle import ImVec2, imgui
 
 from tests.viewer.unseen import draw_unseen
 from viewer.app.application import App
-from viewer.app.controllers import KeyPress
 from viewer.app.frame import is_waiting, unfinished
-from viewer.panels.ui import Ui
+from viewer.core.input import KeyPress
+from viewer.interface.ui import Ui
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 

@@ -13,29 +13,30 @@ from pathlib import Path
 
 from console import UserError
 from scenepack.pack import Pack
-from viewer.app import crop
-from viewer.app.annotations import Annotations, AnnotationStore, Point
-from viewer.app.bookmarks import Bookmarks, ViewPictures
-from viewer.app.comparison import Comparison
-from viewer.app.controllers import Controllers, Keyboard
-from viewer.app.exporting import Exporting
-from viewer.app.files import FileRequest, OpenPrompt, kind_of, looks_like_path, pack_in, path_in, scene_around
-from viewer.app.filming import Filming
-from viewer.app.forward_facing import orbit_camera_for
-from viewer.app.frame_stats import CostMeter, FrameStats
-from viewer.app.log import Messages
-from viewer.app.make_job import TrainingPreview
-from viewer.app.making import Making
-from viewer.app.measure_tool import MeasureTool
-from viewer.app.opening import Loading, Opening, OpenPack, OpenPacks
-from viewer.app.orbit_camera import FOVS, OrbitCamera
-from viewer.app.path import CameraPath
-from viewer.app.photographs import Gallery
-from viewer.app.pose import ortho_height_of, pose_from_text, pose_to_text
-from viewer.app.preferences import TRAINED, Preferences, backdrop
-from viewer.app.session import Sessions
-from viewer.app.sparse_preview import SparsePreview
-from viewer.app.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
+from viewer.core.annotations import Annotations, AnnotationStore, Point
+from viewer.core.files import FileRequest, kind_of, pack_in, scene_around
+from viewer.core.input import Controllers, Keyboard
+from viewer.core.log import Messages
+from viewer.core.pose import ortho_height_of, pose_from_text, pose_to_text
+from viewer.core.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
+from viewer.features.bookmarks.bookmarks import Bookmarks, ViewPictures
+from viewer.features.camera.forward_facing import orbit_camera_for
+from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
+from viewer.features.comparison.comparison import Comparison
+from viewer.features.crop import crop
+from viewer.features.export.exporting import Exporting
+from viewer.features.film.camera_path import CameraPath
+from viewer.features.film.filming import Filming
+from viewer.features.making.make_job import TrainingPreview
+from viewer.features.making.making import Making
+from viewer.features.making.sparse_preview import SparsePreview
+from viewer.features.measuring.measure_tool import MeasureTool
+from viewer.features.opening.open_prompt import OpenPrompt, looks_like_path, path_in
+from viewer.features.opening.opening import Loading, Opening, OpenPack, OpenPacks
+from viewer.features.opening.session import Sessions
+from viewer.features.performance.frame_stats import CostMeter, FrameStats
+from viewer.features.photographs.photographs import Gallery
+from viewer.features.preferences.preferences import TRAINED, Preferences, backdrop
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import DynamicResolution

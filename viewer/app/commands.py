@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 from viewer.app.application import App
-from viewer.app.files import OPENABLE, SESSION_SUFFIX, FileRequest, OpenPrompt, pack_in
+from viewer.core.files import SESSION_SUFFIX, FileRequest, pack_in
+from viewer.features.opening.open_prompt import OPENABLE, OpenPrompt
 from viewer.rendering.settings import MODES
 
 STEP_DEGREES = 15.0  # of a key that turns

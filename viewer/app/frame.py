@@ -1,6 +1,6 @@
 """Draws one frame's picture, for the window and the offscreen UI: the scene, the comparison, and their figures.
 
-viewer.panels.viewport calls it while it builds the panels, so that the picture, the comparison and the overlays show one camera
+viewer.interface.viewport calls it while it builds the panels, so that picture, comparison and overlays show one camera
 and this frame's layout.
 """
 

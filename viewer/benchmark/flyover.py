@@ -10,7 +10,7 @@ from PIL import Image
 from console import progress
 from console.atomic import replacing
 from scenepack.pack import Pack
-from viewer.app.film_export import films_possible, write_film
+from viewer.features.film.film_export import films_possible, write_film
 from viewer.rendering.framing import filling_orbit
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings

@@ -17,9 +17,9 @@ from console.atomic import writing_alone
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from training.scenes import load_scene, picture_stems
-from viewer.app.film_export import MOST_FPS, require_video, write_film
-from viewer.app.pictures import EXR, PNG, Pass, parse_modes, passes_for, require_exr, write_exr, write_pngs
-from viewer.app.pose import FARTHEST
+from viewer.core.pose import FARTHEST
+from viewer.features.film.film_export import MOST_FPS, require_video, write_film
+from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, require_exr, write_exr, write_pngs
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_orbit
 from viewer.rendering.offscreen import OffscreenRenderer

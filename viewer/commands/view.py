@@ -17,16 +17,20 @@ from console import UserError, run_command
 from console.arguments import join_negative_values, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
-from viewer.app import annotations, desktop_entry, preferences, session, survey
 from viewer.app.application import App
-from viewer.app.comparison import How
-from viewer.app.files import kind_of, scene_around
-from viewer.app.forward_facing import orbit_camera_for
-from viewer.app.log import CrashLog, default_folder, left_behind
-from viewer.app.pose import pose_from_text
-from viewer.app.preferences import PreferencesAutosave, apply_preferences
-from viewer.app.state import name_of
 from viewer.benchmark.flyover import fly_over
+from viewer.core import annotations
+from viewer.core.files import kind_of, scene_around
+from viewer.core.log import CrashLog, default_folder, left_behind
+from viewer.core.pose import pose_from_text
+from viewer.core.state import name_of
+from viewer.desktop import desktop_entry
+from viewer.features.camera.forward_facing import orbit_camera_for
+from viewer.features.comparison.comparison import How
+from viewer.features.making import survey
+from viewer.features.opening import session
+from viewer.features.preferences import preferences
+from viewer.features.preferences.preferences import PreferencesAutosave, apply_preferences
 from viewer.rendering.settings import Mode, RenderSettings
 from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem

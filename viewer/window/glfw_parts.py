@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
-from viewer.app.controllers import ControllerState
+from viewer.core.input import ControllerState
 
 
 def controllers_now(glfw: Any) -> list[ControllerState]:

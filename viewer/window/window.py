@@ -23,11 +23,11 @@ from console import UserError
 from console.streams import printable
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.controllers import ControllerState, KeyPress
 from viewer.app.frame import is_waiting, unfinished
-from viewer.app.making import POLL_EVERY_S
-from viewer.app.state import FRAMES_AFTER_EVENT
-from viewer.panels.ui import Ui
+from viewer.core.input import ControllerState, KeyPress
+from viewer.core.state import FRAMES_AFTER_EVENT
+from viewer.features.making.making import POLL_EVERY_S
+from viewer.interface.ui import Ui
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.opengl import free_framebuffer, opengl_refusal, version_at
 from viewer.rendering.software_rasteriser import finish
@@ -47,7 +47,7 @@ SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
 MODIFIERS = frozenset(
     getattr(glfw, f"KEY_{side}_{name}") for side in ("LEFT", "RIGHT") for name in ("CONTROL", "SHIFT", "ALT", "SUPER")
 )
-# GLFW's keys are places already; see viewer.app.controllers.
+# GLFW's keys are places already; see viewer.core.input.
 NAMED = "Escape Space Tab Home Delete Backspace Enter Left Right Up Down Page_Up Page_Down"
 PUNCTUATION = "SEMICOLON COMMA PERIOD SLASH APOSTROPHE MINUS EQUAL LEFT_BRACKET RIGHT_BRACKET BACKSLASH GRAVE_ACCENT"
 PLACES = {

@@ -16,14 +16,7 @@ from training.posing.photograph import link_or_convert, read_photograph
 from training.scenes.deep_pictures import linear_to_srgb
 from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS
 from training.scenes.picture_headers import read_header
-from training.scenes.pictures import (
-    PictureLoader,
-    decoded,
-    is_turned,
-    picture_size,
-    read_picture,
-    small_picture,
-)
+from training.scenes.pictures import PictureLoader, decoded, is_turned, picture_size, read_picture, small_picture
 
 RNG = np.random.default_rng(0)
 COLOURS = RNG.random((20, 30, 4)).astype(np.float32)

@@ -8,9 +8,9 @@ import pytest
 from console import UserError
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
-from viewer.app import opening as loading_module
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS, modes_for, run
+from viewer.features.opening import opening as loading_module
 from viewer.rendering.settings import MODES
 
 
@@ -136,7 +136,7 @@ def test_room_is_asked_for_while_a_pack_is_read_and_given_back(open_app, pack_fo
 
 
 def test_a_preview_tells_its_images_and_not_its_voxels(open_app):
-    from viewer.panels.top_bar import state_of
+    from viewer.interface.top_bar import state_of
 
     assert state_of(open_app) == "44 × 44 × 44 voxels"
     open_app.scene.whole = False

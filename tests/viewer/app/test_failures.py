@@ -14,11 +14,11 @@ from scenepack import save_pack
 from tests.viewer.app.test_application import FakeCanvas, finish_loading
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.waiting import until
-from viewer.app import film_export as export_module
-from viewer.app import opening as loading_module
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.film_export import FilmWriter
+from viewer.features.film import film_export as export_module
+from viewer.features.film.film_export import FilmWriter
+from viewer.features.opening import opening as loading_module
 from viewer.rendering import gpu_memory
 from viewer.rendering.gpu_memory import Limits
 

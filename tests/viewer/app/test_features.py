@@ -5,11 +5,11 @@ import pytest
 
 from tests.viewer.app.test_application import FakeCanvas
 from viewer.app.application import App
-from viewer.app.comparison import Comparison
-from viewer.app.filming import Filming
-from viewer.app.forward_facing import orbit_camera_for
-from viewer.app.frame_stats import CostMeter
-from viewer.app.state import OpenScene, Viewport
+from viewer.core.state import OpenScene, Viewport
+from viewer.features.camera.forward_facing import orbit_camera_for
+from viewer.features.comparison.comparison import Comparison
+from viewer.features.film.filming import Filming
+from viewer.features.performance.frame_stats import CostMeter
 
 
 class CountingCanvas(FakeCanvas):

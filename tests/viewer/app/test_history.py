@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.pose import DEPTH, History
+from viewer.core.pose import DEPTH, History
 
 PACK = toy_pack()
 STEPS = st.lists(st.sampled_from(["orbit", "crop", "near", "home", "nothing"]), min_size=1, max_size=12)

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from console import UserError
-from tests.viewer.app.scenes import SIDE, photographed
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
+from tests.viewer.scenes import SIDE, photographed
 from tests.viewer.waiting import until
-from viewer.app import crop, preferences
 from viewer.app.application import App
-from viewer.app.files import kind_of
-from viewer.app.photographs import Photographs, psnr, shots_of
-from viewer.app.pose import along_axis, project
-from viewer.app.preferences import apply_preferences, current_preferences
-from viewer.app.state import name_of
+from viewer.core.files import kind_of
+from viewer.core.pose import along_axis, project
+from viewer.core.state import name_of
+from viewer.features.crop import crop
+from viewer.features.photographs.photographs import Photographs, psnr, shots_of
+from viewer.features.preferences import preferences
+from viewer.features.preferences.preferences import apply_preferences, current_preferences
 from viewer.rendering.camera import ViewCamera
 
 

@@ -15,7 +15,7 @@ from tests.viewer.app.test_application import FakeCanvas, finish_loading
 from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.panels import theme
+from viewer.core import theme
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from viewer.app import pictures
 from viewer.commands import render
+from viewer.features.film import pictures
 
 OpenEXR = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed: pip install 'snerg[export]'")
 SMALL = ["--size", "48x36"]

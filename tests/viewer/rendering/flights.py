@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scenepack.pack import Pack
-from viewer.app.path import CameraPath, Keyframe
+from viewer.features.film.camera_path import CameraPath, Keyframe
 from viewer.rendering.camera import ViewCamera
 
 # azimuth and elevation in degrees, distance from the middle in half sides of the grid, seconds to the next

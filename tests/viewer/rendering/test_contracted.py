@@ -13,9 +13,9 @@ from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import random_pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from tests.viewer.rendering.shapes import BALL, FLOOR, SKY
-from viewer.app.orbit_camera import view_from_within
-from viewer.app.pose import project
-from viewer.app.surface import surface_at
+from viewer.core.pose import project
+from viewer.features.camera.orbit_camera import view_from_within
+from viewer.features.measuring.surface import surface_at
 from viewer.rendering.camera import ViewCamera, content_box, ray_through
 from viewer.rendering.framing import filling_orbit, outline
 from viewer.rendering.layers import depth_along_axis, unit_normals

@@ -17,7 +17,7 @@ from scenepack.pack import Pack
 from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import packs, random_pack
 from tests.viewer.rendering.pictures import assert_same_picture
-from viewer.app.pose import project
+from viewer.core.pose import project
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings

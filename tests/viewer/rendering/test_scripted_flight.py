@@ -14,7 +14,7 @@ import pytest
 
 from scenepack.pack import Pack
 from tests.viewer.rendering.flights import flight
-from viewer.app.pose import view_camera
+from viewer.core.pose import view_camera
 from viewer.rendering.dynamic_resolution import HEADROOM, SMALLEST_SCALE, DynamicResolution
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings

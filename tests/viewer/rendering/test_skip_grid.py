@@ -10,14 +10,7 @@ from hypothesis import strategies as st
 from scenepack.pack import Pack
 from tests.reference_marcher import fetch
 from tests.scenepack.random_packs import packs
-from viewer.rendering.skip_grid import (
-    CELL,
-    FARTHEST,
-    chebyshev_distances,
-    content_bounds,
-    content_cells,
-    skip_words,
-)
+from viewer.rendering.skip_grid import CELL, FARTHEST, chebyshev_distances, content_bounds, content_cells, skip_words
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))

@@ -15,15 +15,15 @@ from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.posing.test_films import frames_of_film, write_film
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.window.living import at_start_page, live, opened_window, other_program, press, pump
-from viewer.app import crop
 from viewer.app.application import App
-from viewer.app.make_plan import Plan
-from viewer.app.pose import project
-from viewer.app.survey import BarePreview
+from viewer.core.pose import project
+from viewer.features.crop import crop
+from viewer.features.making.make_plan import Plan
+from viewer.features.making.survey import BarePreview
 from viewer.window.window import Window
 
 SIZE = (1000, 700)
-FAKE = Path(__file__).parents[1] / "app" / "fake_make.py"
+FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
 
 
 @pytest.fixture(scope="module")

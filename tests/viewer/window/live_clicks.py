@@ -17,17 +17,18 @@ import pytest
 from imgui_bundle import imgui
 
 from scenepack import save_pack
-from tests.viewer.app.scenes import photographed
 from tests.viewer.conftest import toy_pack
+from tests.viewer.scenes import photographed
 from tests.viewer.unseen import draw_unseen
 from tests.viewer.waiting import until
 from tests.viewer.window.places import PLACES, WITHOUT_SCENE, Scenes, child
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
-from viewer.app import make_plan, making, opening
 from viewer.app.application import App
-from viewer.app.make_plan import Plan
-from viewer.app.survey import Survey
-from viewer.panels.layout import NARROW
+from viewer.features.making import make_plan, making
+from viewer.features.making.make_plan import Plan
+from viewer.features.making.survey import Survey
+from viewer.features.opening import opening
+from viewer.interface.layout import NARROW
 from viewer.rendering.settings import RenderSettings
 from viewer.window.window import Window
 

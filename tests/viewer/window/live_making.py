@@ -14,13 +14,13 @@ import pytest
 from scenepack import save_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.window.living import at_start_page, live, opened_window, press, pump
-from viewer.app.make_plan import Plan
-from viewer.app.pose import project
-from viewer.app.review import Review
+from viewer.core.pose import project
+from viewer.features.making.make_plan import Plan
+from viewer.features.making.review import Review
 from viewer.window.window import Window
 
 SIZE = (1000, 760)
-FAKE = Path(__file__).parents[1] / "app" / "fake_make.py"
+FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +52,8 @@ def drag(window: Window, xdotool, dx: int, dy: int) -> None:
 def test_a_click_on_the_ground_sets_up(opened, window, xdotool, tmp_path):
     pytest.importorskip("pycolmap", reason="the reconstruction is written by pycolmap (the extra poses)")
     from tests.training.reconstructions import around, write_colmap
-    from tests.viewer.app.test_review import look_at, tilted_ground
-    from viewer.app.sparse_preview import normal_at
+    from tests.viewer.features.making.test_review import look_at, tilted_ground
+    from viewer.features.making.sparse_preview import normal_at
 
     app, folder = window.app, write_colmap(tmp_path / "scene", around(), tilted_ground())
     app.making.sparse_preview = look_at(folder)

@@ -11,7 +11,7 @@ import numpy as np
 from tests.viewer.window.live_window import opened, pump, window
 from tests.viewer.window.running import PATIENCE_S
 from tests.viewer.window.widgets_seen import watch
-from viewer.app.pose import project
+from viewer.core.pose import project
 from viewer.window.window import Window
 
 __all__ = ["opened", "window"]  # fixtures

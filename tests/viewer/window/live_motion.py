@@ -21,10 +21,10 @@ from PIL import Image, ImageFilter, ImageGrab
 from tests.viewer.conftest import toy_pack
 from tests.viewer.rendering.pictures import FAILURES
 from tests.viewer.window.live_window import pump
-from viewer.app import crop
 from viewer.app.application import App
-from viewer.app.pose import box_points, project
-from viewer.panels import theme
+from viewer.core import theme
+from viewer.core.pose import box_points, project
+from viewer.features.crop import crop
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.window.window import Window
 

@@ -13,7 +13,7 @@ from scenepack.pack import pack_of_cube
 from tests.viewer.conftest import BLENDER, BLOCK, SIDE
 from tests.viewer.window.live_keys import wait_until
 from tests.viewer.window.live_window import opened, pump, window
-from viewer.panels.layout import PAGES
+from viewer.interface.layout import PAGES
 from viewer.window.window import Window
 
 __all__ = ["opened", "window"]  # fixtures
@@ -70,7 +70,7 @@ def popups():
 def test_the_bar_of_a_small_window_does_what_its_buttons_say(window, xdotool, monkeypatch):
     resize(window, xdotool, 480, 360)
     ran = []
-    monkeypatch.setattr("viewer.panels.top_bar.run", lambda app, name: ran.append(name))
+    monkeypatch.setattr("viewer.interface.top_bar.run", lambda app, name: ran.append(name))
     window.app.touch()
     for i in range(6):
         press_at(window, xdotool, 480 - 8 - 17 - 38 * (5 - i), 24)

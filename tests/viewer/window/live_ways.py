@@ -9,8 +9,9 @@ from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.window.live_keys import wait_until
 from tests.viewer.window.live_window import opened, pump, window
-from viewer.app.pose import shortest_turn
-from viewer.panels import overlays
+from viewer.core import widgets
+from viewer.core.pose import shortest_turn
+from viewer.features.camera import panel as camera_panel
 
 __all__ = ["opened", "window"]  # fixtures
 
@@ -61,10 +62,10 @@ def test_a_click_on_an_axis_looks_along_it_and_a_drag_of_the_gizmo_orbits(window
     app, rig = window.app, window.app.scene.rig
 
     def places() -> np.ndarray:
-        radius, rim = overlays.RADIUS, overlays.MARGIN + overlays.RADIUS + overlays.BALL
+        radius, rim = camera_panel.RADIUS, widgets.CARD_MARGIN + camera_panel.RADIUS + camera_panel.BALL
         view = app.viewport
         middle = np.array([view.x + view.width - rim, view.y + rim])
-        return middle + radius * overlays.axis_ends(rig.matrix[:3, :3])[:, :2]
+        return middle + radius * camera_panel.axis_ends(rig.matrix[:3, :3])[:, :2]
 
     for end, (azimuth, elevation) in ((0, (90, 0)), (5, (180, 0)), (1, (0, 90))):
         rig.home()

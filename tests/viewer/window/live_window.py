@@ -20,15 +20,15 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.screen import SCREEN
 from tests.viewer.waiting import until
 from tests.viewer.window.living import draw_only_what_is_looked_at, live, other_program, pump
-from viewer.app import opening
 from viewer.app.application import App
-from viewer.app.make_plan import Plan
+from viewer.features.making.make_plan import Plan
+from viewer.features.opening import opening
 from viewer.rendering.settings import RenderSettings
 from viewer.rendering.software_rasteriser import texture_preallocation
 from viewer.window.window import Window
 
 SIZE = (900, 600)
-FAKE = Path(__file__).parents[1] / "app" / "fake_make.py"
+FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
 
 
 @pytest.fixture(scope="module")

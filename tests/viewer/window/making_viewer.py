@@ -1,12 +1,12 @@
-"""snerg-view in which something is being made already: python making_viewer.py FOLDER, for tests.viewer.app.fake_make."""
+"""snerg-view in which something is being made already: python making_viewer.py FOLDER, for making/fake_make.py."""
 
 import sys
 from pathlib import Path
 
-from viewer.app.make_plan import Plan
 from viewer.commands import view
+from viewer.features.making.make_plan import Plan
 
-FAKE = Path(__file__).parents[1] / "app" / "fake_make.py"
+FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
 
 
 def main(folder: Path) -> int:

@@ -12,18 +12,18 @@ import numpy as np
 
 from console.progress_protocol import Report
 from training.scenes.colmap import SparsePoints
-from viewer.app import crop
-from viewer.app.annotations import Annotations, Bookmark, Measurement, Scale
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.app.exporting import Writing
-from viewer.app.files import FileRequest
-from viewer.app.make_job import MakeJob
-from viewer.app.make_plan import Plan
-from viewer.app.review import Review
-from viewer.app.session import Seen, Session
-from viewer.app.sparse_preview import SparsePreview
-from viewer.panels.layout import PAGES
+from viewer.core.annotations import Annotations, Bookmark, Measurement, Scale
+from viewer.core.files import FileRequest
+from viewer.features.crop import crop
+from viewer.features.export.exporting import Writing
+from viewer.features.making.make_job import MakeJob
+from viewer.features.making.make_plan import Plan
+from viewer.features.making.review import Review
+from viewer.features.making.sparse_preview import SparsePreview
+from viewer.features.opening.session import Seen, Session
+from viewer.interface.layout import PAGES
 
 
 @dataclass

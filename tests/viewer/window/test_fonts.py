@@ -13,9 +13,9 @@ from PIL import Image
 
 from scenepack import save_pack
 from tests.viewer.waiting import until
-from viewer.app import system_fonts
-from viewer.app.log import Dialog
-from viewer.app.system_fonts import FontFile, FontSearch, chosen_fonts, find_fonts
+from viewer.core import system_fonts
+from viewer.core.log import Dialog
+from viewer.core.system_fonts import FontFile, FontSearch, chosen_fonts, find_fonts
 
 JAPANESE = "日本棚"
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.viewer.app.scenes import photographed
+from tests.viewer.scenes import photographed
 from viewer.app.application import App
-from viewer.app.pose import fitted, frustum_points, project
+from viewer.core.pose import fitted, frustum_points, project
 from viewer.rendering.camera import ViewCamera, rays_through
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.ray_frame import lens_reach

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from scenepack import Pack, save_pack
-from tests.viewer.app.test_making import gone
 from tests.viewer.conftest import missing
+from tests.viewer.features.making.test_making import gone
 from tests.viewer.window.running import RunningViewer, wait_until
 
 CAMERA = 1  # the place of its icon

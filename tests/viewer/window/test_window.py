@@ -14,10 +14,10 @@ from PIL import Image
 
 from scenepack import load_pack, save_pack
 from tests.told import told
-from tests.viewer.app.scenes import photographed
+from tests.viewer.scenes import photographed
 from viewer.app.application import App
 from viewer.commands.view import PageName
-from viewer.panels.layout import PAGES
+from viewer.interface.layout import PAGES
 from viewer.window.window import NoDisplay, Window, display_problem
 
 pytestmark = pytest.mark.slow

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from imgui_bundle import imgui
 
-from viewer.panels.layout import HOST
+from viewer.interface.layout import HOST
 
 Rect = tuple[float, float, float, float]  # x0, y0, x1, y1 in window units
 

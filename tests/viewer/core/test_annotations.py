@@ -1,0 +1,213 @@
+"""Scale, measurements and bookmarks: what they say, and how they are kept with a pack and read back."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import stat
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from scenepack import Pack, load_pack, save_pack
+from tests.viewer.waiting import until
+from viewer.app.application import App
+from viewer.core.annotations import (
+    Annotations,
+    Bookmark,
+    Measurement,
+    Scale,
+    annotations_from_json,
+    annotations_to_json,
+    file_for,
+)
+from viewer.features.measuring.measure_tool import LengthFormat, angle, as_csv, as_text, lengths
+
+LINE = Measurement("line", ((0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (3.0, 4.0, 2.0)))
+ANGLE = Measurement("angle", ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
+POINT = Measurement("point", ((0.5, -0.25, 0.125),))
+VIEW = Bookmark("The façade", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0), "z", 40.0)
+ANNOTATIONS = Annotations(Scale(2.5, "m"), (LINE, ANGLE, POINT), (VIEW, replace(VIEW, name="Top")))
+
+
+def test_lengths_and_angles():
+    assert lengths(LINE.points) == [5.0, 2.0]
+    assert angle(ANGLE.points) == pytest.approx(45.0)
+    assert angle((POINT.points[0],) * 3) == 0.0
+
+
+def test_words_have_as_many_digits_as_voxels_are_worth(pack: Pack):
+    words = LengthFormat(replace(pack, voxel_size=0.02), Scale(1.0, "m"))
+    assert words.length(1.23456) == "1.23 m" and words.measurement(LINE) == "7.00 m = 5.00 + 2.00"
+    assert LengthFormat(replace(pack, voxel_size=0.02), Scale(100.0, "cm")).length(1.23456) == "123 cm"
+    assert LengthFormat(pack, Scale()).measurement(ANGLE) == "45.0°"
+
+
+def test_a_scale_in_another_unit_is_the_same_length():
+    assert Scale(2.0, "m").shown_in("cm") == Scale(200.0, "cm")
+    assert Scale(1.0, "ft").shown_in("in").factor == pytest.approx(12.0)
+    assert Scale(2.0).shown_in("cm") == Scale(2.0)
+
+
+def test_the_table_has_a_row_for_each_point_and_the_text_a_line_for_each_measurement(pack: Pack):
+    rows = list(csv.DictReader(io.StringIO(as_csv(pack, ANNOTATIONS))))
+    assert [(row["measurement"], row["kind"], row["point"]) for row in rows][:4] == [
+        ("1", "line", "1"), ("1", "line", "2"), ("1", "line", "3"), ("2", "angle", "1"),
+    ]  # fmt: skip
+    assert [row["length"] for row in rows[:3]] == ["", "12.500000", "5.000000"] and rows[2]["total"] == "17.500000"
+    assert rows[4]["angle_degrees"] == "45.0000" and rows[6]["x"] == "1.250000" and rows[6]["unit"] == "m"
+    scene = [float(rows[6][f"scene_{axis}"]) for axis in "xyz"]
+    assert scene == pytest.approx([-0.5, 0.125, -0.25])  # the Blender frame, unscaled
+    assert len(as_text(pack, ANNOTATIONS).splitlines()) == 3
+
+
+def test_json_comes_back_as_it_was():
+    assert annotations_from_json(json.loads(json.dumps(annotations_to_json(ANNOTATIONS)))) == ANNOTATIONS
+    assert annotations_from_json({}) == Annotations()
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "words"),
+    [("scale", {"factor": 0, "unit": "m"}, "scale"), ("scale", {"factor": 1, "unit": "mile"}, "unit"),
+     ("scale", {"factor": True}, "scale"), ("measurements", {"kind": "line"}, "list"),
+     ("measurements", [{"kind": "line", "points": [[0, 0, 0]]}], "2 points"),
+     ("measurements", [{"kind": "area", "points": []}], "a line"),
+     ("measurements", [{"kind": "point", "points": [[0, 0, float("nan")]]}], "number"),
+     ("bookmarks", [{"name": 3, "eye": [0, 0, 1], "target": [0, 0, 1]}], "same point"),
+     ("bookmarks", [{"eye": [0, 0, 1], "target": [0, 0, 0], "up": ["y"]}], "axis"),
+     ("bookmarks", [{"eye": [0, 0, 1], "target": [0, 0, 0], "fov": 300}], "fov")],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused_or_left_out(part, value, words):
+    document = {**annotations_to_json(ANNOTATIONS), part: value}
+    with pytest.raises(ValueError, match=words):
+        annotations_from_json(document)
+    notes: list[str] = []
+    left = annotations_from_json(document, notes.append)
+    assert len(notes) == 1 and words in notes[0]
+    kept = {"scale": ANNOTATIONS.scale, "measurements": ANNOTATIONS.measurements, "bookmarks": ANNOTATIONS.bookmarks}
+    assert all(getattr(left, name) == whole for name, whole in kept.items() if name != part)
+
+
+def test_a_name_is_one_line_and_not_endless():
+    document = annotations_to_json(Annotations(bookmarks=(replace(VIEW, name="x" * 5000),)))
+    assert len(annotations_from_json(document).bookmarks[0].name) < 120
+    document["bookmarks"][0]["name"] = "one\n\x1b[2Jtwo"
+    assert "\x1b" not in annotations_from_json(document).bookmarks[0].name
+
+
+# With a pack
+
+
+def opened(path: Path, user: Path) -> App:
+    app = App()
+    app.annotations.folder = user
+    app.show(load_pack(path), path)
+    return app
+
+
+def keep(app: App, annotations: Annotations) -> None:
+    app.annotations.change(app, annotations)
+    until(lambda: app.tick(0.01) or app.annotations._autosave.saved == annotations)
+    app.annotations.close_pack()
+
+
+@pytest.fixture
+def own(tmp_path: Path, pack: Pack) -> Path:
+    save_pack(pack, tmp_path / "own")
+    return tmp_path / "own"
+
+
+def test_a_folder_of_ours_carries_its_marks_and_opens_elsewhere(own: Path, tmp_path: Path):
+    before = {file.name: file.read_bytes() for file in own.iterdir() if file.suffix == ".png"}
+    keep(opened(own, tmp_path / "user"), ANNOTATIONS)
+    assert not (tmp_path / "user").exists()
+    assert {file.name: file.read_bytes() for file in own.iterdir() if file.suffix == ".png"} == before
+    document = json.loads((own / "scene_params.json").read_text())
+    assert document["snerg"]["marks"]["scale"] == {"factor": 2.5, "unit": "m"} and document["snerg"]["version"]
+    assert opened(own.rename(tmp_path / "moved"), tmp_path / "another user").annotations.current == ANNOTATIONS
+    save_pack(load_pack(tmp_path / "moved"), tmp_path / "packed.zip")
+    assert opened(tmp_path / "packed.zip", tmp_path / "another user").annotations.current == ANNOTATIONS
+    keep(opened(tmp_path / "moved", tmp_path / "user"), Annotations())
+    assert "marks" not in json.loads((tmp_path / "moved" / "scene_params.json").read_text())["snerg"]
+
+
+@pytest.mark.parametrize("kind", ["zip", "foreign", "read-only"])
+def test_what_is_not_ours_to_change_is_not_changed(pack: Pack, tmp_path: Path, kind: str):
+    path = tmp_path / ("pack.zip" if kind == "zip" else "pack")
+    save_pack(pack, path)
+    if kind == "foreign":
+        file = path / "scene_params.json"
+        document = json.loads(file.read_text())
+        del document["snerg"]
+        file.write_text(json.dumps(document))
+    if kind == "read-only":
+        if os.geteuid() == 0:
+            pytest.skip("root may write anywhere")
+        path.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    before = [file.read_bytes() for file in files]
+    keep(opened(path, tmp_path / "user"), ANNOTATIONS)
+    assert [file.read_bytes() for file in files] == before
+    assert len(list((tmp_path / "user").glob("*.json"))) == 1
+    assert opened(path.rename(path.with_stem("elsewhere")), tmp_path / "user").annotations.current == ANNOTATIONS
+    keep(opened(path.with_stem("elsewhere"), tmp_path / "user"), Annotations())
+    assert not list((tmp_path / "user").glob("*.json"))
+
+
+def test_scripts_read_marks_and_write_none(own: Path, tmp_path: Path):
+    keep(opened(own, tmp_path / "user"), ANNOTATIONS)
+    app = App()
+    app.show(load_pack(own), own)
+    assert app.annotations.current == ANNOTATIONS
+    text = (own / "scene_params.json").read_bytes()
+    keep(app, Annotations())
+    assert (own / "scene_params.json").read_bytes() == text
+
+
+def test_a_broken_file_of_the_user_is_told_in_the_log_and_nothing_else(tmp_path: Path, pack: Pack):
+    save_pack(pack, tmp_path / "pack.zip")
+    file = file_for(load_pack(tmp_path / "pack.zip"), tmp_path / "user")
+    file.parent.mkdir()
+    file.write_text('{"scale": {"factor": 1e999}}')
+    app = opened(tmp_path / "pack.zip", tmp_path / "user")
+    assert app.annotations.current == Annotations() and not app.messages.dialogs
+    assert any("left out" in line.text for line in app.messages.lines)
+
+
+def test_marks_that_cannot_be_written_are_told_once(own: Path, tmp_path: Path):
+    app = opened(own, tmp_path / "user")
+    (own / "scene_params.json").unlink()
+    (tmp_path / "user").write_text("a file where the folder should be")
+    keep_told = []
+    for factor in (2.0, 3.0):
+        app.annotations.change(app, Annotations(Scale(factor, "m")))
+        until(lambda: app.tick(0.01) or app.annotations._autosave.saved == app.annotations.current)
+        until(lambda: app.tick(0.01) or not app.annotations._autosave.writing)
+        app.tick(0.01)
+        keep_told.append(sum("not saved" in line.text for line in app.messages.lines))
+    assert keep_told == [1, 1]
+
+
+def test_the_last_change_is_written_when_the_scene_is_closed(own: Path, tmp_path: Path):
+    app = opened(own, tmp_path / "user")
+    app.annotations.change(app, ANNOTATIONS)
+    app.close()
+    assert opened(own, tmp_path / "user").annotations.current == ANNOTATIONS
+
+
+def test_undo_takes_back_marks_and_moves_in_their_order(own: Path, tmp_path: Path):
+    app = opened(own, tmp_path / "user")
+    rig = app.scene.rig
+    app.annotations.change(app, ANNOTATIONS)
+    rig.remember()
+    rig.orbit(0.2, 0.1)
+    turned = rig.goal
+    rig.history.undo()
+    assert rig.goal != turned and app.annotations.current == ANNOTATIONS
+    rig.history.undo()
+    assert app.annotations.current.empty
+    rig.history.redo()
+    assert app.annotations.current == ANNOTATIONS

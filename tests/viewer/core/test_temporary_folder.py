@@ -1,0 +1,34 @@
+"""Where no temporary folder can be made, what needs one says so in one line."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from console import UserError, refusal
+from viewer.core.command_process import CommandProcess
+
+
+def test_no_temporary_folder_is_told_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: [str(tmp_path / "none")])
+    with pytest.raises(UserError, match=r"no temporary folder can be written.*TMPDIR"):
+        CommandProcess([sys.executable, "-c", ""], tmp_path / "log")
+    with pytest.raises(FileNotFoundError) as told:
+        tempfile.gettempdir()
+    assert "TMPDIR" in (refusal(told.value) or "")
+    assert refusal(FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), "scene.json")) is None
+
+
+def test_a_full_disk_for_temporary_files_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> str:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(tempfile, "mkdtemp", full)
+    with pytest.raises(UserError, match="the disk is full; make room"):
+        CommandProcess([sys.executable, "-c", ""], tmp_path / "log")

@@ -1,0 +1,106 @@
+"""The viewer in a desktop's menus: files where they belong, that can be read, and that go away again."""
+
+import configparser
+import os
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from viewer.commands.view import demo_pack, main
+from viewer.desktop import desktop_entry
+
+
+@pytest.fixture
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    return tmp_path / "data"
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("snerg.*") if path.is_file()}
+
+
+def test_registering_twice_is_registering_once_and_nothing_is_left_behind(data, capsys):
+    assert main(["--register"]) == 0
+    first = files(data)
+    assert set(first) == {
+        "applications/snerg.desktop",
+        "icons/hicolor/scalable/apps/snerg.svg",
+        "mime/packages/snerg.xml",
+    }
+    assert main(["--register"]) == 0 and files(data) == first
+    assert len(capsys.readouterr().out.splitlines()) == 6
+    assert main(["--unregister"]) == 0 and not files(data)
+    assert main(["--unregister"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "snerg-view: nothing was registered"
+
+
+def test_what_others_have_there_stays(data):
+    other = data / "applications" / "other.desktop"
+    other.parent.mkdir(parents=True)
+    other.write_text("[Desktop Entry]\n")
+    desktop_entry.register(["snerg-view"])
+    desktop_entry.unregister()
+    assert other.read_text() == "[Desktop Entry]\n"
+
+
+def test_the_entry_is_one_and_its_command_survives_odd_paths(data, tmp_path):
+    desktop_entry.register(['/home/a b/$x\\"`%/snerg-view'])
+    entry = configparser.RawConfigParser()
+    entry.optionxform = str  # type: ignore[assignment]  (keys have capitals)
+    entry.read(data / desktop_entry.ENTRY)
+    section = dict(entry["Desktop Entry"])
+    assert section["Type"] == "Application" and section["StartupWMClass"] == "snerg" and section["Icon"] == "snerg"
+    assert desktop_entry.PACK_TYPE in section["MimeType"].split(";") and section["MimeType"].endswith(";")
+    command = section["Exec"]
+    assert command.endswith('" %f') and command.startswith('"')
+    once = command[1:-4].replace("\\\\", "\\")  # the file's own escapes
+    word = once.replace("%%", "%")
+    for letter in '"`$\\':
+        word = word.replace(f"\\{letter}", letter) if letter != "\\" else word.replace("\\\\", "\\")
+    assert word == '/home/a b/$x\\"`%/snerg-view'
+    validator = shutil.which("desktop-file-validate")
+    if validator:
+        done = subprocess.run([validator, str(data / desktop_entry.ENTRY)], capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout
+
+
+def test_icon_and_types_are_xml_and_packs_are_told_by_their_first_bytes(data):
+    desktop_entry.register(["snerg-view"])
+    icon = ElementTree.parse(data / desktop_entry.ICON).getroot()
+    assert icon.tag.endswith("svg") and len(icon) == 7
+    types = ElementTree.parse(data / desktop_entry.TYPES).getroot()
+    name = "{http://www.freedesktop.org/standards/shared-mime-info}"
+    outer = types.find(f"{name}mime-type/{name}magic/{name}match")
+    inner = outer.find(f"{name}match")
+    head = demo_pack().read_bytes()[:64]
+    assert head[:4] == b"PK\x03\x04" and outer.get("value") == "PK\\003\\004"
+    at = int(inner.get("offset"))
+    assert head[at : at + len(inner.get("value"))] == inner.get("value").encode()
+    with zipfile.ZipFile(demo_pack()) as archive:
+        assert archive.namelist()[0] == "scene_params.json"
+    if shutil.which("update-mime-database"):
+        assert (data / "mime" / "magic").read_bytes().count(b"application/x-snerg-pack") == 1
+
+
+def test_a_relative_data_folder_is_no_data_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert desktop_entry.data_folder() == tmp_path / ".local" / "share"
+
+
+def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(data, capsys):
+    data.write_text("a file")
+    assert main(["--register"]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_the_command_starts_this_viewer():
+    command = desktop_entry.own_command()
+    assert os.access(command[0], os.X_OK)
+    done = subprocess.run([*command, "--frames", "0"], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2 and "--frames" in done.stderr

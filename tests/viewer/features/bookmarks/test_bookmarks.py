@@ -1,0 +1,121 @@
+"""Bookmarks: views that are come back to, in their order, and flown through as a film."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from console import UserError
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core.pose import Pose
+from viewer.features.bookmarks.bookmarks import pose_of
+
+
+@pytest.fixture(params=["around", "forward-facing"])
+def app(request, pack, ndc_pack) -> App:
+    app = App()
+    app.show(pack if request.param == "around" else ndc_pack, Path("toy"))
+    return app
+
+
+def place(app: App, azimuth: float, up: str = "y") -> np.ndarray:
+    """Puts the camera somewhere, at once; where it is then."""
+    rig = app.scene.rig
+    if up != rig.table.up:
+        rig.set_up(up)
+    start = 180.0 if rig.bounded else 0.0
+    rig.goal = rig._bounded(Pose((0.05, 0.1, 0.0), start + azimuth, 12.0, 0.2 if rig.bounded else 3.0))
+    rig.shown = rig.goal
+    return rig.matrix.copy()
+
+
+def arrived(app: App) -> np.ndarray:
+    app.scene.rig.shown = app.scene.rig.goal
+    return app.scene.rig.matrix
+
+
+def test_keys_step_through_the_views_in_their_order_and_round(app):
+    seen = []
+    for i, azimuth in enumerate((0.0, 7.0, 14.0)):
+        seen.append(place(app, azimuth))
+        app.scene.rig.fov = 30.0 + i
+        run(app, "bookmark")
+    assert [view.name for view in app.annotations.current.bookmarks] == ["View 1", "View 2", "View 3"]
+    place(app, -9.0)
+    for command, index in (("next-bookmark", 0), ("next-bookmark", 1), ("last-bookmark", 0), ("last-bookmark", 2)):
+        run(app, command)
+        assert np.allclose(arrived(app), seen[index], atol=1e-6), (command, index)
+        assert app.scene.rig.fov == pytest.approx(30.0 + index)
+    run(app, "undo")
+    assert np.allclose(arrived(app), seen[0], atol=1e-6)
+
+
+def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
+    for azimuth in (0.0, 7.0, 14.0):
+        place(app, azimuth)
+        run(app, "bookmark")
+    annotations, bookmarks = app.annotations, app.bookmarks
+    bookmarks.give_name(app, 0, "The door")
+    bookmarks.move(app, 0, 1)
+    assert [view.name for view in annotations.current.bookmarks] == [
+        "View 2",
+        "The door",
+        "View 3",
+    ] and bookmarks.selected == 1
+    bookmarks.remove(app, 1)
+    assert [view.name for view in annotations.current.bookmarks] == ["View 2", "View 3"] and bookmarks.selected == 1
+    moved = place(app, -5.0)
+    bookmarks.update(app, 0)
+    table = app.scene.rig.table
+    assert np.allclose(pose_of(annotations.current.bookmarks[0], table).matrix(table), moved, atol=1e-6)
+    run(app, "undo")
+    run(app, "undo")
+    assert [view.name for view in annotations.current.bookmarks] == ["View 2", "The door", "View 3"]
+    place(app, 3.0)
+    run(app, "bookmark")
+    assert annotations.current.bookmarks[2].name == "View 1"  # behind the selected one, with a name that is free
+
+
+def test_a_film_flies_through_the_views(app):
+    with pytest.raises(UserError, match="two views"):
+        app.bookmarks.film(app)
+    seen = []
+    for azimuth in (0.0, 7.0, 14.0):
+        seen.append(place(app, azimuth))
+        run(app, "bookmark")
+    run(app, "film-bookmarks")
+    path = app.filming.path
+    assert app.interface.page == "film" and len(path.keyframes) == 3
+    for i, matrix in enumerate(seen):
+        assert np.allclose(path.at(path.start_of(i))[0], matrix, atol=1e-6)
+
+
+def test_a_view_remembers_what_is_up(pack):
+    app = App()
+    app.show(pack, Path("toy"))
+    lying = place(app, 30.0, "z")
+    run(app, "bookmark")
+    place(app, 10.0, "y")
+    run(app, "next-bookmark")
+    assert app.scene.rig.table.up == "z" and np.allclose(arrived(app), lying, atol=1e-6)
+
+
+def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):
+    here = place(app, 5.0)
+    rig = app.scene.rig
+    turned = here.copy()
+    turned[:3, 3] += 0.01
+    rig.hold(replace(rig.camera((64, 48)), grid_T_camera=turned))
+    run(app, "bookmark")
+    assert np.allclose(app.annotations.current.bookmarks[0].eye, turned[:3, 3], atol=1e-6)
+
+
+def test_another_scene_has_other_views(app, pack):
+    run(app, "bookmark")
+    app.show(pack, Path("another"))
+    assert not app.annotations.current.bookmarks and app.bookmarks.selected is None
+    assert run(app, "next-bookmark") and "no bookmarks" in app.messages.toast

@@ -1,0 +1,118 @@
+"""Moving and scaling the crop box with ImGuizmo, and taking that back in turn with the camera's moves."""
+
+import numpy as np
+import pytest
+
+from viewer.app.commands import run
+from viewer.core.pose import project
+from viewer.features.crop import crop
+
+
+@pytest.fixture
+def ui(offscreen, app, pack, pack_folder):
+    ui = offscreen(app)
+    app.resolution.rest_scale = 0.25
+    app.show(pack, pack_folder)
+    app.interface.page = "crop"
+    app.set(crop=crop.placed(pack, np.zeros(3), np.full(3, 0.8)))
+    ui.settle()
+    return ui
+
+
+def centre(app) -> np.ndarray:
+    return np.mean(app.settings.crop, axis=0)
+
+
+def size(app) -> np.ndarray:
+    return np.subtract(app.settings.crop[1], app.settings.crop[0])
+
+
+def arrow(app, axis: int, share: float = 0.75) -> np.ndarray:
+    """A point on the gizmo's arrow along an axis, in window units: found by what ImGuizmo draws, a constant size on screen."""
+    camera = app.camera()
+    middle = centre(app)
+    tip = middle.copy()
+    tip[axis] += 0.05
+    pixels, _ = project(camera, np.stack([middle, tip]))
+    direction = (pixels[1] - pixels[0]) / np.linalg.norm(pixels[1] - pixels[0])
+    return pixels[0] + (0, app.viewport.y) + 60 * share * direction
+
+
+def pull(ui, start: np.ndarray, by: tuple[float, float], steps: int = 4) -> None:
+    points = [tuple(float(v) for v in start + np.asarray(by) * i / steps) for i in range(steps + 1)]
+    ui.io.add_mouse_pos_event(*points[0])
+    for _ in range(3):  # hovered for a moment first, so that the picture lets go of the mouse
+        ui.frame()
+    ui.drag(points)
+    ui.app.scene.rig.shown = ui.app.scene.rig.goal
+    for _ in range(3):
+        ui.frame()
+
+
+def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged(ui, app):
+    app.crop_tool = "move"
+    ui.settle()
+    before, rig = centre(app), app.scene.rig.goal
+    pull(ui, arrow(app, 1), (0, -50))
+    moved = centre(app) - before
+    assert moved[1] > 0.1 and np.abs(moved[[0, 2]]).max() < 1e-3
+    np.testing.assert_allclose(size(app), 0.8, atol=1e-3)
+    assert app.scene.rig.goal == rig and ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_the_gizmo_scales_the_box_about_its_middle(ui, app):
+    app.crop_tool = "scale"
+    ui.settle()
+    before = centre(app)
+    pull(ui, arrow(app, 1, 1.0), (0, -50))
+    assert size(app)[1] > 0.9 and size(app)[[0, 2]] == pytest.approx(0.8, abs=1e-3)
+    np.testing.assert_allclose(centre(app), before, atol=1e-3)
+
+
+def test_beside_the_gizmo_the_mouse_is_the_cameras(ui, app):
+    app.crop_tool = "move"
+    ui.settle()
+    cut, goal = app.settings.crop, app.scene.rig.goal
+    pull(ui, np.array([120.0, 650.0]), (60, 20))
+    assert app.settings.crop == cut and app.scene.rig.goal != goal
+
+
+def test_cuts_and_moves_are_undone_in_turn(ui, app):
+    rig = app.scene.rig
+    app.crop_tool = "move"
+    ui.settle()
+    first, home = app.settings.crop, rig.goal
+    pull(ui, np.array([120.0, 650.0]), (60, 20))
+    turned = rig.goal
+    pull(ui, arrow(app, 1), (0, -50))
+    cut = app.settings.crop
+    pull(ui, np.array([120.0, 650.0]), (0, 40))
+    states = [(app.settings.crop, rig.goal)]
+    for expected in ((cut, turned), (first, turned), (first, home)):
+        assert run(app, "undo")
+        assert (app.settings.crop, rig.goal) == expected
+        states.append(expected)
+    for expected in reversed(states[:-1]):
+        assert run(app, "redo")
+        assert (app.settings.crop, rig.goal) == expected
+
+
+def test_what_was_undone_is_gone_after_something_else(ui, app):
+    pack = app.scene.pack
+    before = app.settings.crop
+    app.scene.rig.remember()
+    app.set(crop=crop.whole(pack))
+    assert app.scene.rig.history.undo() and app.settings.crop == before
+    app.scene.rig.remember()
+    app.scene.rig.orbit(0.3, 0.0)
+    assert not app.scene.rig.history.redo() and app.settings.crop == before
+
+
+def test_a_box_stays_where_the_content_is_and_never_vanishes(pack):
+    outer = np.asarray(crop.whole(pack))
+    for middle in (-1e6, 0.0, 1e6):
+        for side in (0.0, 1e-9, 1e9):
+            low, high = np.asarray(crop.placed(pack, np.full(3, middle), np.full(3, side)))
+            assert (low < high).all() and np.isfinite([low, high]).all()
+            mid = 0.5 * (low + high)
+            assert (outer[0] - 1e-6 <= mid).all() and (mid <= outer[1] + 1e-6).all()

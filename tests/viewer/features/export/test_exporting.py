@@ -1,0 +1,60 @@
+"""The export of the scene as a feature of the viewer: what it asks of the command, and what it says when that fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from baker.commands import pack as command
+from console import UserError
+from scenepack import Pack
+from tests.viewer.waiting import until
+from viewer.app.application import App
+from viewer.features.export.exporting import KINDS, ExportPlan
+
+BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
+
+
+@pytest.fixture
+def shown(app: App, pack: Pack, pack_folder: Path) -> App:
+    app.show(pack, pack_folder)
+    return app
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_all_choices_of_the_dialog_are_options_of_the_command(kind, tmp_path: Path, monkeypatch) -> None:
+    asked = []
+    monkeypatch.setattr(command, "export", lambda *words, **named: None)
+    monkeypatch.setattr(command, "run_command", lambda commands, **named: asked.append(named["args"]) or 0)
+    plan = ExportPlan(kind=kind, faces="100,000", spacing="Dense", keep="All", world=True, scale=2.5)
+    words = plan.arguments(Path("pack"), tmp_path / "a.ply", BOX)
+    assert command.main(words) == 0 and asked == [words]
+    text = " ".join(words)
+    assert "--scale 2.5" in text and "--frame world" in text and "--crop=-1,-1,-1,1,1,1" in text
+    assert ("--faces 100000" in text) == (kind == "mesh") and ("--spacing 0.5" in text) == (kind == "points")
+    assert "--crop" not in " ".join(replace(plan, crop=False).arguments(Path("pack"), tmp_path / "a.ply", BOX))
+
+
+def test_a_failure_is_a_dialog_with_the_commands_own_line(shown: App, tmp_path: Path) -> None:
+    shown.set(crop=((5.0, 5.0, 5.0), (6.0, 6.0, 6.0)))
+    shown.exporting.begin(shown, tmp_path / "mesh.glb")
+    folder = shown.exporting.writing.folder  # type: ignore[union-attr]
+    until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)
+    dialog = shown.messages.dialogs[0]
+    assert "mesh.glb was not written" in dialog.title and "nothing to export" in dialog.text
+    assert not folder.exists() and not list(tmp_path.iterdir())
+
+
+def test_what_is_no_pack_on_disk_cannot_be_exported(shown: App, pack: Pack, tmp_path: Path) -> None:
+    shown.show(pack, tmp_path / "gone")
+    with pytest.raises(UserError, match="not a pack"):
+        shown.exporting.ask(shown)
+
+
+def test_the_end_of_the_program_ends_the_process(shown: App, tmp_path: Path) -> None:
+    shown.exporting.begin(shown, tmp_path / "mesh.glb")
+    child, folder = shown.exporting.writing.child, shown.exporting.writing.folder  # type: ignore[union-attr]
+    shown.exporting.end()
+    assert child.poll() is not None and not folder.exists() and shown.exporting.writing is None

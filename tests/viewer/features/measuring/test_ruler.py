@@ -1,0 +1,232 @@
+"""The ruler in the picture: clicks measure between known corners, and what was measured can be moved, removed and undone."""
+
+from __future__ import annotations
+
+from math import dist
+from pathlib import Path
+
+import numpy as np
+import pytest
+from imgui_bundle import imgui
+
+from scenepack import Pack
+from scenepack.blocks import atlas_from_dense
+from scenepack.pack import pack_of_cube
+from tests.viewer.conftest import BLENDER, toy_pack
+from tests.viewer.features.measuring.test_surface import BLOCK, SIDE, VOXEL, block_pack
+from tests.viewer.features.measuring.test_surface import corner as known_corner
+from tests.viewer.window.widgets_seen import watch
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core.pose import Pose, project, triple
+
+TILE = 8  # voxels
+FLOOR, WALL = 20, 12  # voxels: the floor's upper face and the wall's front
+TILES = [  # corners of tiles, voxels: on the floor and on the wall
+    ((16, FLOOR, 24), (48, FLOOR, 24)),
+    ((16, FLOOR, 24), (16, FLOOR, 48)),
+    ((16, FLOOR, 48), (48, FLOOR, 24)),
+    ((24, 28, WALL), (24, 52, WALL)),
+    ((16, 28, WALL), (48, 44, WALL)),
+    ((16, 44, WALL), (48, FLOOR, 40)),
+]
+EDGES = [((0, 0, 1), (1, 0, 1)), ((1, 0, 1), (1, 1, 1)), ((0, 1, 1), (1, 1, 1)), ((0, 0, 1), (1, 1, 1))]
+
+
+def tiled_pack() -> Pack:
+    """A floor and a wall with tiles of TILE voxels in two colours, in the box of -1 … 1."""
+    z, y, x = np.mgrid[:SIDE, :SIDE, :SIDE]
+    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
+    dark = (x // TILE + (y + 4) // TILE + z // TILE) % 2 == 0
+    solid = (y < FLOOR) | (z < WALL)
+    rgba[solid & dark], rgba[solid & ~dark] = (70, 80, 90, 255), (210, 200, 180, 255)
+    return pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
+
+
+AIM = 0.2  # voxels: a person points just inside of an edge, not beside it
+
+
+def corner(*high: int) -> np.ndarray:
+    """A corner of the block's front as one aims at it, in the plane of that face."""
+    middle = 0.5 * (known_corner(0, 0, 0) + known_corner(1, 1, 1))
+    exact = known_corner(*high)
+    return exact + AIM * VOXEL * np.sign(middle - exact) * (1, 1, 0)
+
+
+@pytest.fixture
+def ui(offscreen, app):
+    ui = offscreen(app, size=(1280, 800))
+    app.resolution.rest_scale = 0.25
+    app.show(block_pack(), Path("block"))
+    ui.settle()
+    return ui
+
+
+def look_from(ui, azimuth: float, elevation: float, distance: float = 3.0) -> None:
+    rig = ui.app.scene.rig
+    rig.goal = rig.shown = Pose(triple(0.5 * (corner(0, 0, 0) + corner(1, 1, 1))), azimuth, elevation, distance)
+    ui.settle()
+
+
+def place_of(app: App, point: np.ndarray) -> tuple[float, float]:
+    """Where a point of the scene is in the window."""
+    (x, y), ahead = project(app.camera(), point[None])[0][0], project(app.camera(), point[None])[1][0]
+    assert ahead
+    return app.viewport.x + float(x), app.viewport.y + float(y)
+
+
+@pytest.mark.parametrize(("azimuth", "elevation"), [(0, 40), (35, 25), (-30, 55)])
+def test_lengths_between_known_corners_are_right_to_half_a_voxel(ui, app, azimuth, elevation):
+    app.show(tiled_pack(), Path("tiles"))
+    run(app, "measure")
+    look_from(ui, azimuth, elevation, 5.0)
+    assert app.measure_tool.tool == "line" and app.interface.page == "measure"
+    for ends in TILES:
+        for voxel in ends:
+            ui.click(*place_of(app, -1.0 + VOXEL * np.array(voxel)))
+        ui.key(imgui.Key.enter)
+    measurements = app.annotations.current.measurements
+    assert [len(m.points) for m in measurements] == [2] * len(TILES)
+    for measurement, (a, b) in zip(measurements, TILES, strict=True):
+        assert abs(dist(*measurement.points) / VOXEL - dist(a, b)) < 0.5, (a, b)
+
+
+def test_a_blocks_edges_are_right_to_a_voxel_though_its_corners_are_round(ui, app):
+    """Interpolation rounds what is convex; what one sees and aims at lies a little within."""
+    look_from(ui, 20, 15)
+    run(app, "measure")
+    for a, b in EDGES:
+        for point in (a, b):
+            ui.click(*place_of(app, corner(*point)))
+        ui.key(imgui.Key.enter)
+    for measurement, (a, b) in zip(app.annotations.current.measurements, EDGES, strict=True):
+        known = float(np.linalg.norm(known_corner(*a) - known_corner(*b)))
+        assert abs(dist(*measurement.points) - known) < VOXEL, (a, b)
+
+
+def test_a_double_click_ends_a_line_and_an_angle_ends_by_itself(ui, app):
+    look_from(ui, 0, 0)
+    run(app, "measure")
+    pivot = app.scene.rig.goal.pivot
+    corners = [corner(0, 0, 1), corner(1, 0, 1), corner(1, 1, 1)]
+    for point in corners:
+        ui.click(*place_of(app, point))
+    ui.click(*place_of(app, corners[-1]))  # so soon that the two are one double click
+    (line,) = app.annotations.current.measurements
+    assert len(line.points) == 3 and app.scene.rig.goal.pivot == pivot
+    assert not app.measure_tool.draft
+    app.measure_tool.choose(app, "angle")
+    for point in corners:
+        ui.click(*place_of(app, point))
+    turn = app.annotations.current.measurements[1]
+    assert turn.kind == "angle" and not app.measure_tool.draft
+    words = app.measure_tool.length_format(app)
+    assert abs(float(words.measurement(turn)[:-1]) - 90.0) < 2.0
+
+
+def test_backspace_takes_points_back_escape_stops_and_undo_brings_back(ui, app):
+    look_from(ui, 0, 0)
+    run(app, "measure")
+    for point in (corner(0, 0, 1), corner(1, 0, 1)):
+        ui.click(*place_of(app, point))
+    ui.key(imgui.Key.backspace)
+    assert len(app.measure_tool.draft) == 1
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.z)
+    assert len(app.measure_tool.draft) == 2
+    ui.key(imgui.Key.enter)
+    assert len(app.annotations.current.measurements) == 1 and app.measure_tool.selected == 0
+    ui.key(imgui.Key.delete)
+    assert not app.annotations.current.measurements
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.z)
+    assert len(app.annotations.current.measurements) == 1
+    ui.click(*place_of(app, corner(1, 1, 1)))
+    ui.key(imgui.Key.escape)
+    assert not app.measure_tool.draft and app.measure_tool.tool == "line"
+    ui.key(imgui.Key.escape)
+    assert not app.measure_tool.tool and app.interface.page == "measure"
+
+
+def test_a_point_is_dragged_along_the_surface_and_the_camera_stays(ui, app):
+    look_from(ui, 0, 0)
+    run(app, "measure")
+    for point in (corner(0, 0, 1), corner(1, 0, 1)):
+        ui.click(*place_of(app, point))
+    ui.key(imgui.Key.enter)
+    ui.key(imgui.Key.escape)
+    for _ in range(40):  # no double click with the one before
+        ui.frame()
+    goal = app.scene.rig.goal
+    start, end = place_of(app, corner(1, 0, 1)), place_of(app, corner(1, 1, 1))
+    ui.drag([tuple((1 - s) * a + s * b for a, b in zip(start, end, strict=True)) for s in np.linspace(0, 1, 5)])
+    (line,) = app.annotations.current.measurements
+    known = float(np.linalg.norm(known_corner(0, 0, 1) - known_corner(1, 1, 1)))
+    assert abs(dist(*line.points) - known) < VOXEL and app.scene.rig.goal == goal
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.z)
+    assert abs(dist(*app.annotations.current.measurements[0].points) - 41 * VOXEL) < VOXEL
+
+
+def test_a_known_distance_gives_lengths_a_unit(ui, app):
+    look_from(ui, 0, 0)
+    app.interface.page = "measure"
+    with watch() as seen:
+        ui.settle()
+
+        def press(text: str) -> None:
+            ui.settle()
+            (at,) = {each.at for (_, label), each in seen.seen.items() if label.endswith(text) and not each.disabled}
+            ui.click(*at)
+
+        press("Set by two points")
+        for point in (corner(0, 0, 1), corner(1, 0, 1)):
+            ui.click(*place_of(app, point))
+        press("##known")
+        ui.key(imgui.Key.mod_ctrl, imgui.Key.a)
+        ui.io.add_input_characters_utf8("8.2")
+        ui.frame()
+        press("Set the scale")
+    scale = app.annotations.current.scale
+    assert scale.unit == "m" and abs(scale.factor * 41 * VOXEL - 8.2) < 8.2 * 0.5 / 41
+    assert app.measure_tool.tool == "line"
+    app.measure_tool.show_in(app, "ft")
+    assert abs(app.annotations.current.scale.factor * 41 * VOXEL - 8.2 / 0.3048) < 27 * 0.5 / 41
+    run(app, "undo")
+    assert app.annotations.current.scale.unit == "m"
+
+
+def test_what_is_under_the_cursor_is_told_while_the_page_is_open(ui, app):
+    look_from(ui, 0, 0)
+    middle = 0.5 * (corner(0, 0, 1) + corner(1, 1, 1))
+    ui.io.add_mouse_pos_event(*place_of(app, middle))
+    ui.frame()
+    assert app.measure_tool.cursor is None  # another page is open
+    app.interface.page = "measure"
+    ui.settle()
+    assert np.linalg.norm(app.measure_tool.cursor.point - middle) < 0.5 * VOXEL
+    ui.io.add_mouse_pos_event(5.0, app.viewport.y + 5.0)
+    ui.settle()
+    assert app.measure_tool.cursor is None
+
+
+@pytest.mark.parametrize("background", [(1.0, 1.0, 1.0), (0.0, 0.0, 0.0)])
+def test_labels_are_read_on_white_and_on_black(ui, app, background):
+    """Light letters on a dark plate, whatever is behind: the contrast within the label is high."""
+    look_from(ui, 0, 0)
+    app.set(background=background, crop=((-1, -1, -1), (1, 1, 1)))
+    run(app, "measure")
+    points = (corner(0, 1, 1), corner(1, 1, 1))
+    for point in points:
+        ui.click(*place_of(app, point))
+    ui.key(imgui.Key.enter)
+    ui.io.add_mouse_pos_event(3.0, 3.0)
+    ui.settle()
+    x, y = place_of(app, 0.5 * (points[0] + points[1]))
+    label = ui.picture()[round(y) - 8 : round(y) + 8, round(x) - 14 : round(x) + 14].astype(float)
+    assert np.percentile(label, 98) - np.median(label) > 130 and np.median(label) < 75
+
+
+def test_another_scene_takes_its_marks_with_it(ui, app):
+    look_from(ui, 0, 0)
+    run(app, "measure")
+    ui.click(*place_of(app, corner(1, 1, 1)))
+    app.show(toy_pack(), Path("toy"))
+    assert not app.measure_tool.draft and not app.measure_tool.tool and app.annotations.current.empty

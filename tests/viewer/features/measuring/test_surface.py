@@ -1,0 +1,162 @@
+"""Points on surfaces: on a scene of known sizes they lie where the sizes say, to a fraction of a voxel."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scenepack import Pack
+from scenepack.blocks import atlas_from_dense
+from scenepack.pack import pack_of_cube
+from tests.viewer.conftest import BLENDER, toy_pack
+from viewer.core.pose import project
+from viewer.features.camera.forward_facing import orbit_camera_for
+from viewer.features.measuring.surface import opacities, surface_at
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.settings import RenderSettings
+
+SIDE, BLOCK = 64, 14
+VOXEL = 2.0 / SIDE
+LOW, HIGH = np.array([11, 9, 17]), np.array([52, 31, 47])  # voxels of the block's corners
+SIZE = (800, 600)
+
+
+def block_pack(opacity: int = 255, low: np.ndarray = LOW, high: np.ndarray = HIGH) -> Pack:
+    """A solid block of known corners in the box of -1 … 1."""
+    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    rgba[z0:z1, y0:y1, x0:x1] = (160, 90, 60, opacity)
+    return pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
+
+
+def corner(*high: int) -> np.ndarray:
+    """A corner of the block, grid frame: 1 for its far side along an axis."""
+    return -1.0 + VOXEL * np.where(high, HIGH, LOW)
+
+
+@pytest.fixture(scope="module")
+def block() -> Pack:
+    return block_pack()
+
+
+@pytest.mark.parametrize("azimuth", [0, 33, 150, 245])
+@pytest.mark.parametrize("elevation", [12, 35, 70])
+def test_on_a_face_a_point_lies_on_it_from_any_side(block: Pack, azimuth: float, elevation: float) -> None:
+    camera = ViewCamera.orbit(block, azimuth, elevation, size=SIZE)
+    rng, faces = np.random.default_rng(3), 0
+    for axis, side in itertools.product(range(3), range(2)):
+        outwards = np.eye(3)[axis] * (2 * side - 1)
+        middle = 0.5 * (corner(0, 0, 0) + corner(1, 1, 1))
+        middle[axis] = corner(1, 1, 1)[axis] if side else corner(0, 0, 0)[axis]
+        towards = camera.position - middle
+        if towards @ outwards < 0.4 * np.linalg.norm(towards):
+            continue
+        faces += 1
+        for share in rng.uniform(-0.4, 0.4, (6, 3)):
+            target = middle + share * (corner(1, 1, 1) - corner(0, 0, 0)) * (np.arange(3) != axis)
+            (x, y), _ = project(camera, target[None])[0][0], None
+            hit = surface_at(block, camera, RenderSettings(), x, y)
+            assert hit is not None
+            assert np.linalg.norm(hit.point - target) < 0.2 * VOXEL
+            assert hit.distance == pytest.approx(np.linalg.norm(target - camera.position), abs=0.2 * VOXEL)
+    assert faces >= 1
+
+
+def test_parallel_rays_meet_the_face_ahead(block: Pack) -> None:
+    camera = ViewCamera.look_at((0.0, -0.3, 4.0), (0.0, -0.3, 0.0), size=SIZE).as_orthographic(3.0)
+    for x, y in ((400.0, 300.0), (330.0, 350.0), (460.0, 280.0)):
+        hit = surface_at(block, camera, RenderSettings(), x, y)
+        assert hit is not None and abs(hit.point[2] - corner(1, 1, 1)[2]) < 0.1 * VOXEL
+        assert np.allclose(project(camera, hit.point[None])[0][0], (x, y), atol=1e-6)
+        assert hit.distance == pytest.approx(4.0 - corner(1, 1, 1)[2], abs=0.1 * VOXEL)
+
+
+def test_beside_the_block_there_is_nothing(block: Pack) -> None:
+    camera = ViewCamera.orbit(block, 20, 20, size=SIZE)
+    assert surface_at(block, camera, RenderSettings(), 3.0, 3.0) is None
+    away = ViewCamera.look_at((0, 0, 4), (0, 0, 8), size=SIZE)
+    assert surface_at(block, away, RenderSettings(), 400.0, 300.0) is None
+
+
+def test_crop_and_near_plane_hide_what_they_hide_in_the_picture(block: Pack) -> None:
+    camera = ViewCamera.look_at((0.0, 0.0, 4.0), (0.0, -0.4, 0.0), size=SIZE)
+    hit = surface_at(block, camera, RenderSettings(), 400.0, 300.0)
+    assert hit is not None and abs(hit.point[2] - corner(1, 1, 1)[2]) < 0.2 * VOXEL
+    cut = RenderSettings(crop=((-1.0, -1.0, -1.0), (1.0, 1.0, 0.1)))
+    hit = surface_at(block, camera, cut, 400.0, 300.0)
+    assert hit is not None and abs(hit.point[2] - 0.1) < 0.6 * VOXEL
+    hit = surface_at(block, camera, RenderSettings(near=4.2), 400.0, 300.0)
+    assert hit is not None and hit.distance >= 4.2 - 1e-9
+    assert surface_at(block, camera, RenderSettings(near=9.0), 400.0, 300.0) is None
+
+
+def test_a_thin_veil_in_front_does_not_move_the_surface(block: Pack) -> None:
+    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
+    rgba[17:47, 9:31, 11:52] = (160, 90, 60, 255)
+    rgba[56:58, :, :] = (9, 9, 9, 20)
+    veiled = pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
+    camera = ViewCamera.look_at((0.0, -0.3, 4.0), (0.0, -0.4, 0.0), size=SIZE)
+    hit = surface_at(veiled, camera, RenderSettings(), 400.0, 300.0)
+    assert hit is not None and abs(hit.point[2] - corner(1, 1, 1)[2]) < 0.2 * VOXEL
+
+
+def test_opacities_are_those_of_the_voxels_at_their_centres() -> None:
+    rng = np.random.default_rng(5)
+    rgba = np.zeros((30, 30, 30, 4), np.uint8)
+    rgba[..., 3] = rng.integers(0, 256, (30, 30, 30)) * (rng.random((30, 30, 30)) < 0.05)
+    pack = pack_of_cube(30, 14, atlas_from_dense(rgba, None, 14), None, BLENDER)
+    x, y, z = np.array(list(itertools.product(range(30), repeat=3))).T
+    places = np.stack([x, y, z], axis=1) + 0.5
+    assert np.allclose(opacities(pack, places), rgba[z, y, x, 3] / 255.0)
+    between = opacities(pack, places + np.array([0.5, 0.0, 0.0]))
+    inside = (x + 1) % 14 != 0  # within a macroblock, whichever of the two is asked
+    expected = 0.5 * (rgba[z, y, x, 3] + rgba[z, y, np.minimum(x + 1, 29), 3].astype(float)) / 255.0
+    assert np.allclose(between[inside & (x < 29)], expected[inside & (x < 29)])
+    assert not opacities(pack, places + 30.0).any()
+
+
+@pytest.mark.parametrize("ndc", [False, True])
+def test_it_lies_as_deep_as_the_renderer_draws_it(ndc: bool, render_depth) -> None:
+    """Half a voxel in front of the mean depth, where the renderer has one."""
+    pack = toy_pack(ndc=ndc, view_mlp=False)
+    camera = orbit_camera_for(pack).camera((96, 72))
+    alpha = render_depth(pack, camera)
+    met = 0
+    for y, x in itertools.product(range(2, 72, 7), range(2, 96, 7)):
+        hit = surface_at(pack, camera, RenderSettings(), x + 0.5, y + 0.5)
+        if alpha[y, x] > 0.98 or alpha[y, x] < 0.02:
+            assert (hit is not None) == (alpha[y, x] > 0.5)
+        if hit is not None:
+            met += 1
+            assert np.allclose(project(camera, hit.point[None])[0][0], (x + 0.5, y + 0.5), atol=1e-3)
+    assert met > 10
+
+
+@pytest.fixture
+def render_depth(ctx):
+    from viewer.rendering.offscreen import OffscreenRenderer
+
+    def render(pack: Pack, camera: ViewCamera) -> np.ndarray:
+        with OffscreenRenderer(pack, ctx=ctx) as renderer:
+            return renderer.render_float(camera, RenderSettings(mode="alpha", background=(0.0, 0.0, 0.0)))[..., 0]
+
+    return render
+
+
+def test_a_forward_facing_point_is_found_again_from_elsewhere(render_depth) -> None:
+    """The same place of the scene, looked at from two cameras."""
+    pack = toy_pack(ndc=True, view_mlp=False)
+    rig = orbit_camera_for(pack)
+    camera = rig.camera((400, 300))
+    hit = surface_at(pack, camera, RenderSettings(), 190.0, 170.0)
+    assert hit is not None
+    moved = camera.grid_T_camera.copy()
+    moved[:3, 3] += (0.05, 0.02, 0.0)
+    other = replace(camera, grid_T_camera=moved)
+    (x, y), (ahead,) = project(other, hit.point[None])[0][0], project(other, hit.point[None])[1]
+    again = surface_at(pack, other, RenderSettings(), float(x), float(y))
+    assert ahead and again is not None
+    assert np.linalg.norm(again.point - hit.point) < 0.1 * hit.distance

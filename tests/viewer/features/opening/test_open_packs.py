@@ -1,0 +1,103 @@
+"""Several open packs: each comes back as it was left, and there is an end to what they may take of memory."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from console import UserError
+from tests.viewer.conftest import toy_pack
+from viewer.app.commands import run
+from viewer.features.opening import opening as open_packs_module
+from viewer.features.opening.opening import MOST_PACKS, OpenPack, OpenPacks, bytes_of
+
+
+@pytest.fixture
+def three(app):
+    """Packs a, b and c, opened in this order."""
+    for name in "abc":
+        app.show(toy_pack(view_mlp=name != "b"), Path("/scenes") / name)
+    return app
+
+
+def names(app) -> str:
+    return app.scene.name + "".join(entry.scene.name for entry in app.open_packs.packs)
+
+
+def test_the_next_and_the_previous_pack_go_round(three):
+    assert names(three) == "cab"
+    seen = ""
+    for _ in range(4):
+        run(three, "next-pack")
+        seen += three.scene.name
+    assert seen == "abca"
+    for _ in range(4):
+        run(three, "last-pack")
+        seen += three.scene.name
+    assert seen == "abcacbac"
+
+
+def test_a_pack_comes_back_with_its_camera_cuts_and_path(three):
+    box = ((-1.0, -1.0, -1.0), (0.5, 0.5, 0.5))
+    three.cut(crop=box, near=0.4)
+    three.scene.rig.orbit(0.3, 0.1)
+    three.filming.add(three)
+    rig, goal = three.scene.rig, three.scene.rig.goal
+    run(three, "next-pack")
+    assert three.settings.crop is None and three.settings.near == 0 and not three.filming.path.keyframes
+    three.set(mode="alpha", crop=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
+    run(three, "last-pack")
+    assert three.scene.rig is rig and rig.goal == goal
+    assert (three.settings.crop, three.settings.near, three.settings.mode) == (box, 0.4, "alpha")
+    assert len(three.filming.path.keyframes) == 1
+    assert rig.history.undo() and three.settings.crop is None  # what is undone is this pack's
+
+
+def test_a_mode_that_a_pack_does_not_have_is_left(three):
+    three.set(mode="features")
+    run(three, "last-pack")
+    assert three.scene.name == "b" and three.settings.mode == "normal"
+
+
+def test_closing_shows_the_pack_before_and_then_the_start_page(three):
+    run(three, "close")
+    assert names(three) == "ba"
+    run(three, "close"), run(three, "close")
+    assert three.scene is None and not three.open_packs.packs
+
+
+def test_opening_a_pack_again_does_not_keep_the_old_one(three):
+    three.show(toy_pack(), Path("/scenes/a"))
+    assert names(three) == "abc"
+    three.show(toy_pack(), Path("/scenes/a"))
+    assert names(three) == "abc"
+
+
+def test_an_export_is_not_ended_by_a_switch(three):
+    three.filming.export = object()
+    run(three, "next-pack")
+    assert three.scene.name == "c" and "export" in three.messages.toast
+
+
+def test_what_the_card_refuses_changes_nothing(three, monkeypatch):
+    class Full:
+        def show(self, pack) -> None:
+            raise UserError("there is no room")
+
+    three.canvas = Full()
+    run(three, "next-pack")
+    three.canvas = None
+    assert names(three) == "cab" and "no room" in three.messages.dialogs[0].text
+
+
+def test_there_is_an_end_to_what_open_packs_take(three, monkeypatch):
+    scene = three.scene
+    open_packs = OpenPacks()
+    for i in range(MOST_PACKS + 3):
+        gone = open_packs.add(OpenPack(replace(scene, path=Path(f"/{i}"), name=str(i)), None, 0.0, three.filming.path))
+    assert len(open_packs.packs) == MOST_PACKS and gone == ["2"]
+    monkeypatch.setattr(open_packs_module, "MOST_BYTES", 2.5 * bytes_of(scene.pack))
+    open_packs.add(OpenPack(scene, None, 0.0, three.filming.path))
+    assert [entry.scene.name for entry in open_packs.packs] == [str(MOST_PACKS + 2), "c"]
+    assert bytes_of(scene.pack) >= np.asarray(scene.pack.atlas_rgba).nbytes

@@ -1,0 +1,160 @@
+"""Sessions: what was open comes back, with cameras, cuts and marks, wherever the file and its packs are moved together."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from console import UserError
+from scenepack import Pack, load_pack, save_pack
+from tests.viewer.conftest import toy_pack
+from tests.viewer.core.test_annotations import ANNOTATIONS, LINE, VIEW
+from tests.viewer.waiting import until
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core.annotations import Annotations, Scale
+from viewer.features.crop import crop
+from viewer.features.opening import session
+from viewer.features.opening.session import joined, load_session, session_of
+
+
+@pytest.fixture
+def packs(tmp_path: Path, pack: Pack) -> list[Path]:
+    folder = tmp_path / "project"
+    for i, name in enumerate(("first", "second", "third")):
+        save_pack(toy_pack(seed=i, view_mlp=False) if i else pack, folder / name)
+    return [folder / name for name in ("first", "second", "third")]
+
+
+def settle(app: App) -> None:
+    until(lambda: app.tick(0.01) or app.loading is None)
+
+
+def arranged(packs: list[Path]) -> App:
+    """Three packs open, the last of them shown, each seen from elsewhere."""
+    app = App()
+    for i, path in enumerate(packs):
+        app.show(load_pack(path), path)
+        rig = app.scene.rig
+        rig.orbit(0.2 + 0.3 * i, 0.1)
+        rig.shown = rig.goal
+        rig.fov = 30.0 + i
+    app.scene.rig.set_orthographic(True)
+    app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.ones(3)), near=0.25)
+    app.annotations.current = ANNOTATIONS
+    app.interface.page = "measure"
+    return app
+
+
+def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
+    before = arranged(packs)
+    file = packs[0].parent / f"a{session.SESSION_SUFFIX}"
+    before.sessions.save(before, file)
+    assert [entry["path"] for entry in json.loads(file.read_text())["packs"]] == ["third", "first", "second"]
+    moved = packs[0].parent.rename(tmp_path / "moved")
+    app = App()
+    app.drop([moved / file.name])
+    settle(app)
+    assert not app.messages.dialogs
+    assert app.scene.path == moved / "third" and app.interface.page == "measure"
+    assert [entry.scene.name for entry in app.open_packs.packs] == ["first", "second"]
+    assert np.allclose(app.scene.rig.matrix, before.scene.rig.matrix, atol=1e-9)
+    assert app.scene.rig.orthographic and app.scene.rig.fov == before.scene.rig.fov
+    assert np.allclose(app.settings.crop, before.settings.crop) and app.settings.near == 0.25
+    assert app.annotations.current == ANNOTATIONS
+    for _ in range(2):
+        before.open_packs.switch(before, 1)
+        app.open_packs.switch(app, 1)
+        assert app.scene.name == before.scene.name
+        assert np.allclose(app.scene.rig.matrix, before.scene.rig.matrix, atol=1e-9)
+
+
+def test_a_comparison_comes_back(packs: list[Path], tmp_path: Path):
+    app = App()
+    app.show(load_pack(packs[0]), packs[0])
+    app.compare_with(load_pack(packs[1]), packs[1])
+    app.comparison.how = "difference"
+    app.sessions.save(app, tmp_path / "two.snerg")
+    again = App()
+    again.drop([tmp_path / "two.snerg"])
+    settle(again)
+    assert (again.comparison.against, again.comparison.how) == ("pack", "difference")
+    assert again.comparison.other_path == packs[1] and again.scene.path == packs[0]
+
+
+def test_marks_are_added_and_none_is_lost():
+    own = Annotations(Scale(3.0, "ft"), (LINE,), (replace(VIEW, name="Mine"),))
+    both = joined(own, ANNOTATIONS)
+    assert both.scale == own.scale and both.measurements == ANNOTATIONS.measurements
+    assert both.bookmarks == (*own.bookmarks, *ANNOTATIONS.bookmarks)
+    assert joined(both, ANNOTATIONS) == both and joined(Annotations(), ANNOTATIONS) == ANNOTATIONS
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("", "empty"), ("{", "line 1"), ("[]", "object"), ("{}", "snerg_session"), ('{"snerg_session": 9}', "newer"),
+     ('{"snerg_session": 1, "packs": []}', "packs"), ('{"snerg_session": 1, "packs": [{"path": "a"}]}', "camera")],
+)  # fmt: skip
+def test_a_bad_file_is_one_clear_line_and_changes_nothing(packs: list[Path], tmp_path: Path, text: str, words: str):
+    file = tmp_path / "bad.snerg"
+    file.write_text(text)
+    with pytest.raises(UserError, match=words) as refused:
+        load_session(file)
+    assert "\n" not in str(refused.value) and "bad.snerg" in str(refused.value)
+    app = App()
+    app.show(load_pack(packs[0]), packs[0])
+    app.drop([file])
+    assert len(app.messages.dialogs) == 1 and app.scene.path == packs[0] and app.loading is None
+
+
+def test_a_pack_that_is_gone_is_told_and_those_before_it_stay_open(packs: list[Path], tmp_path: Path):
+    app = arranged(packs)
+    file = packs[0].parent / "a.snerg"
+    app.sessions.save(app, file)
+    packs[1].rename(tmp_path / "gone")
+    again = App()
+    again.drop([file])
+    settle(again)
+    assert len(again.messages.dialogs) == 1 and "second" in again.messages.dialogs[0].title
+    assert again.scene is not None and again.scene.name == "first"
+
+
+def test_what_cannot_be_opened_again_is_no_session(pack: Pack, tmp_path: Path):
+    app = App()
+    assert session_of(app) is None
+    app.show(pack, Path("in/memory/only"))
+    with pytest.raises(UserError, match="no pack"):
+        app.sessions.save(app, tmp_path / "a.snerg")
+
+
+def test_the_last_session_is_kept_and_offered(packs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    file = tmp_path / "user" / "last.snerg"
+    app = arranged(packs)
+    app.sessions.begin(file)
+    assert app.sessions.last is None
+    monkeypatch.setattr(session, "REST_S", 0.05)
+    until(lambda: app.tick(0.01) or file.exists())
+    app.scene.rig.orbit(0.4, 0.0)
+    app.scene.rig.shown = app.scene.rig.goal
+    here = app.scene.rig.matrix
+    app.sessions.finish(app)
+    app.annotations.close_pack()
+    again = App()
+    again.sessions.begin(file)
+    assert again.sessions.last is not None and again.sessions.last.title == "third, first and 1 more"
+    run(again, "last-session")
+    settle(again)
+    assert np.allclose(again.scene.rig.matrix, here, atol=1e-9)
+    again.sessions.finish(again)
+    assert load_session(file).title == "third, first and 1 more"
+    packs[2].rename(tmp_path / "gone")
+    third = App()
+    third.sessions.begin(file)
+    assert third.sessions.last is None  # what it showed is not there any more
+    file.write_text("{")
+    third.sessions.begin(file)
+    assert third.sessions.last is None and not third.messages.dialogs

@@ -1,0 +1,201 @@
+"""Choosing photographs in the list and in the scene, and their thumbnails."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.viewer.scenes import photographed
+from tests.viewer.waiting import until
+from training.scenes.pictures import PictureLoader
+from viewer.core.pose import project
+from viewer.features.photographs import photographs as thumbnails_module
+from viewer.features.photographs.photographs import Photographs, Thumbnails
+
+PER_SPLIT = 24
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory, pack):
+    """A pack with more photographs than the list has rows."""
+    return photographed(pack, tmp_path_factory.mktemp("scene") / "toy_scene", PER_SPLIT)
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory, pack):
+    """The folder of another scene."""
+    folder = tmp_path_factory.mktemp("few") / "scene"
+    photographed(pack, folder, 2)
+    return folder
+
+
+@pytest.fixture
+def ui(few, offscreen, app, many, pack_folder):
+    ui = offscreen(app)
+    app.show(many, pack_folder)
+    app.interface.page = "photographs"
+    return ui
+
+
+def ready(photographs: Photographs) -> Thumbnails:
+    thumbnails = Thumbnails(photographs)
+    until(lambda: thumbnails.finished)
+    return thumbnails
+
+
+def test_thumbnails_are_the_photographs_shrunk(many):
+    thumbnails = ready(Photographs(many))
+    assert not thumbnails.problem and len(thumbnails.boxes) == 2 * PER_SPLIT
+    for index in (0, 2 * PER_SPLIT - 1):
+        x, y, w, h = thumbnails.boxes[index]
+        full = Image.fromarray(thumbnails.photographs.pixels(index)).resize((w, h), Image.Resampling.BOX)
+        difference = np.abs(thumbnails.sheet[y : y + h, x : x + w].astype(int) - np.asarray(full))
+        assert difference.mean() < 2
+
+
+@pytest.mark.parametrize("cell, side", [(64, 128), (64, 64), (32, 32)])
+def test_the_sheet_never_outgrows_its_bound(many, monkeypatch, cell, side):
+    monkeypatch.setattr(thumbnails_module, "LARGEST_SHEET", 448 if cell == 64 else 128)
+    thumbnails = ready(Photographs(many))
+    assert thumbnails.cell == cell and max(thumbnails.sheet.shape) <= thumbnails_module.LARGEST_SHEET
+    assert len(thumbnails.boxes) == min(2 * PER_SPLIT, thumbnails.columns**2)
+
+
+def test_one_broken_photograph_leaves_the_others(many, pack, tmp_path):
+    known = photographed(pack, tmp_path / "scene")
+    photographs = Photographs(known)
+    photographs.photograph(0)  # the scene is read before the picture breaks
+    (tmp_path / "scene" / "train" / "r_1.png").write_bytes(b"no picture")
+    thumbnails = ready(photographs)
+    assert set(thumbnails.boxes) == {0, 2, 3, 4, 5} and "r_1.png" in thumbnails.problem
+
+
+def test_a_jpeg_and_its_mask_become_a_thumbnail(tmp_path):
+    rng = np.random.default_rng(0)
+    Image.fromarray(rng.integers(100, 255, (300, 400, 3), np.uint8)).save(tmp_path / "a.jpg")
+    mask = np.zeros((300, 400), np.uint8)
+    mask[:, 200:] = 255
+    Image.fromarray(mask).save(tmp_path / "mask.png")
+    small = np.asarray(PictureLoader(tmp_path / "a.jpg", (400, 300), (400, 300), tmp_path / "mask.png").thumbnail(64))
+    assert small.shape == (48, 64, 4)
+    assert small[:, :30, 3].max() == 0 and small[:, 34:, 3].min() == 255
+
+
+def rows_in_view(ui) -> tuple[int, ...]:
+    """Which shots' thumbnails are drawn in the list, told by what the page asks the sheet for."""
+    from viewer.features.photographs import panel as photographs_panel
+
+    seen = []
+    original = photographs_panel._row
+    photographs_panel._row = lambda app, canvas, photographs, index: (
+        seen.append(index),
+        original(app, canvas, photographs, index),
+    )
+    try:
+        ui.frame()
+    finally:
+        photographs_panel._row = original
+    return tuple(seen)
+
+
+def test_the_list_scrolls_to_what_was_chosen_by_keys(ui, app):
+    ui.settle()
+    assert 0 in rows_in_view(ui) and 40 not in rows_in_view(ui)
+    app.gallery.stand_in(app, 40)
+    ui.settle()
+    assert 40 in rows_in_view(ui) and 0 not in rows_in_view(ui)
+    before = rows_in_view(ui)
+    app.gallery.step(app, -1)  # in view already: nothing jumps
+    ui.settle()
+    assert rows_in_view(ui) == before
+
+
+def test_what_was_chosen_stays_chosen_and_steps_keep_to_the_split(ui, app):
+    comparison, gallery = app.comparison, app.gallery
+    gallery.stand_in(app, 3)
+    ui.settle()
+    ui.drag([(100.0, 300.0), (160.0, 320.0)])
+    assert comparison.against == "" and gallery.chosen == 3
+    gallery.step(app, 1)
+    assert gallery.chosen == 4
+    gallery.split_shown = "test"
+    gallery.step(app, -1)
+    assert gallery.photographs.shots[gallery.chosen].split == "test"
+    gallery.stand_in(app, 0)
+    assert gallery.split_shown == ""  # what is chosen can be seen in the list
+
+
+def place_on_screen(app, index: int) -> tuple[float, float]:
+    """The middle of a frustum's picture, in window units."""
+    points = app.gallery.photographs.frusta(0.16 * app.scene.rig.radius)[index]
+    pixels, before = project(app.camera(), points[1:])
+    assert before.all()
+    x, y = pixels.mean(axis=0)
+    return float(x), float(y + app.viewport.y)
+
+
+def far_away(ui, app) -> None:
+    app.gallery.frusta, app.gallery.split_shown = True, "train"  # the toy's test cameras stand in the same places
+    app.scene.rig.dolly(-12)
+    app.scene.rig.shown = app.scene.rig.goal
+    ui.settle()
+
+
+def in_view(app) -> int:
+    """A shot whose picture is well inside the viewport and in front of all others."""
+    camera = app.camera()
+    shots = app.gallery.photographs.shots[:PER_SPLIT]
+    order = np.argsort([np.linalg.norm(shot.view.position - camera.position) for shot in shots])
+    for index in order:
+        x, y = place_on_screen(app, int(index))
+        if 40 < x < app.viewport.width - 40 and 90 < y < app.viewport.height:
+            return int(index)
+    raise AssertionError("no frustum is in view")
+
+
+def test_a_photograph_in_the_scene_is_drawn_with_its_pixels(ui, app):
+    far_away(ui, app)
+    app.gallery.frusta_opacity = 0.0
+    ui.settle()
+    without = ui.picture().astype(int)
+    app.gallery.frusta_opacity = 1.0
+    app.touch()
+    ui.settle()
+    with_pictures = ui.picture().astype(int)
+    x, y = (round(v) for v in place_on_screen(app, in_view(app)))
+    assert np.abs(with_pictures - without)[y - 6 : y + 6, x - 6 : x + 6].mean() > 20
+    assert ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_a_click_on_a_photograph_in_the_scene_chooses_it_in_the_list(ui, app):
+    far_away(ui, app)
+    index = in_view(app)
+    ui.click(*place_on_screen(app, index))
+    ui.settle()
+    assert app.gallery.chosen == index and app.comparison.against == "photograph"
+    assert index in rows_in_view(ui)
+
+
+def test_frusta_that_are_near_do_not_block_the_view(ui, app):
+    app.gallery.frusta = True
+    shot = app.gallery.photographs.shots[5]
+    app.scene.rig.hold(shot.view, remember=False)
+    ui.settle()
+    shown = ui.picture().astype(int)
+    app.gallery.frusta = False
+    app.touch()
+    ui.settle()
+    box = app.viewport
+    middle = np.s_[round(box.y + 0.4 * box.height) : round(box.y + 0.6 * box.height), 350:450]
+    assert np.abs(shown - ui.picture())[middle].max() <= 2  # the shot's own picture lies just before the camera
+
+
+def test_another_folder_is_read_anew(ui, app, few):
+    ui.settle()
+    first = app.gallery.thumbnails
+    assert first is not None and len(first.boxes) == 2 * PER_SPLIT
+    app.gallery.photographs.look_in(few)
+    ui.settle()
+    assert app.gallery.thumbnails is not first and len(app.gallery.thumbnails.boxes) == 4
+    app.close()
+    ui.settle()
+    assert app.gallery.thumbnails is None and ui.ctx.error == "GL_NO_ERROR"

@@ -1,0 +1,131 @@
+"""Settings are saved when they change, away from the loop; a failure is told once; other viewers' packs are kept."""
+
+import json
+import multiprocessing
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from viewer.app.application import App
+from viewer.features.preferences import preferences
+from viewer.features.preferences.preferences import Preferences, PreferencesAutosave, load, opened_since, save
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "snerg" / "viewer.json"
+
+
+@pytest.fixture
+def autosave(file: Path, monkeypatch: pytest.MonkeyPatch) -> PreferencesAutosave:
+    monkeypatch.setattr(preferences, "CHECK_EVERY_S", 0.0)
+    return PreferencesAutosave(App(), file, lambda: (640, 480), lambda: "a layout")
+
+
+def poll_until(autosave: PreferencesAutosave, condition) -> None:
+    end = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < end
+        autosave.poll()
+        time.sleep(0.005)
+
+
+def test_a_change_is_saved_by_a_thread_once_it_has_stayed_for_a_look(autosave, file, monkeypatch):
+    threads = []
+    monkeypatch.setattr(preferences, "save", lambda *words: threads.append(threading.current_thread()) or save(*words))
+    autosave.app.interface.page = "film"
+    autosave.poll()  # sees it for the first time
+    assert not file.exists()
+    poll_until(autosave, file.exists)
+    assert load(file).page == "film" and load(file).window == (640, 480) and load(file).layout == "a layout"
+    assert threads and threading.main_thread() not in threads
+    poll_until(autosave, lambda: autosave._writing is None)
+    count = len(threads)
+    for _ in range(5):
+        autosave.poll()
+    assert len(threads) == count  # nothing changed since
+
+
+def test_what_goes_on_changing_is_saved_all_the_same(autosave, file, monkeypatch):
+    monkeypatch.setattr(preferences, "LONGEST_UNSAVED_S", 0.1)
+    numbers = iter(range(100, 100_000))
+    autosave._size = lambda: (next(numbers), 480)  # as while its edge is dragged
+    poll_until(autosave, file.exists)
+
+
+def test_a_failure_is_told_once_and_the_next_change_is_tried_again(autosave, file):
+    file.parent.write_text("in the way")
+    app = autosave.app
+    app.interface.page = "film"
+    poll_until(autosave, lambda: app.messages.toast)
+    assert "not saved" in app.messages.toast and len(app.messages.lines) == 1 and not app.messages.dialogs
+    app.interface.page = "crop"
+    for _ in range(20):
+        autosave.poll()
+        time.sleep(0.01)
+    assert len(app.messages.lines) == 1 and autosave.finish() is None
+    file.parent.unlink()
+    app.interface.page = "log"
+    poll_until(autosave, file.exists)
+    assert load(file).page == "log"
+
+
+def test_only_what_was_changed_here_is_written_and_unknown_keys_stay(file):
+    mine, other = Preferences(recent=["/b"]), Preferences(recent=["/b"])
+    assert save(mine, file) is None
+    file.write_text(json.dumps({**json.loads(file.read_text()), "from a newer version": 3}))
+    other.page, other.recent = "film", ["/c", "/b"]
+    assert save(other, file, Preferences(recent=["/b"])) is None
+    before = Preferences(recent=["/b"])
+    mine.target_fps, mine.recent = 60.0, ["/d", "/b"]
+    assert save(mine, file, before) is None
+    found = load(file)
+    assert (found.page, found.target_fps, found.recent) == (
+        "film",
+        60.0,
+        ["/d", "/c", "/b"],
+    ) and mine.recent == found.recent
+    assert json.loads(file.read_text())["from a newer version"] == 3
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "opened"),
+    [
+        ([], ["a"], ["a"]),
+        (["a", "b"], ["a", "b"], []),
+        (["a", "b"], ["b", "a"], ["b"]),
+        (["a", "b"], ["c", "b", "a"], ["c", "b"]),
+        (["a", "b", "c"], ["d", "a", "b"], ["d"]),
+        (["a", "b"], ["a"], []),
+    ],
+)
+def test_what_was_opened_since_is_told_by_the_two_lists(before, after, opened):
+    assert opened_since(before, after) == opened
+
+
+def _open_many(file: Path, name: str, count: int) -> None:
+    preferences = Preferences()
+    for i in range(count):
+        before = Preferences(recent=list(preferences.recent))
+        preferences.opened(Path(f"/{name}{i}"))
+        assert save(preferences, file, before) is None
+
+
+def test_viewers_that_save_at_the_same_moment_lose_nothing(file):
+    spawn = multiprocessing.get_context("spawn")
+    processes = [spawn.Process(target=_open_many, args=(file, name, 4)) for name in "ab"]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(120)
+    assert {Path(name).name for name in load(file).recent} == {f"{name}{i}" for name in "ab" for i in range(4)}
+
+
+def test_a_link_to_the_file_stays_a_link(file, tmp_path):
+    file.parent.mkdir()
+    (tmp_path / "dotfiles.json").write_text("{}")
+    file.symlink_to(tmp_path / "dotfiles.json")
+    assert save(Preferences(page="film"), file) is None
+    assert file.is_symlink() and load(file).page == "film"

@@ -1,0 +1,155 @@
+"""Pages are dragged out of their place, docked elsewhere, remembered, and brought back."""
+
+import numpy as np
+import pytest
+
+from tests.viewer.interface.test_panels import PAGES
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.features.preferences import preferences
+from viewer.features.preferences.preferences import apply_preferences, current_preferences
+from viewer.interface.layout import HEADER
+
+
+@pytest.fixture
+def ui(offscreen, app, pack, pack_folder):
+    ui = offscreen(app)
+    app.resolution.rest_scale = 0.25
+    app.show(pack, pack_folder)
+    ui.settle()
+    return ui
+
+
+def pull(ui, start: tuple[float, float], end: tuple[float, float], steps: int = 12) -> None:
+    """Drags slowly, as docking wants it, and stays at the end for a moment before letting go."""
+    a, b = np.array(start), np.array(end)
+    points = [tuple(float(v) for v in a + (b - a) * i / steps) for i in range(steps + 1)]
+    ui.drag([*points, *[points[-1]] * 3])
+    ui.settle()
+
+
+def pull_out(ui, to: tuple[float, float] = (300.0, 200.0)) -> None:
+    """Drags the tab of the page at the usual place into the picture."""
+    pull(ui, (ui.app.viewport.width + 60, 62.0), to)
+
+
+def test_a_page_is_pulled_out_and_another_takes_its_place(ui, app):
+    usual = app.viewport.width
+    pull_out(ui)
+    assert app.interface.moved == ["view"] and app.interface.page == ""
+    assert app.viewport.width > usual + 250  # the picture has the place
+    app.interface.opens("camera")
+    ui.settle()
+    assert app.interface.page == "camera" and app.viewport.width == usual
+    app.interface.opens("film")
+    ui.settle()
+    assert app.interface.moved == ["view"] and app.interface.page == "film" and ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_a_page_is_docked_at_the_other_side(ui, app):
+    pull_out(ui)
+    # The title bar of the floating page is at the cursor; the mark for the left edge is at the picture's left middle.
+    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
+    assert app.interface.moved == ["view"] and app.viewport.x > 200
+    app.interface.opens("camera")
+    ui.settle()
+    assert app.viewport.x > 200 and app.viewport.x + app.viewport.width < 1180 - 250
+
+
+def test_pages_that_were_seen_before_open_at_home_and_not_over_the_picture(ui, app):
+    app.interface.opens("performance")
+    ui.settle()
+    app.interface.opens("camera")
+    ui.settle()
+    pull_out(ui)
+    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
+    app.interface.opens("performance")
+    ui.settle()
+    assert app.interface.page == "performance" and app.interface.moved == ["camera"]
+    assert app.viewport.width == pytest.approx(1180 - 50 - 318 - 320, abs=8)
+
+
+def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pack, pack_folder):
+    pull_out(ui)
+    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
+    app.interface.opens("film")
+    ui.settle()
+    app.interface.layout = ui.ui.layout
+    file = tmp_path / "viewer.json"
+    assert preferences.save(current_preferences(app), file) is None
+    again = App()
+    apply_preferences(again, preferences.load(file))
+    other = offscreen(again)
+    again.show(pack, pack_folder)
+    other.settle()
+    assert again.interface.moved == ["view"] and again.interface.page == "film"
+    assert again.viewport.x == app.viewport.x > 200 and again.viewport.width == app.viewport.width
+
+
+def test_the_layout_is_reset(ui, app):
+    usual = app.viewport
+    pull_out(ui)
+    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
+    assert run(app, "layout")
+    ui.settle()
+    assert app.interface.moved == [] and app.interface.page == "view" and app.viewport == usual
+
+
+def test_a_tab_is_closed_and_the_rail_opens_it_again(ui, app):
+    pull_out(ui)
+    app.interface.closes("view")
+    ui.settle()
+    assert not app.interface.shows("view")
+    app.interface.opens("view")
+    ui.settle()
+    assert app.interface.moved == ["view"]  # where it was left
+
+
+def test_panels_hidden_and_a_narrow_window_keep_the_layout(ui, app):
+    pull_out(ui)
+    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
+    before = app.viewport
+    for _ in range(2):
+        run(app, "panels")
+        ui.settle()
+    assert app.viewport == before
+    ui.resize(500, 400)
+    ui.settle()
+    ui.resize(1180, 760)
+    ui.settle()
+    assert app.viewport == before and app.interface.moved == ["view"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x",
+        HEADER,
+        HEADER + "7",
+        HEADER + "2\n[Docking][Data]\nDockNode ID=0x2 Parent=0x9\n",
+        HEADER + "99999999999999999999\n[Window][page-view]\nDockId=0x00000002",
+        HEADER + "2\n[Window][page-view]\nPos=nonsense\n\x00",
+    ],
+)
+def test_a_layout_that_makes_no_sense_is_the_usual_one(offscreen, pack, pack_folder, text):
+    app = App()
+    app.interface.layout = text
+    ui = offscreen(app, size=(1180, 760))
+    app.resolution.rest_scale = 0.25
+    app.show(pack, pack_folder)
+    for page in ("view", "camera"):
+        app.interface.opens(page)
+        ui.settle()
+    assert 780 < app.viewport.width < 900 and ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_every_page_has_a_window_of_its_own():
+    assert len({page.window for page in PAGES}) == len(PAGES)
+
+
+def test_a_page_has_its_width_also_after_the_start_page(offscreen, app, pack, pack_folder):
+    ui = offscreen(app)
+    ui.settle()
+    app.show(pack, pack_folder)
+    ui.settle()
+    assert 250 < ui.size[0] - app.viewport.width < 450

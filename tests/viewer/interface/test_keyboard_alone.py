@@ -1,0 +1,237 @@
+"""Every dialog can be opened, gone through and answered without a mouse."""
+
+import random
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from imgui_bundle import imgui
+
+from tests.viewer.offscreen_ui import OffscreenUi
+from tests.viewer.waiting import until
+from tools.procedural import write_procedural_scene
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core import widgets
+from viewer.core.files import FileRequest
+from viewer.features.making.make_plan import Plan
+from viewer.features.making.survey import Survey
+from viewer.interface import keys
+
+WIDGETS = ("button", "invisible_button", "selectable", "checkbox", "slider_float", "slider_int", "input_text",
+           "input_text_with_hint", "begin_combo")  # fmt: skip
+MOST_TABS = 40
+QUESTION = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
+DOWN, ENTER = imgui.Key.down_arrow, imgui.Key.enter
+CTRL_O = (imgui.Key.mod_ctrl, imgui.Key.o)
+
+
+@contextmanager
+def focus(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[set[str], list[str]]]:
+    """Enabled widgets of the dialog on top, by label, and those that the keyboard came to, in their order."""
+    there: set[str] = set()
+    reached: list[str] = []
+
+    def wrap(name: str) -> None:
+        original: Callable = getattr(imgui, name)
+
+        def call(label: str, *words, **named):
+            result = original(label, *words, **named)
+            window = imgui.internal.get_current_window_read()
+            if window.root_window.flags & imgui.WindowFlags_.modal and not (
+                imgui.get_item_flags() & imgui.ItemFlags_.disabled
+            ):
+                there.add(label)
+                typed_into = imgui.is_item_active()  # a field
+                if (typed_into or (imgui.is_item_focused() and imgui.get_io().nav_visible)) and reached[-1:] != [label]:
+                    reached.append(label)
+            return result
+
+        monkeypatch.setattr(imgui, name, call)
+
+    for name in WIDGETS:
+        wrap(name)
+    yield there, reached
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory) -> Path:
+    return write_procedural_scene(tmp_path_factory.mktemp("photographs") / "still", size=32, views=4, subpixels=1)
+
+
+def failure(app: App, scene: Path) -> None:
+    app.messages.fail("It cannot be opened", "the file is no pack")
+
+
+def question(app: App, scene: Path) -> None:
+    app.messages.fail("Still being made", "Quitting stops it.", buttons=QUESTION)
+
+
+def opening(app: App, scene: Path) -> None:
+    app.preferences.opened(scene)
+    run(app, "open")
+
+
+def saving(app: App, scene: Path) -> None:
+    app.file_request = FileRequest("Save", "save", lambda path: None, (".png",), "a.png")
+
+
+def making(app: App, scene: Path) -> None:
+    app.making.plan = Plan("scene", scene, scene.parent / "out", survey=Survey(scene))
+    until(lambda: app.making.plan.survey.finished)
+
+
+def baking(app: App, scene: Path) -> None:
+    app.making.plan = Plan("run", scene.parent / "run", scene.parent / "baked")
+
+
+def exporting(app: App, scene: Path) -> None:
+    app.exporting.ask(app)
+    until(lambda: app.exporting.tick(app) or not app.exporting.preview.working)
+
+
+DIALOGS = (failure, question, opening, saving, making, baking, exporting)
+
+
+@pytest.mark.parametrize("ask", DIALOGS)
+def test_tab_comes_to_every_widget_and_escape_declines(
+    offscreen, app, pack, pack_folder, photographs, ask, monkeypatch
+):
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    app.resolution.rest_scale = 0.25
+    app.show(pack, pack_folder)
+    ui.settle()
+    with focus(monkeypatch) as (there, reached):
+        ask(app, photographs)
+        for _ in range(3):
+            ui.frame()
+        for _ in range(MOST_TABS):
+            ui.key(imgui.Key.tab)
+            if there <= set(reached):
+                break
+        assert there and there <= set(reached), there - set(reached)
+    assert app.interface.panels_shown  # Tab was the dialog's
+    for _ in range(2):  # the first may end typing
+        ui.key(imgui.Key.escape)
+    assert not keys.busy(app) and ui.ctx.error == "GL_NO_ERROR"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(
+    offscreen, app, pack, pack_folder, photographs, seed
+):
+    """Two modal windows pushed each other away in every frame: none was seen, and nothing reached either."""
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    app.resolution.rest_scale = 0.25
+    app.show(pack, pack_folder)
+    ui.settle()
+    asks = [failure, opening, saving, making, exporting]
+    if seed % 2:
+        run(app, "help")
+    for ask in random.Random(seed).sample(asks, len(asks)):
+        ask(app, photographs)
+        ui.frame()
+    answered = []
+    while keys.busy(app):
+        for _ in range(3):
+            ui.frame()
+        assert imgui.internal.get_top_most_popup_modal() is not None, "the dialog is there to be seen"
+        answered.append(widgets.in_front(app))
+        ui.key(imgui.Key.escape)
+        assert len(answered) < 20
+    assert [each for i, each in enumerate(answered) if answered[:i].count(each) == 0] == [
+        "message", "path", "open", "make", "export"
+    ]  # fmt: skip
+
+
+def test_enter_presses_what_tab_came_to_and_else_the_main_button(offscreen, app, pack, pack_folder):
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    app.show(pack, pack_folder)
+    stopped = []
+    app.making.stop_and_quit = lambda host: stopped.append(True)
+    question(app, pack_folder)
+    for _ in range(3):
+        ui.frame()
+    ui.key(imgui.Key.enter)
+    assert not app.messages.dialogs and not stopped  # Keep going
+    for presses in range(1, 4):
+        question(app, pack_folder)
+        for _ in range(3):
+            ui.frame()
+        for _ in range(presses):
+            ui.key(imgui.Key.tab)
+        ui.key(imgui.Key.enter)
+        assert not app.messages.dialogs
+    assert 1 <= len(stopped) <= 2  # every second widget
+
+
+def stroke(ui: OffscreenUi, *keys: imgui.Key) -> None:
+    """Keys down and up, without a frame."""
+    ui.hold(*keys)
+    ui.let_go(*reversed(keys))
+
+
+@pytest.fixture
+def two_scenes(app: App, tmp_path: Path, monkeypatch) -> tuple[Path, list[Path]]:
+    """The folder of two scenes a and b that were opened lately, and what is opened from now on."""
+    opened: list[Path] = []
+    for name in "ba":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "transforms.json").write_text("{}")
+        app.preferences.opened(tmp_path / name)
+    monkeypatch.setattr(app, "drop", opened.extend)
+    return tmp_path, opened
+
+
+@pytest.mark.parametrize("frames", [0, 1, 2, 3, 8])
+@pytest.mark.parametrize(("downs", "picked"), [(1, "a"), (2, "b")])
+def test_down_and_enter_within_one_slow_frame_open_the_picked_line(
+    offscreen, app, two_scenes, frames: int, downs: int, picked: str
+):
+    """frames: between Ctrl+O and the keys."""
+    folder, opened = two_scenes
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    ui.frame()
+    stroke(ui, *CTRL_O)
+    for _ in range(frames):
+        ui.frame()
+    for key in (*downs * [DOWN], ENTER):
+        stroke(ui, key)
+    ui.frame()
+    assert opened == [folder / picked] and app.open_prompt is None
+
+
+def test_keys_that_overlap_and_a_folder_that_is_looked_into_within_one_slow_frame(offscreen, app, two_scenes):
+    folder, opened = two_scenes
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    for _ in range(2):
+        opened.clear()
+        ui.frame()
+        stroke(ui, *CTRL_O)
+        ui.frame()
+        ui.hold(DOWN), ui.hold(ENTER)
+        ui.let_go(DOWN), ui.let_go(ENTER)
+        ui.frame()
+        assert opened == [folder / "a"]
+    opened.clear()
+    app.preferences.opened(folder)
+    stroke(ui, *CTRL_O)
+    for key in (DOWN, ENTER, DOWN, DOWN, ENTER):  # the folder is the latest
+        stroke(ui, key)
+    ui.frame()
+    assert opened == [folder / "b"]
+
+
+def test_down_leaves_the_keyboard_with_the_line_to_type_into(offscreen, app, two_scenes):
+    folder, opened = two_scenes
+    ui: OffscreenUi = offscreen(app, size=(800, 600))
+    ui.key(*CTRL_O)
+    ui.key(DOWN), ui.key(DOWN), ui.key(imgui.Key.up_arrow)
+    assert app.open_prompt.picked == 0
+    for letter in f"{folder}/b":
+        ui.io.add_input_character(ord(letter))
+    ui.frame()
+    assert app.open_prompt.text == f"{folder}/b"
+    ui.key(imgui.Key.keypad_enter)
+    assert opened == [folder / "b"]

@@ -1,0 +1,56 @@
+"""Opening many packs leaves nothing behind: neither in our memory nor on the card.
+
+On the software rasteriser textures lie in the process's own memory, so that one forgotten shows there as well. The packs
+are opened in a process of their own: in one that holds gigabytes of other tests, two hundredths would hide anything.
+
+Allocators keep some memory for later, and threads get arenas of their own, in steps that come at any time; what is
+forgotten is forgotten in every round.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from scenepack import load_pack, save_pack
+from tests.viewer.rendering.shapes import shapes_pack
+
+TOLERATED = 0.02
+WARM_UP, PACKS, ROUNDS = 15, 30, 3
+REPOSITORY = Path(__file__).parents[3]
+
+
+def test_thirty_packs_opened_from_disk_and_closed_leave_memory_where_it_was(tmp_path: Path) -> None:
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("this system does not tell what a process holds as Linux does")
+    smallest = shapes_pack(70, diffuse=True)
+    save_pack(shapes_pack(84), tmp_path / "a")
+    save_pack(shapes_pack(70), tmp_path / "b")
+    save_pack(smallest, tmp_path / "c")
+    shutil.make_archive(str(tmp_path / "b"), "zip", tmp_path / "b")
+    packs = [str(tmp_path / name) for name in ("a", "b.zip", "c")]
+    line = [
+        sys.executable,
+        "-m",
+        "tests.viewer.interface.many_packs",
+        *map(str, (WARM_UP, PACKS, ROUNDS, TOLERATED)),
+        *packs,
+    ]
+    run = subprocess.run(line, cwd=REPOSITORY, env=os.environ, capture_output=True, text=True, timeout=600)
+    assert run.returncode == 0, run.stderr
+    held = json.loads(run.stdout.splitlines()[-1])
+    assert len(set(held["card"])) == len(set(held["descriptors"])) == 1
+    host = held["host"]
+    grown = [after / before - 1 for before, after in pairwise(host)]
+    assert min(grown) < TOLERATED, [f"{bytes_held / 2**20:.1f} MiB" for bytes_held in host]
+    forgotten = PACKS * load_pack(tmp_path / "c").atlas_rgba.nbytes
+    assert forgotten > 4 * TOLERATED * max(host), (
+        "the smallest pack, forgotten every time, would be far beyond the bound"
+    )

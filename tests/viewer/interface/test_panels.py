@@ -1,0 +1,257 @@
+"""The interface drawn offscreen through EGL: buttons, keys and the mouse do what they say."""
+
+import numpy as np
+import pytest
+from imgui_bundle import imgui
+from PIL import Image
+
+from tests.viewer.rendering.shapes import surroundings_pack
+from tests.viewer.waiting import until
+from tests.viewer.window.widgets_seen import watch
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.features.preferences.preferences import apply_preferences, current_preferences
+from viewer.interface.layout import PAGES
+from viewer.rendering.settings import MODES
+
+MIDDLE = (400.0, 400.0)
+
+
+@pytest.fixture
+def ui(offscreen, app, pack, pack_folder):
+    ui = offscreen(app)
+    app.interface.axes_shown = False
+    app.show(pack, pack_folder)
+    ui.settle()
+    return ui
+
+
+def scene_part(ui) -> np.ndarray:
+    """The picture of the scene alone."""
+    box = ui.app.viewport
+    d = ui.density
+    rows = slice(round(box.y * d), round((box.y + box.height) * d))
+    return ui.picture()[rows, round(box.x * d) : round((box.x + box.width) * d)]
+
+
+def test_the_window_shows_the_same_pixels_as_the_offscreen_renderer(ui, app, pack):
+    expected = ui.canvas.snapshot(app.camera(), app.settings)
+    shown = scene_part(ui)
+    assert shown.shape == expected.shape
+    # Tiles round rays a little differently, so that a few pixels may fall on the other side of a rounding.
+    difference = np.abs(shown.astype(int) - expected.astype(int))
+    assert (difference > 1).mean() < 1e-3
+
+
+def test_something_of_the_toy_is_seen(ui):
+    assert scene_part(ui).reshape(-1, 3).std(axis=0).max() > 15
+
+
+def test_a_drag_turns_a_right_drag_slides_the_wheel_comes_nearer(ui, app):
+    rig = app.scene.rig
+    start = rig.goal
+    ui.drag([MIDDLE, (460, 420)])
+    turned = rig.goal
+    assert turned.azimuth != start.azimuth and turned.elevation > start.elevation and turned.pivot == start.pivot
+    ui.drag([MIDDLE, (460, 420)], button=1)
+    assert rig.goal.pivot != turned.pivot and rig.goal.azimuth == turned.azimuth
+    slid = rig.goal
+    ui.drag([MIDDLE, (460, 420)], button=2)
+    assert rig.goal.pivot != slid.pivot
+    ui.wheel(2, *MIDDLE)
+    assert rig.goal.distance < start.distance
+
+
+def test_dragging_over_a_panel_leaves_the_camera_alone(ui, app):
+    before = app.scene.rig.goal
+    ui.drag([(1000, 720), (1080, 700)])
+    ui.wheel(2, 1000, 700)
+    assert app.scene.rig.goal == before
+
+
+def test_a_double_click_turns_about_what_is_seen(ui, app):
+    before = app.scene.rig.goal.pivot
+    ui.io.add_mouse_pos_event(*(float(v) for v in (app.viewport.width / 2, app.viewport.y + app.viewport.height / 2)))
+    for _ in range(2):
+        ui.io.add_mouse_button_event(0, True)
+        ui.frame()
+        ui.io.add_mouse_button_event(0, False)
+        ui.frame()
+    pivot = np.asarray(app.scene.rig.goal.pivot)
+    assert tuple(pivot) != before
+    assert np.all(np.abs(pivot) < 1.05)  # on the toy, which fills -1 … 1
+
+
+def test_keys_run_commands(ui, app):
+    rig = app.scene.rig
+    ui.drag([MIDDLE, (500, 420)])
+    ui.key(imgui.Key.r)
+    assert rig.goal == rig.home_pose
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.z)
+    assert rig.goal != rig.home_pose
+    ui.key(imgui.Key.home)
+    assert rig.goal == rig.home_pose
+    ui.key(imgui.Key.space)
+    assert app.settings.mode == "diffuse"
+    ui.key(imgui.Key.tab)
+    assert not app.interface.panels_shown and app.viewport.width == ui.size[0]
+    ui.key(imgui.Key.mod_shift, imgui.Key.slash)
+    assert app.interface.help_shown
+    ui.key(imgui.Key.escape)
+    assert not app.interface.help_shown
+
+
+def test_the_rail_opens_and_closes_pages(ui, app):
+    x = ui.size[0] - 25
+    for i, page in enumerate(PAGES):
+        app.interface.page = ""
+        ui.click(x, 48 + 10 + 16 + 40 * i)
+        assert app.interface.page == page.id
+    ui.click(x, 48 + 10 + 16 + 40 * (len(PAGES) - 1))
+    assert app.interface.page == ""
+
+
+def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(ui, app, pack, pack_folder):
+    app.interface.page = "view"
+    contracted = surroundings_pack(64)
+    with watch() as seen:
+        ui.settle()
+        assert not [label for _, label in seen.seen if "##surroundings" in label]
+    app.show(contracted, pack_folder)
+    with watch() as seen:
+        ui.settle()
+        (place,) = [each.at for (_, label), each in seen.seen.items() if "##surroundings" in label]
+    whole = scene_part(ui)
+    ui.click(*place)
+    ui.settle()
+    assert not app.settings.surroundings and not current_preferences(app).surroundings
+    assert np.abs(scene_part(ui).astype(int) - whole).mean() > 20
+    again = App()
+    apply_preferences(again, current_preferences(app))
+    assert not again.settings.surroundings
+    ui.click(*place)
+    ui.settle()
+    assert app.settings.surroundings and np.abs(scene_part(ui).astype(int) - whole).mean() < 1
+
+
+def test_a_dialog_waits_for_its_answer_and_keeps_the_keys(ui, app):
+    app.messages.fail("it cannot be opened", "the file is no pack")
+    ui.settle()
+    mode = app.settings.mode
+    ui.key(imgui.Key.space)
+    assert app.messages.dialogs and app.settings.mode == mode
+    ui.key(imgui.Key.enter)
+    assert not app.messages.dialogs
+
+
+def test_every_page_and_every_mode_draws_without_gl_errors(ui, app):
+    app.resolution.rest_scale = 0.25
+    for page in PAGES:
+        app.interface.page = page.id
+        for _ in range(3):
+            ui.frame()
+        assert ui.ctx.error == "GL_NO_ERROR"
+    for mode in MODES:
+        app.set(mode=mode)
+        ui.settle()
+        assert ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_a_forward_facing_pack_slides_under_the_left_button(ui, app, ndc_pack, pack_folder):
+    app.show(ndc_pack, pack_folder)
+    ui.settle()
+    before = app.scene.rig.goal
+    ui.drag([MIDDLE, (460, 430)])
+    assert app.scene.rig.goal.pivot != before.pivot and app.scene.rig.goal.azimuth == before.azimuth
+
+
+def test_the_start_page_is_shown_without_a_scene(offscreen, app):
+    ui = offscreen(app)
+    ui.settle()
+    assert ui.picture().max() > 120 and ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_dense_displays_get_more_pixels_and_the_same_layout(offscreen, pack, pack_folder):
+    app = App()
+    ui = offscreen(app, size=(900, 600), density=2.0)
+    app.show(pack, pack_folder)
+    ui.settle()
+    assert ui.picture().shape == (1200, 1800, 3)
+    assert app.viewport.pixels == (round(2 * app.viewport.width), round(2 * app.viewport.height))
+    assert ui.canvas.drawn_size == app.viewport.pixels
+
+
+@pytest.mark.parametrize("size", [(480, 360), (640, 400), (1400, 500)])
+def test_every_window_size_keeps_room_for_the_picture(offscreen, app, pack, pack_folder, size):
+    ui = offscreen(app, size=size)
+    app.show(pack, pack_folder)
+    ui.settle()
+    assert app.viewport.width > 0.4 * size[0] and app.viewport.height > 0.8 * (size[1] - 48)
+
+
+def test_the_picture_is_quick_while_moving_and_whole_at_rest(ui, app):
+    app.resolution.scale = 0.3
+    app.scene.rig.orbit(0.2, 0.0)
+    ui.frame()
+    ui.frame()
+    assert ui.canvas.pending and ui.canvas.drawn_size[0] < app.viewport.pixels[0]
+    ui.settle()
+    assert ui.canvas.drawn_size == app.viewport.pixels
+
+
+def test_a_film_is_exported_while_the_window_goes_on(ui, app, tmp_path):
+    run(app, "turntable")
+    app.filming.size, app.filming.fps = (96, 64), 2.0
+    app.filming.film(app, tmp_path / "frames")
+    azimuth = app.scene.rig.goal.azimuth
+    ui.drag([MIDDLE, (480, 400)])
+    for _ in range(600):
+        ui.frame()
+        if app.filming.export is None:
+            break
+    assert len(list((tmp_path / "frames").glob("*.png"))) == 16
+    assert app.scene.rig.goal.azimuth != azimuth
+    assert not app.messages.dialogs and ui.ctx.error == "GL_NO_ERROR"
+
+
+def test_a_path_is_typed_where_the_system_has_no_dialogs(ui, app, pack_folder):
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.mod_shift, imgui.Key.o)
+    assert app.file_request is not None
+    ui.frame()
+    ui.io.add_input_characters_utf8(str(pack_folder))
+    ui.frame()
+    ui.key(imgui.Key.enter)
+    assert app.file_request is None and app.loading is not None
+    until(lambda: app.loading.finished)
+    ui.settle()
+    assert app.scene.path == pack_folder and not app.messages.dialogs
+
+
+def test_flying_moves_with_the_keys(ui, app):
+    ui.key(imgui.Key.v)
+    before = app.scene.rig.goal.eye(app.scene.rig.table)
+    ui.hold(imgui.Key.w)
+    for _ in range(10):
+        ui.frame()
+    ui.let_go(imgui.Key.w)
+    ui.frame()
+    assert np.linalg.norm(app.scene.rig.goal.eye(app.scene.rig.table) - before) > 0.01
+
+
+def test_a_still_that_is_saved_with_anti_aliasing_is_the_mean_of_rays(ui, app, tmp_path):
+    filming, pictures = app.filming, {}
+    app.interface.page, filming.size = "film", (96, 64)
+    with watch() as seen:
+        ui.settle()
+        places = {label.partition("##")[0]: each.at for (_, label), each in seen.seen.items() if "##samples" in label}
+    for name, size in (("Off", (96, 64)), ("4 × 4", (96, 64)), ("Off", (384, 256))):
+        ui.click(*places[name])
+        filming.size = size
+        filming.still(app, tmp_path / "still.png")
+        until(lambda: ui.frame() or filming.export is None)
+        pictures[name, size[0]] = np.asarray(Image.open(tmp_path / "still.png")).astype(float)
+    mean = pictures["Off", 384].reshape(64, 4, 96, 4, 3).mean(axis=(1, 3))
+    difference = np.abs(pictures["4 × 4", 96] - mean)
+    assert (difference > 1.01).mean() < 1e-3  # both are rounded; tiles round rays a little differently
+    assert np.abs(pictures["Off", 96] - mean).max() > 30
+    assert filming.of_another_scene().samples == 1

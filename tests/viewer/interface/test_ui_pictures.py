@@ -1,0 +1,305 @@
+"""Pictures of every page, dialog and overlay, drawn offscreen and compared with those in tests/golden/ui.
+
+After a wanted change, run this file with --regenerate-golden, and look at each picture that git shows as changed. What differs
+from run to run (times, paths, frame rates) is set by hand before a picture is taken.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import flip_evaluator
+import numpy as np
+import pytest
+from PIL import Image
+
+from console.progress_protocol import Report
+from scenepack import save_pack
+from tests.viewer.conftest import toy_pack
+from tests.viewer.offscreen_ui import OffscreenUi
+from tests.viewer.rendering.golden_variants import AMPLIFIED, GOLDEN
+from tests.viewer.rendering.pictures import FAILURES, skip
+from tests.viewer.scenes import photographed
+from tests.viewer.waiting import until
+from tools.procedural import write_procedural_scene
+from viewer.app.commands import run
+from viewer.core.annotations import Annotations, Measurement, Scale
+from viewer.core.log import LogLine
+from viewer.core.theme import THEMES
+from viewer.features.crop import crop
+from viewer.features.making import make_plan
+from viewer.features.making.make_job import MakeJob
+from viewer.features.making.make_plan import Plan
+from viewer.features.making.survey import Survey
+from viewer.features.performance.frame_stats import FrameStats
+from viewer.interface.layout import PAGES
+
+FOLDER = GOLDEN / "ui"
+SIZE = (900, 640)
+WHOLE = (((800, 600), 1.0), ((1280, 800), 1.0), ((1920, 1080), 2.0))  # units, and pixels in each
+FLIP_TOLERANCE = 0.01  # mean over the picture: a moved label gives 0.02 and more, another driver's rounding 0.003
+FADING_FRAMES = 15  # what lies behind a dialog dims within a sixth of a second
+Picture = Callable[[OffscreenUi, str], None]
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory, pack):
+    return photographed(pack, tmp_path_factory.mktemp("scene") / "toy_scene", 4)
+
+
+@pytest.fixture
+def ui(known, offscreen, app):
+    ui = offscreen(app, size=SIZE)
+    app.resolution.rest_scale = 0.5  # the scene's own pictures are compared elsewhere
+    app.show(known, Path("scenes/toy"), "toy")
+    return ui
+
+
+@pytest.fixture
+def compare(request) -> Picture:
+    """Takes the picture of an interface, all of it or one page, and compares it with the golden one."""
+
+    def take(ui: OffscreenUi, name: str, columns: slice = slice(None)) -> None:
+        renderer = ui.ctx.info["GL_RENDERER"]
+        if "llvmpipe" not in renderer:
+            skip(request.config, f"golden pictures are compared on llvmpipe only, this is {renderer}")
+        ui.settle()
+        for _ in range(FADING_FRAMES):
+            ui.frame()
+        _freeze(ui)
+        for _ in range(2):
+            ui.frame()
+        picture = _in_units(ui)[:, columns]
+        path = FOLDER / f"{name}.png"
+        if request.config.getoption("--regenerate-golden"):
+            path.parent.mkdir(exist_ok=True)
+            Image.fromarray(picture).save(path, optimize=True)
+            return
+        assert path.is_file(), f"{path} is missing; look at the picture, then run pytest --regenerate-golden"
+        expected = np.asarray(Image.open(path).convert("RGB"))
+        assert picture.shape == expected.shape
+        _, mean, _ = flip_evaluator.evaluate(expected / np.float32(255), picture / np.float32(255), "LDR")
+        if mean > FLIP_TOLERANCE:
+            FAILURES.mkdir(exist_ok=True)
+            difference = np.clip(AMPLIFIED * np.abs(picture.astype(int) - expected), 0, 255).astype(np.uint8)
+            for what, pixels in (("actual", picture), ("expected", expected), ("difference", difference)):
+                Image.fromarray(pixels).save(FAILURES / f"ui-{name}-{what}.png")
+            pytest.fail(f"{name}: FLIP {mean:.4f}, allowed {FLIP_TOLERANCE}; see {FAILURES}/ui-{name}-*.png")
+
+    return take
+
+
+def _in_units(ui: OffscreenUi) -> np.ndarray:
+    """A pixel for each unit."""
+    picture = ui.picture()
+    return picture if ui.density == 1 else np.asarray(Image.fromarray(picture).reduce(round(ui.density)))
+
+
+def _freeze(ui: OffscreenUi) -> None:
+    """Sets what differs from run to run."""
+    app = ui.app
+    app.times = FrameStats()
+    for i in range(120):
+        app.times.add(9.0 + 3 * np.sin(i / 5), 17.0 + 6 * np.sin(i / 9) + 20 * (i % 40 == 7), None)
+    ui.canvas.picture_ms = 41.5
+    ui.canvas.ctx.info["GL_RENDERER"] = "llvmpipe"
+    app.messages.lines.clear()
+    noon = time.mktime((2026, 1, 1, 12, 0, 0, 0, 1, -1))
+    app.messages.lines.append(LogLine("info", "toy is open, from scenes/toy", noon))
+    app.messages.lines.append(LogLine("warning", "the view MLP is all zero; the pack is shown as diffuse", noon + 2))
+    photographs, thumbnails = app.gallery.photographs, app.gallery.thumbnails
+    if photographs is not None:
+        photographs.folder = Path("scenes/toy")
+        if thumbnails is not None:
+            thumbnails.folder = photographs.folder
+
+
+TURN = ((0.5, 0.4, 0.08), (0.4, -0.1, 0.1), (0.0, -0.1, 0.4))
+SIDE = slice(SIZE[0] - 372, None)
+
+
+@pytest.mark.parametrize("page", [page.id for page in PAGES])
+def test_each_page_looks_as_before(ui, app, compare, page):
+    app.interface.page = page
+    if page == "crop":
+        app.crop_tool = "scale"
+        app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
+    elif page == "bookmarks":
+        for command in ("front", "right"):
+            run(app, command)
+            app.scene.rig.shown = app.scene.rig.goal
+            run(app, "bookmark")
+    elif page == "measure":
+        points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
+        app.annotations.current = Annotations(
+            Scale(2.0, "m"), (Measurement("line", points), Measurement("point", points[:1]))
+        )
+    elif page == "photographs":
+        app.gallery.frusta = True
+    elif page == "compare":
+        app.compare_with(toy_pack(view_mlp=False), Path("toy-diffuse"))
+    elif page == "film":
+        run(app, "turntable")
+    elif page == "performance":
+        app.costs.switch(True)
+    compare(ui, f"page-{page}", SIDE)
+
+
+def test_the_start_page_looks_as_before(offscreen, app, compare, tmp_path, monkeypatch):
+    monkeypatch.setattr(type(app.preferences), "recent_packs", lambda _: [Path("/scenes/lego"), Path("/scenes/fern")])
+    app.demo = Path("demo.zip")
+    compare(offscreen(app, size=SIZE), "start")
+
+
+def test_the_window_with_a_photograph_looks_as_before(ui, app, compare):
+    app.interface.page = "photographs"
+    app.gallery.stand_in(app, 1)
+    compare(ui, "photograph")
+
+
+def test_frusta_look_as_before(ui, app, compare):
+    app.interface.page, app.gallery.frusta = "", True
+    app.scene.rig.dolly(-9)
+    app.scene.rig.shown = app.scene.rig.goal
+    compare(ui, "frusta")
+
+
+def test_the_crop_gizmo_looks_as_before(ui, app, compare):
+    app.interface.page = "crop"
+    app.crop_tool = "move"
+    app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
+    compare(ui, "crop-gizmo")
+
+
+def test_measurements_look_as_before(ui, app, compare):
+    """A line and an angle in the picture, light and dark behind them, and a point that is about to be placed."""
+    app.interface.page = "measure"
+    on_the_plate = ((-0.6, -0.64, 0.2), (0.0, -0.64, 0.6), (0.6, -0.64, 0.2))
+    app.annotations.current = Annotations(measurements=(Measurement("line", on_the_plate), Measurement("angle", TURN)))
+    app.measure_tool.tool, app.measure_tool.selected = "line", 1
+    app.measure_tool.draft = ((-1.2, 0.6, 0.0), (-0.4, 0.6, 0.0))
+    compare(ui, "measure")
+
+
+def test_the_help_overlay_looks_as_before(ui, app, compare):
+    app.interface.help_shown = True
+    compare(ui, "help")
+
+
+@pytest.mark.parametrize("what", ["bar", "page", "keys"])
+def test_the_smallest_window_looks_as_before(known, offscreen, app, compare, what):
+    ui = offscreen(app, size=(480, 360))
+    app.resolution.rest_scale = 0.5
+    app.show(known, Path("scenes/toy"), "A scene whose name is too long")
+    app.interface.over = "camera" if what == "page" else ""
+    app.interface.help_shown = what == "keys"
+    compare(ui, f"small-{what}")
+
+
+@pytest.mark.parametrize("mode", ["depth", "samples"])
+def test_legends_look_as_before(ui, app, compare, mode):
+    app.set(mode=mode)
+    compare(ui, f"legend-{mode}")
+
+
+def test_a_failure_looks_as_before(ui, app, compare):
+    app.messages.fail("lego cannot be opened", "scene_params.json: is not JSON (expected an object, found 'x')")
+    compare(ui, "dialog")
+
+
+def test_asking_for_a_path_looks_as_before(ui, app, compare):
+    run(app, "open")
+    compare(ui, "path")
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory) -> Path:
+    return write_procedural_scene(tmp_path_factory.mktemp("photographs") / "still", size=64, views=4, subpixels=1)
+
+
+def plan_of(scene: Path) -> Plan:
+    """How the scene would be made, with folders that are the same everywhere."""
+    plan = Plan("scene", scene, Path("/scenes/still-snerg"), survey=Survey(scene))
+    until(lambda: plan.survey.finished)
+    return plan
+
+
+@pytest.mark.parametrize("which", ["scene", "again", "run", "refused"])
+def test_the_questions_how_to_make_a_scene_look_as_before(ui, app, compare, photographs, which, monkeypatch):
+    monkeypatch.setattr(make_plan, "why_not_writable", lambda folder: None)  # /scenes, which not everybody may make
+    plan = plan_of(photographs)
+    if which == "again":
+        plan.attempt = {"scene": str(photographs), "steps": 6000}
+    elif which == "run":
+        plan = Plan("run", Path("/scenes/still-snerg/run"), Path("/scenes/still-snerg/pack"))
+    elif which == "refused":
+        plan.attempt = {"scene": "/scenes/lego", "steps": 6000}
+    app.making.plan = plan
+    compare(ui, f"make-{which}")
+
+
+def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(ui, app, compare, known, tmp_path):
+    save_pack(known, tmp_path / "toy")
+    app.show(known, tmp_path / "toy", "toy")
+    app.exporting.ask(app)
+    compare(ui, "export")
+    goal = app.scene.rig.goal
+    ui.drag([(730, 300), (770, 310), (800, 320)])
+    ui.settle()
+    assert app.scene.rig.goal.azimuth != goal.azimuth and app.exporting.asking
+    app.exporting.dismiss()
+    ui.frame()
+
+
+def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
+    child = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
+    job = app.making.job = MakeJob(plan_of(photographs), child)
+    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
+    job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
+    with Image.open(photographs / "test" / "r_0.png") as opened:
+        shown = np.asarray(opened.convert("RGB").resize((256, 256)))
+    job.picture = np.concatenate([shown, shown // 2 + 64], axis=1)
+    compare(ui, "make-job")
+
+
+def test_the_light_theme_looks_as_before(ui, app, compare):
+    app.set_theme("light")
+    app.set_backdrop("gradient")
+    app.interface.page = "settings"
+    compare(ui, "light")
+
+
+@pytest.mark.parametrize("theme", THEMES)
+@pytest.mark.parametrize(("size", "density"), WHOLE)
+def test_whole_windows_look_as_before(known, offscreen, app, compare, size, density, theme):
+    """Of the sizes that people have, in each theme; a dense screen's picture is compared at half its pixels."""
+    ui = offscreen(app, size=size, density=density)
+    app.resolution.rest_scale = 0.5 / density
+    app.show(known, Path("scenes/toy"), "toy")
+    app.set_theme(theme)
+    app.interface.opens("view")
+    compare(ui, _whole_name(size, theme))
+
+
+def _whole_name(size: tuple[int, int], theme: str) -> str:
+    return f"whole-{size[0]}x{size[1]}-{theme}"
+
+
+def test_no_picture_is_left_over():
+    names = {f"page-{page.id}" for page in PAGES}
+    names |= {"start", "photograph", "frusta", "crop-gizmo", "measure", "help", "dialog", "path"}
+    names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
+    names |= {"small-bar", "small-page", "small-keys", "light", "export", "legend-depth", "legend-samples"}
+    names |= {_whole_name(size, theme) for size, _ in WHOLE for theme in THEMES}
+    assert {path.stem for path in FOLDER.glob("*.png")} == names
+
+
+def test_a_moved_label_is_noticed():
+    shown = np.asarray(Image.open(FOLDER / "page-camera.png").convert("RGB"))
+    moved = shown.copy()
+    moved[90:300, 20:] = shown[86:296, 20:]
+    _, mean, _ = flip_evaluator.evaluate(shown / np.float32(255), moved / np.float32(255), "LDR")
+    assert mean > FLIP_TOLERANCE

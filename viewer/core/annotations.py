@@ -1,0 +1,319 @@
+"""Annotations of a scene: its scale, measurements and bookmarks; their JSON, and where they are saved.
+
+Points are in the pack's grid frame (y up; in forward-facing packs, before the warp). Lengths are in grid units.
+The JSON is untrusted.
+
+A writable folder of this project's format holds its own annotations, in its "snerg" object. Other packs are not changed: theirs
+are in a file of the user's, named by a hash of the pack's own parameters, so that a pack that was moved keeps them. A thread
+writes changes a moment after the last one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import platformdirs
+
+from console import not_written
+from console.atomic import write_file
+from console.json_text import read_json_file
+from console.streams import one_line
+from scenepack.pack import Pack
+from scenepack.writer import metadata_writable, write_metadata
+from viewer.core.pose import FARTHEST, UP_AXES
+from viewer.core.tasks import Autosave
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+
+Point = tuple[float, float, float]
+Kind = Literal["point", "line", "angle"]
+Unit = Literal["", "m", "cm", "mm", "in", "ft"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+UNITS: tuple[Unit, ...] = get_args(Unit)
+METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+LEAST_POINTS = {"point": 1, "line": 2, "angle": 3}
+MOST_POINTS, MOST_ANNOTATIONS = 1000, 10_000  # of a line; of each kind
+LONGEST_NAME = 100  # characters
+SCALES = (1e-12, 1e12)
+FOVS = (1.0, 170.0)  # degrees, vertical
+
+
+@dataclass(frozen=True)
+class Scale:
+    """factor: units per grid unit. unit: "" while the scale is unknown."""
+
+    factor: float = 1.0
+    unit: Unit = ""
+
+    def shown_in(self, unit: Unit) -> Scale:
+        """The same scale in another unit; this one where either is none."""
+        if unit not in METRES or self.unit not in METRES:
+            return self
+        return Scale(self.factor * METRES[self.unit] / METRES[unit], unit)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """kind "point": one point. "line": two or more. "angle": three, at the second of them."""
+
+    kind: Kind
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class Bookmark:
+    """A saved view. eye, target: of the camera and of what it turns about. up: a key of UP_AXES. fov: vertical, degrees."""
+
+    name: str
+    eye: Point
+    target: Point
+    up: str = "y"
+    fov: float = 35.0
+
+
+@dataclass(frozen=True)
+class Annotations:
+    """The annotations of one scene."""
+
+    scale: Scale = Scale()
+    measurements: tuple[Measurement, ...] = ()
+    bookmarks: tuple[Bookmark, ...] = ()
+
+    def with_measurement(self, index: int, measurement: Measurement | None) -> Annotations:
+        """With another one in the place of `index` (one behind the last adds it); without it where there is none."""
+        new = () if measurement is None else (measurement,)
+        return replace(self, measurements=(*self.measurements[:index], *new, *self.measurements[index + 1 :]))
+
+    def with_bookmark(self, index: int, bookmark: Bookmark | None) -> Annotations:
+        """Likewise with a bookmark."""
+        new = () if bookmark is None else (bookmark,)
+        return replace(self, bookmarks=(*self.bookmarks[:index], *new, *self.bookmarks[index + 1 :]))
+
+    def with_bookmark_moved(self, index: int, to: int) -> Annotations:
+        """With a bookmark at another place in the order."""
+        left = [bookmark for i, bookmark in enumerate(self.bookmarks) if i != index]
+        left.insert(to, self.bookmarks[index])
+        return replace(self, bookmarks=tuple(left))
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to keep."""
+        return self == Annotations()
+
+
+def annotations_to_json(annotations: Annotations) -> dict[str, Any]:
+    """What annotations_from_json reads; for json.dumps."""
+    return {
+        "scale": {"factor": annotations.scale.factor, "unit": annotations.scale.unit},
+        "measurements": [{"kind": m.kind, "points": [list(p) for p in m.points]} for m in annotations.measurements],
+        "bookmarks": [bookmark_to_json(view) for view in annotations.bookmarks],
+    }
+
+
+def bookmark_to_json(view: Bookmark) -> dict[str, Any]:
+    """What bookmark_from_json reads."""
+    return {"name": view.name, "eye": list(view.eye), "target": list(view.target), "up": view.up, "fov": view.fov}
+
+
+def annotations_from_json(document: Any, complain: Callable[[str], None] | None = None) -> Annotations:
+    """The annotations in a document. Bad values raise ValueError; with `complain`, they are reported and left out."""
+
+    def part(read: Callable[[Any], Any], value: Any, otherwise: Any) -> Any:
+        try:
+            return read(value)
+        except ValueError as error:
+            if complain is None:
+                raise
+            complain(str(error))
+            return otherwise
+
+    entries = part(_object, document, {})
+
+    def listed(key: str, read: Callable[[Any], Any]) -> tuple[Any, ...]:
+        values = part(lambda value: _list(value, key), entries.get(key, []), [])
+        found = (part(read, value, None) for value in values)
+        return tuple(each for each in found if each is not None)
+
+    scale = part(_scale, entries.get("scale", {}), Scale())
+    return Annotations(scale, listed("measurements", _measurement), listed("bookmarks", bookmark_from_json))
+
+
+def _object(value: Any, what: str = "marks") -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{what}: expected an object")
+    return value
+
+
+def _list(value: Any, what: str) -> list[Any]:
+    if not isinstance(value, list) or len(value) > MOST_ANNOTATIONS:
+        raise ValueError(f"{what}: expected a list of at most {MOST_ANNOTATIONS}")
+    return value
+
+
+def number_from_json(value: Any, low: float, high: float, what: str) -> float:
+    """A finite number. ValueError for anything else."""
+    good = (
+        isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and low <= value <= high
+    )
+    if not good:
+        raise ValueError(f"{what}: expected a number from {low:g} to {high:g}")
+    return float(value)
+
+
+def point_from_json(value: Any, what: str) -> Point:
+    """Three numbers. ValueError for anything else."""
+    if not isinstance(value, list) or len(value) != 3:
+        raise ValueError(f"{what}: expected three numbers")
+    x, y, z = (number_from_json(number, -FARTHEST, FARTHEST, what) for number in value)
+    return x, y, z
+
+
+def _scale(value: Any) -> Scale:
+    entries = _object(value, "scale")
+    unit = entries.get("unit", "")
+    if unit not in UNITS:
+        raise ValueError("scale: expected a unit such as m, cm, mm, in or ft")
+    return Scale(number_from_json(entries.get("factor", 1.0), *SCALES, "scale"), unit)
+
+
+def _measurement(value: Any) -> Measurement:
+    entries = _object(value, "a measurement")
+    kind, points = entries.get("kind"), entries.get("points")
+    if kind not in KINDS:
+        raise ValueError("a measurement: expected a point, a line or an angle")
+    least = LEAST_POINTS[kind]
+    most = MOST_POINTS if kind == "line" else least
+    if not isinstance(points, list) or not least <= len(points) <= most:
+        raise ValueError(f"a measurement: expected {least} points" + (" or more" if most > least else ""))
+    return Measurement(kind, tuple(point_from_json(point, "a measurement") for point in points))
+
+
+def bookmark_from_json(value: Any) -> Bookmark:
+    """A view. ValueError, in words, for what makes no sense."""
+    entries = _object(value, "a bookmark")
+    eye, target = (point_from_json(entries.get(key), f"a bookmark's {key}") for key in ("eye", "target"))
+    if math.dist(eye, target) < 1e-9:
+        raise ValueError("a bookmark: its eye and its target are the same point")
+    up = entries.get("up", "y")
+    if not isinstance(up, str) or up not in UP_AXES:
+        raise ValueError("a bookmark: expected up to be an axis such as y or -z")
+    return Bookmark(
+        named(entries.get("name")),
+        eye,
+        target,
+        up,
+        number_from_json(entries.get("fov", 35.0), *FOVS, "a bookmark's fov"),
+    )
+
+
+def named(text: Any) -> str:
+    """A name cut to one line of at most LONGEST_NAME characters."""
+    return one_line(text, LONGEST_NAME) if isinstance(text, str) and text.strip() else "View"
+
+
+KEY = "marks"  # in the pack's "snerg" object
+SETTLE_S = 0.4  # after the last change, before it is written
+
+
+def default_folder() -> Path:
+    """Folder for the annotations of packs that are not changed."""
+    return platformdirs.user_data_path("snerg", appauthor=False) / "marks"
+
+
+def file_for(pack: Pack, folder: Path) -> Path:
+    """The file in `folder` with the annotations of `pack`, the same wherever the pack is."""
+    own = {key: value for key, value in pack.params.items() if key != "snerg"}
+    return folder / f"{hashlib.sha256(json.dumps(own, sort_keys=True, default=str).encode()).hexdigest()[:32]}.json"
+
+
+@dataclass
+class AnnotationStore:
+    """Reads the annotations of the open pack, and writes them when they change."""
+
+    current: Annotations = field(default_factory=Annotations)
+    folder: Path | None = None  # of the user's files; None: nothing is written, as in scripts
+    _autosave: Autosave[Annotations] | None = None
+    _problem: str = ""
+    _problem_reported: bool = False
+
+    def open_pack(self, app: App, pack: Pack, path: Path | None, annotations: Annotations | None = None) -> None:
+        """Writes the annotations of the last pack and reads those of `pack`. path: None if they are not saved.
+
+        annotations: of `pack`, if it was open before; those in `pack` may be older.
+        """
+        self.close_pack()
+        self.current = self._read(app, pack, path) if annotations is None else annotations
+        folder, self._problem_reported = self.folder, False
+
+        def write(annotations: Annotations) -> None:
+            if path is not None and folder is not None:
+                self._problem = _write(pack, path, folder, annotations)
+
+        self._autosave = Autosave(write, self.current, SETTLE_S)
+
+    def _read(self, app: App, pack: Pack, path: Path | None) -> Annotations:
+        notes: list[str] = []
+        own = pack.metadata.get(KEY)
+        annotations = annotations_from_json(own, notes.append) if own is not None else Annotations()
+        if path is not None and self.folder is not None and not metadata_writable(pack, path):
+            file = file_for(pack, self.folder)
+            try:
+                annotations = annotations_from_json(read_json_file(file), notes.append)
+            except FileNotFoundError:
+                pass
+            except (OSError, ValueError) as error:
+                notes.append(f"{file}: {error}")
+        for note in dict.fromkeys(notes):
+            app.messages.log(f"marks of this scene are left out: {note}", "warning")
+        return annotations
+
+    def close_pack(self) -> None:
+        """Writes changes now, because the pack is closed or the program ends."""
+        if self._autosave is not None:
+            self._autosave.finish(self.current)
+        self.current, self._autosave = Annotations(), None
+
+    def change(self, app: App, annotations: Annotations) -> None:
+        """Changes the annotations in one step that can be undone."""
+        if app.scene is not None and annotations != self.current:
+            app.scene.rig.remember()
+            self.current = annotations
+            app.touch()
+
+    def tick(self, app: App) -> None:
+        """Writes what has not changed for a moment. Reports a failure once for each pack."""
+        if self._problem and not self._problem_reported:
+            self._problem_reported = True
+            app.messages.say(self._problem, "warning")
+            app.touch()
+        if self._autosave is not None:
+            self._autosave.follow(self.current)
+
+
+def _write(pack: Pack, path: Path, folder: Path, annotations: Annotations) -> str:
+    """Writes annotations into the pack or the user's file. Returns what went wrong, or ""."""
+    document = None if annotations.empty else annotations_to_json(annotations)
+    try:
+        if metadata_writable(pack, path):
+            write_metadata(path, KEY, document)
+            return ""
+        file = file_for(pack, folder)
+        if document is None:
+            file.unlink(missing_ok=True)
+        else:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_file(file, json.dumps(document, indent=1))
+        return ""
+    except OSError as error:
+        words, remedy = not_written(error)
+        return f"Measurements and bookmarks are not saved: {words}; {remedy}"
+    except ValueError as error:
+        return f"Measurements and bookmarks are not saved: {error}"

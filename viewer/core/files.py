@@ -1,0 +1,127 @@
+"""Files and folders that the viewer opens: what they hold, and requests for one."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from console import UserError, not_written
+from console.results import try_folder
+from scenepack.files import PARAMS_NAME, ZIP_ERRORS
+from training.scenes.files import PICTURE_SUFFIXES
+from training.scenes.sources import find_source, is_film
+
+Kind = Literal["pack", "run", "scene", "pictures", "session", "unknown"]
+SESSION_SUFFIX = ".snerg"
+POSED, REPORT = (
+    "scene",
+    "poses.json",
+)  # a scene whose poses were found, in the folder for the results; what it says of itself
+SCENE_FILES = (
+    "transforms_train.json",
+    "transforms.json",
+    "poses_bounds.npy",
+    "sparse/0/cameras.bin",
+    "sparse/cameras.bin",
+    "sparse/0/cameras.txt",
+    "sparse/cameras.txt",
+)
+
+
+@dataclass(frozen=True)
+class FileRequest:
+    """A path that the user is asked for. kind: an existing file, a folder, or a file to write.
+
+    suffixes: such as (".zip",). then: called with the path that was chosen. start: the folder to begin in.
+    """
+
+    title: str
+    kind: Literal["open", "folder", "save"]
+    then: Callable[[Path], object]
+    suffixes: tuple[str, ...] = ()
+    suggestion: str = ""
+    start: Path | None = None
+
+
+def kind_of(path: Path) -> Kind:
+    """What is at `path`, told by names alone. pictures: photographs without poses, or a film."""
+    if path.is_file():
+        if path.suffix.lower() == SESSION_SUFFIX:
+            return "session"
+        if is_film(path):
+            return "pictures"
+        return "pack" if path.suffix.lower() == ".zip" and _holds_params(path) else "unknown"
+    if (path / PARAMS_NAME).is_file() or (any(path.glob(f"*/{PARAMS_NAME}")) and not _is_scene(path)):
+        return "pack"
+    if _is_scene(path):
+        return "scene"
+    if any((path / folder / "config.json").is_file() for folder in ("", "run")):
+        return "run"  # of snerg-train; or what snerg-make left when it was stopped
+    if found_poses(path):
+        return "scene"  # what snerg-make left when it was stopped before training
+    return "pictures" if _bare(path) else "unknown"
+
+
+def found_poses(path: Path) -> bool:
+    """Whether `path` is a folder for results in which camera poses were found."""
+    return (path / POSED / REPORT).is_file()
+
+
+def pack_in(path: Path) -> Path:
+    """`path`, or the folder just below it that holds a pack (snerg-make writes one beside its run)."""
+    if path.is_dir() and not (path / PARAMS_NAME).is_file():
+        for found in sorted(path.glob(f"*/{PARAMS_NAME}")):
+            return found.parent
+    return path
+
+
+def scene_around(path: Path) -> Path:
+    """`path`, or where it is a folder of pictures inside a scene (SCENE/images, SCENE/images/left), that scene."""
+    if not path.is_dir() or kind_of(path) not in ("pictures", "unknown"):
+        return path
+    if not any(_holds_pictures(folder) for folder in (path, *path.glob("*/"))):
+        return path
+    return next((parent for parent in path.resolve().parents[:2] if _is_scene(parent)), path)
+
+
+def _bare(path: Path) -> bool:
+    try:
+        return find_source(path) is not None
+    except UserError:  # several films: whoever finds poses says so
+        return True
+
+
+def _holds_pictures(folder: Path) -> bool:
+    return folder.is_dir() and any(child.suffix.lower() in PICTURE_SUFFIXES for child in folder.iterdir())
+
+
+def existing_folder(path: Path) -> Path:
+    """`path`, or the nearest folder above it that is there."""
+    path = path.absolute()
+    return next((folder for folder in (path, *path.parents) if os.path.isdir(folder)), Path(path.anchor))
+
+
+def why_not_writable(folder: Path) -> str | None:
+    """Why nothing can be written into `folder`, which need not be there yet, and what to do; None where it can. Tries it."""
+    try:
+        try_folder(folder)
+    except OSError as error:
+        words, remedy = not_written(error)
+        return f"{folder} cannot be written: {words}; {remedy}."
+    return None
+
+
+def _is_scene(path: Path) -> bool:
+    return any((path / name).is_file() for name in SCENE_FILES)
+
+
+def _holds_params(path: Path) -> bool:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(name.rsplit("/", 1)[-1] == PARAMS_NAME for name in archive.namelist())
+    except (OSError, *ZIP_ERRORS):
+        return True  # let the reader say what is wrong with it

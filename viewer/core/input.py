@@ -1,0 +1,214 @@
+"""Keyboard and controllers (gamepads, 3D mice).
+
+Notation: a key's place is what is printed there on a US keyboard ("W", "Home", "Left"), whatever the user's layout; its
+name is the letter or digit that the layout gives it ("Z" on a French keyboard at the place "W"), else its place.
+Commands go by names and characters, as on any desktop; what a hand rests on (flying) goes by places.
+
+A state is what the system tells of one device at this moment; the window asks for it, tests make it up. Gamepads have the axes
+and buttons of GLFW's standard layout (SDL's game controller mappings), 3D mice the six axes of the joystick interface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+    from viewer.features.camera.orbit_camera import OrbitCamera
+
+FLYING = ("W", "A", "S", "D", "Q", "E")  # places: forward, left, back, right, down, up
+
+
+@dataclass(frozen=True)
+class KeyPress:
+    """A key that went down, with the modifiers of that very moment; or a character that was typed, with name "".
+
+    ctrl: Cmd on macOS. repeat: the system repeats a key that is held.
+    """
+
+    name: str = ""
+    ctrl: bool = False
+    shift: bool = False
+    alt: bool = False
+    repeat: bool = False
+    character: str = ""
+
+
+@dataclass
+class Keyboard:
+    """held: places of the keys that are down. local_name: what the user's layout prints at a place."""
+
+    held: set[str] = field(default_factory=set)
+    local_name: Callable[[str], str] = lambda place: place
+    _tapped: set[str] = field(default_factory=set)  # went down since the last frame, and perhaps up again
+
+    def down(self, place: str) -> None:
+        """A key went down."""
+        self.held.add(place)
+        self._tapped.add(place)
+
+    def up(self, place: str) -> None:
+        """A key went up."""
+        self.held.discard(place)
+
+    def leave(self) -> None:
+        """The window has lost the keyboard: nothing is held any more."""
+        self.held, self._tapped = set(), set()
+
+    def axis(self, plus: str, minus: str) -> float:
+        """1, 0 or -1: which of two keys is held, or was tapped since the last frame."""
+        active = self.held | self._tapped
+        return float(plus in active) - float(minus in active)
+
+    def seen(self) -> None:
+        """A frame has seen what was tapped."""
+        self._tapped.clear()
+
+    @property
+    def flying_names(self) -> tuple[str, ...]:
+        """What the user's layout prints on the keys of FLYING."""
+        return tuple(self.local_name(place) for place in FLYING)
+
+
+# --- Gamepads and 3D mice ---
+
+# GLFW's gamepad layout
+LEFT_X, LEFT_Y, RIGHT_X, RIGHT_Y, LEFT_TRIGGER, RIGHT_TRIGGER = range(6)
+A, B, X, Y, LEFT_BUMPER, RIGHT_BUMPER, BACK, START = range(8)
+UP, RIGHT, DOWN, LEFT = range(11, 15)
+GAMEPAD_BUTTONS: dict[int, tuple[str, str]] = {  # button: its name, and the command
+    A: ("A", "fly"),
+    X: ("X", "next-mode"),
+    Y: ("Y", "home"),
+    LEFT_BUMPER: ("left bumper", "last-photo"),
+    RIGHT_BUMPER: ("right bumper", "next-photo"),
+    BACK: ("Back", "orthographic"),
+    START: ("Start", "help"),
+    UP: ("up", "top"),
+    RIGHT: ("right", "right"),
+    DOWN: ("down", "front"),
+    LEFT: ("left", "left"),
+}
+MOUSE_BUTTONS: dict[int, tuple[str, str]] = {0: ("left", "home"), 1: ("right", "frame")}
+# Axes of a 3D mouse: the cap pushed right, towards the user, and down; tilted forward, to the right, and turned clockwise.
+PUSH_X, PUSH_Y, PUSH_Z, TILT_X, TILT_Y, TURN_Z = range(6)
+MAKERS = ("spacemouse", "spacenavigator", "spacepilot", "spaceexplorer", "spaceball", "3dconnexion")
+
+ORBIT_PER_S, PAN_PER_S, NOTCHES_PER_S = 0.7, 0.6, 6.0  # at full deflection: picture heights, and notches of the wheel
+
+
+@dataclass(frozen=True)
+class ControllerState:
+    """One device. name: as the system has it. axes: -1 … 1 each. buttons: whether each is down. gamepad: axes and buttons are in
+    GLFW's standard layout.
+    """
+
+    name: str
+    axes: tuple[float, ...]
+    buttons: tuple[bool, ...] = ()
+    gamepad: bool = False
+
+    @property
+    def mouse(self) -> bool:
+        """Whether it is a 3D mouse."""
+        return not self.gamepad and len(self.axes) >= 6 and any(maker in self.name.lower() for maker in MAKERS)
+
+    @property
+    def usable(self) -> bool:
+        return (self.gamepad or self.mouse) and len(self.axes) >= 6
+
+
+Run = Callable[[str], object]
+
+
+@dataclass
+class Controllers:
+    """The devices. dead_zone: 0 … 1, deflections below are none. states: of this moment."""
+
+    dead_zone: float = 0.15
+    states: Sequence[ControllerState] = ()
+    _down: dict[str, tuple[bool, ...]] = field(default_factory=dict)
+    _moving: bool = False
+
+    @property
+    def present(self) -> bool:
+        """Whether there is one, so that it must be looked at often."""
+        return any(state.usable for state in self.states)
+
+    def update(self, app: App, states: Sequence[ControllerState], seconds: float, run: Run) -> None:
+        """Applies what the devices say for `seconds`. run: runs a command by its id."""
+        self.states = states
+        pressed = [command for state in states if state.usable for command in self._pressed(state)]
+        self._down = {state.name: state.buttons for state in states}
+        for command in pressed:
+            run(command)
+        rig = app.scene.rig if app.scene is not None else None
+        moves = [self._axes(state) for state in states if state.usable] if rig is not None else []
+        moving = any(any(axes) for axes in moves)
+        if moving and not self._moving and rig is not None:  # the whole way is one step to be undone
+            rig.remember()
+        self._moving = moving
+        if not moving or rig is None:
+            return
+        for state, axes in zip((state for state in states if state.usable), moves, strict=True):
+            (_move_gamepad if state.gamepad else _move_mouse)(rig, axes, seconds)
+        app.touch()
+
+    def _pressed(self, state: ControllerState) -> list[str]:
+        """The commands of the buttons that went down since the last time."""
+        table = GAMEPAD_BUTTONS if state.gamepad else MOUSE_BUTTONS
+        before = self._down.get(state.name, state.buttons)  # what is down when a device comes is not pressed
+        return [
+            command
+            for button, (_, command) in table.items()
+            if button < len(state.buttons) and state.buttons[button] and not (button < len(before) and before[button])
+        ]
+
+    def _axes(self, state: ControllerState) -> tuple[float, ...]:
+        """-1 … 1 each, 0 within the dead zone and growing slowly beyond it; triggers 0 … 1."""
+        axes = list(state.axes)
+        if state.gamepad:
+            for trigger in (LEFT_TRIGGER, RIGHT_TRIGGER):
+                axes[trigger] = 0.5 * (axes[trigger] + 1.0)
+        return tuple(shaped(value, self.dead_zone) for value in axes[:6])
+
+
+def shaped(value: float, dead_zone: float) -> float:
+    """A deflection without its dead zone, squared, so that small ones are fine; -1 … 1. What is no number is none."""
+    size = min(abs(value), 1.0)
+    if not size > dead_zone:
+        return 0.0
+    size = (size - dead_zone) / (1.0 - dead_zone)
+    return size * size if value > 0 else -size * size
+
+
+def _move_gamepad(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
+    """Left stick: slide, or move while flying; right stick: turn, or look; triggers: away and closer, or down and up."""
+    if rig.flying:
+        rig.fly(axes[LEFT_X], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER], -axes[LEFT_Y], seconds)
+    else:
+        _slide(rig, axes[LEFT_X], -axes[LEFT_Y], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER], seconds)
+    if axes[RIGHT_X] or axes[RIGHT_Y]:
+        sign = -1.0 if rig.flying else 1.0  # one looks where the stick points, and goes there around a pivot
+        rig.orbit(-ORBIT_PER_S * seconds * axes[RIGHT_X], sign * -ORBIT_PER_S * seconds * axes[RIGHT_Y])
+
+
+def _move_mouse(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
+    """The cap is the camera while flying, else it holds the scene: pushed, tilted and turned, the scene follows."""
+    if rig.flying:
+        rig.fly(axes[PUSH_X], -axes[PUSH_Z], -axes[PUSH_Y], seconds)
+    else:
+        _slide(rig, -axes[PUSH_X], axes[PUSH_Z], axes[PUSH_Y], seconds)
+    sign = -1.0 if rig.flying else 1.0
+    if axes[TURN_Z] or axes[TILT_X]:
+        rig.orbit(sign * -ORBIT_PER_S * seconds * axes[TURN_Z], -ORBIT_PER_S * seconds * axes[TILT_X])
+
+
+def _slide(rig: OrbitCamera, right: float, up: float, closer: float, seconds: float) -> None:
+    """Moves the camera to the right, up and closer; -1 … 1 each."""
+    if right or up:
+        rig.pan(-PAN_PER_S * seconds * right, PAN_PER_S * seconds * up)
+    if closer:
+        rig.dolly(NOTCHES_PER_S * seconds * closer)

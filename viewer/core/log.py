@@ -1,0 +1,262 @@
+"""The log and dialogs of the viewer, and the file that describes a crash.
+
+It holds versions, commands and messages, and Python's traceback, or faulthandler's where a driver or a library ends the
+process. The next start finds the files of processes that are gone and reports them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+import platform
+import sys
+import time
+import traceback
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+import platformdirs
+
+from console import Notice, UserError, refusal
+
+if TYPE_CHECKING:
+    from viewer.features.making.make_job import RejectedPhotographs
+
+KEPT_LINES = 500
+TOAST_S, READING_S, LONGEST_TOAST_S = 4.0, 0.05, 20.0  # at least; more for each letter of a warning; at most
+BUG = "This is a bug in snerg"
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """level: "info", "warning" or "error"; when: wall-clock seconds since the epoch."""
+
+    level: str
+    text: str
+    when: float
+
+    @property
+    def clock(self) -> str:
+        return time.strftime("%H:%M:%S", time.localtime(self.when))
+
+
+@dataclass(frozen=True)
+class Dialog:
+    """A message to be answered. details: the whole story, for those who want it. buttons: labels and command ids.
+
+    failed: what was wanted did not come about; False where it is only good to know. rejected: photographs that are shown with it.
+    """
+
+    title: str
+    text: str
+    details: str = ""
+    buttons: tuple[tuple[str, str], ...] = (("OK", ""),)
+    failed: bool = True
+    rejected: RejectedPhotographs | None = None
+
+
+@dataclass
+class Messages:
+    """All that was said so far."""
+
+    lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=KEPT_LINES))
+    dialogs: list[Dialog] = field(default_factory=list)
+    toast: str = ""
+    toast_level: str = "info"
+    toast_until: float = 0.0  # time.monotonic()
+    crash_log: Callable[[str], object] = lambda text: None  # writes messages and commands to the crash log at once
+    _toast_told: str = ""
+
+    def log(self, text: str, level: str = "info") -> None:
+        """Adds a line to the log."""
+        self.lines.append(LogLine(level, " ".join(text.split()), time.time()))
+        self.crash_log(f"{level}: {text}")
+
+    def say(self, text: str, level: str = "info") -> None:
+        """Shows `text` for a few seconds, and logs it."""
+        self.log(text, level)
+        self.show_toast(text, level)
+
+    def show_toast(self, text: str, level: str = "info") -> None:
+        """Shows `text` for a few seconds; a warning as long as it takes to be read."""
+        more = READING_S * len(text) if level != "info" else 0.0
+        self.toast, self.toast_level = text, level
+        self.toast_until = time.monotonic() + min(TOAST_S + more, LONGEST_TOAST_S)
+
+    def toast_changed(self) -> bool:
+        """Whether a toast has come or gone since this was asked last, so that it must be drawn or taken away."""
+        told, self._toast_told = self._toast_told, self.toast if self.toast_left > 0 else ""
+        return self._toast_told != told
+
+    def fail(
+        self,
+        title: str,
+        error: BaseException | str,
+        details: str = "",
+        buttons: tuple[tuple[str, str], ...] = (("OK", ""),),
+        rejected: RejectedPhotographs | None = None,
+    ) -> None:
+        """Opens a dialog, and logs it. A bug of ours is told as one, with its traceback in the log."""
+        text = error if isinstance(error, str) else in_plain_words(error)
+        self.log(f"{title}: {text}", "error")
+        if isinstance(error, BaseException) and text.startswith(BUG):
+            for line in traceback.format_exception(error):
+                self.log(line, "error")
+        self.dialogs.append(Dialog(title, text, details, buttons, rejected=rejected))
+
+    @contextmanager
+    def noting_warnings(self, *, told: bool = True) -> Iterator[None]:
+        """What the `with` block warns of, that a card has no room for the whole pack, is logged; and told where `told`."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", Notice)
+            yield
+        for warning in caught:
+            if issubclass(warning.category, Notice):
+                text = str(warning.message)
+                self.log(text, "warning")
+                if told:
+                    self.dialogs.append(Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False))
+
+    @property
+    def toast_left(self) -> float:
+        """Seconds that the toast stays; 0 where there is none."""
+        return max(0.0, self.toast_until - time.monotonic()) if self.toast else 0.0
+
+
+def in_plain_words(error: BaseException) -> str:
+    """What went wrong, for a dialog."""
+    if isinstance(error, UserError | ValueError) and str(error):
+        return str(error)
+    told = refusal(error)
+    if told is None and isinstance(error, OSError) and error.strerror:
+        told = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return told or f"{BUG}. The log page has its traceback ({type(error).__name__}: {error})."
+
+
+# --- Crash log ---
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+RUNNING, CRASHED = "running-", "crash-"
+KEPT = 5  # crash logs; older ones are removed
+MOST_BYTES = 1 << 20  # of a log; a longer one starts again
+PACKAGES = ("snerg", "imgui-bundle", "glfw", "moderngl", "numpy")
+
+
+def default_folder() -> Path:
+    """Where the logs lie on this machine."""
+    return Path(platformdirs.user_log_path("snerg", appauthor=False))
+
+
+class CrashLog:
+    """The file of this process. path: None if it cannot be written; then nothing is logged."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path: Path | None = folder / f"{RUNNING}{os.getpid()}.log"
+        self._file: TextIO | None = None
+        self._ended = False
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._file = open(self.path, "w", encoding="utf-8", errors="replace")  # noqa: SIM115  (for as long as it runs)
+            if fcntl is not None:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            faulthandler.enable(self._file)
+        except (OSError, ValueError):
+            self.path = None
+        self.add(versions())
+
+    def add(self, text: str) -> None:
+        """Writes a line and flushes it, so that it outlasts the process."""
+        if self._file is None or self._ended:
+            return
+        try:
+            if self._file.tell() > MOST_BYTES:  # after a long session only the end matters
+                self._file.seek(0)
+                self._file.truncate()
+                self._file.write(versions() + "\n…\n")
+            self._file.write(
+                f"{time.strftime('%H:%M:%S')} {' '.join(text.split())}\n" if "\n" not in text else f"{text}\n"
+            )
+            self._file.flush()
+        except (OSError, ValueError):  # a full disk
+            return
+
+    def end(self) -> None:
+        """Removes the file, because the program ends normally."""
+        self._close()
+        if self.path is not None:
+            with contextlib.suppress(OSError):
+                self.path.unlink()
+
+    def crash(self, error: BaseException) -> Path | None:
+        """Logs the exception that ends the program; returns the file, if there is one."""
+        self.add("".join(traceback.format_exception(error)))
+        self._close()
+        return self.path
+
+    def _close(self) -> None:
+        if self._file is not None and not self._ended:
+            self._ended = True
+            faulthandler.disable()
+            with contextlib.suppress(OSError):
+                self._file.close()
+
+
+def versions() -> str:
+    """Versions of Python, the system and the libraries."""
+    lines = [f"snerg's viewer, started {time.strftime('%Y-%m-%d %H:%M:%S')}"]
+    lines.append(f"Python {platform.python_version()}, {platform.platform()}")
+    for package in PACKAGES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            lines.append(f"{package} {metadata.version(package)}")
+    names = ("XDG_SESSION_TYPE", "WAYLAND_DISPLAY", "DISPLAY")
+    screen = " ".join(f"{name}={os.environ[name]}" for name in names if name in os.environ)
+    return "\n".join([*lines, screen or sys.platform])
+
+
+def left_behind(folder: Path) -> list[Path]:
+    """Renames the logs of viewers that crashed and returns them, the newest last. Each is returned once."""
+    found = []
+    for file in sorted(folder.glob(f"{RUNNING}*.log"), key=_changed):
+        if _in_use(file):
+            continue
+        when = time.strftime("%Y%m%d-%H%M%S", time.localtime(_changed(file)))
+        crashed = file.with_name(f"{CRASHED}{when}-{file.stem.removeprefix(RUNNING)}.log")
+        try:
+            file.rename(crashed)
+        except OSError:  # another viewer was faster; or, on Windows, it is in use
+            continue
+        found.append(crashed)
+    for old in sorted(folder.glob(f"{CRASHED}*.log"), key=_changed)[:-KEPT]:
+        with contextlib.suppress(OSError):
+            old.unlink()
+    return [file for file in found if file.exists()]
+
+
+def _changed(file: Path) -> float:
+    try:
+        return file.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def _in_use(file: Path) -> bool:
+    """Whether the viewer that writes the file still runs."""
+    if fcntl is None:
+        return False
+    try:
+        with open(file, "rb") as opened:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    return False

@@ -1,0 +1,137 @@
+"""What the viewer knows about what it shows and where: the open scene, the panels, the viewport."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scenepack.pack import Pack
+from viewer.rendering.camera import ViewCamera
+
+if TYPE_CHECKING:
+    from viewer.features.camera.orbit_camera import OrbitCamera
+
+FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
+BACKGROUNDS: dict[str, tuple[float, float, float]] = {
+    "White": (1.0, 1.0, 1.0),
+    "Light": (0.82, 0.85, 0.89),
+    "Dark": (0.09, 0.11, 0.14),
+    "Black": (0.0, 0.0, 0.0),
+}
+
+
+SCALES = (0.75, 0.85, 1.0, 1.15, 1.3, 1.5, 1.75, 2.0)  # of the interface
+
+
+@dataclass
+class OpenScene:
+    """A pack that is shown. name: what the title bar says. whole: False while it is still being read. stays: it stays open
+    when another is opened; what is shown of a scene that is being made does not.
+    """
+
+    path: Path
+    name: str
+    pack: Pack
+    rig: OrbitCamera
+    whole: bool = True
+    stays: bool = True
+
+
+@dataclass
+class Interface:
+    """What the panels remember.
+
+    page: the one that the rail shows at its usual place; "" for none. moved: others that were dragged elsewhere, and stay
+    open whatever the rail shows. over: the one that lies over the picture of a narrow window. layout: where all of them are
+    docked, as viewer.interface.layout writes it; "" is the usual layout. layout_reset: it shall be that again. axes_shown: the
+    gizmo with the grid's axes is in the picture's corner. theme: a key of viewer.core.theme.PALETTES. scale: how many times
+    larger than usual all panels are; SCALES.
+    """
+
+    page: str = "view"
+    moved: list[str] = field(default_factory=list)
+    over: str = ""
+    layout: str = ""
+    layout_reset: bool = False
+    panels_shown: bool = True
+    help_shown: bool = False
+    full_screen: bool = False
+    v_sync: bool = True
+    axes_shown: bool = True
+    theme: str = "dark"
+    scale: float = 1.0
+
+    def shows(self, page: str) -> bool:
+        """Whether a page is open."""
+        return page in (self.page, self.over) or page in self.moved
+
+    def opens(self, page: str) -> None:
+        """Opens a page; at the usual place it takes that of the one before."""
+        if not self.shows(page):
+            self.page = page
+
+    def closes(self, page: str) -> None:
+        """Closes a page."""
+        self.page = "" if page == self.page else self.page
+        self.over = "" if page == self.over else self.over
+        self.moved = [other for other in self.moved if other != page]
+
+    def placed(self, page: str, usual: bool) -> None:
+        """A page is docked at the usual place, or has been dragged elsewhere."""
+        if not usual and page not in self.moved:
+            self.moved.append(page)
+            self.page = "" if page == self.page else self.page
+        elif usual and page in self.moved:
+            self.moved.remove(page)
+            self.page = page
+
+    def rescale(self, steps: int) -> None:
+        """Larger or smaller by so many of SCALES."""
+        nearest = min(range(len(SCALES)), key=lambda i: abs(SCALES[i] - self.scale))
+        self.scale = SCALES[min(max(nearest + steps, 0), len(SCALES) - 1)]
+
+    def reset_layout(self) -> None:
+        """All pages to their usual place, one of them open."""
+        self.page = self.page or next(iter(self.moved), "view")
+        self.moved, self.layout, self.layout_reset = [], "", True
+
+
+class Clipboard:
+    """The system's clipboard; a plain variable until a window brings the real one."""
+
+    text = ""
+
+    def get(self) -> str:
+        return self.text
+
+    def set(self, text: str) -> None:
+        self.text = text
+
+
+@dataclass
+class Viewport:
+    """Where the picture is: position and size in window units, and pixels per unit.
+
+    camera: what the picture of this frame is seen through, and what is drawn over it must be; None while nothing is open.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    width: float = 1.0
+    height: float = 1.0
+    pixels_per_unit: float = 1.0
+    camera: ViewCamera | None = field(default=None, compare=False)
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Width and height in framebuffer pixels, at least 1."""
+        scale = self.pixels_per_unit
+        return max(1, round(self.width * scale)), max(1, round(self.height * scale))
+
+
+def name_of(path: Path) -> str:
+    """What a pack is called: its file's or folder's name, or that of the folder around it where it is just "pack"."""
+    path = path.resolve()
+    name = path.stem if path.suffix.lower() == ".zip" else path.name
+    return path.parent.name if name == "pack" and path.parent.name else name

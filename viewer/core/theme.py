@@ -1,0 +1,177 @@
+"""Colours, spacing and fonts. Lengths are in window units at 100 %; `Scale` multiplies them on dense displays."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import imgui_bundle
+from imgui_bundle import ImVec2, ImVec4, imgui
+
+from viewer.core.system_fonts import SAMPLES, FontFile
+
+FONT_SIZE = 15.0
+SMALL, LARGE, HUGE = 13.0, 20.0, 34.0
+
+_FONTS = Path(imgui_bundle.__file__).parent / "assets" / "fonts"
+
+
+# By theme, what each name below stands for. base: behind everything; card: boxes on a panel; control: what can be pressed;
+# deep: behind text that is chosen; on-accent: text on the accent.
+PALETTES: dict[str, dict[str, str]] = {
+    "dark": {
+        "base": "#0d1117", "panel": "#131922", "card": "#1a212c", "control": "#232c39", "control-hot": "#2d3848",
+        "line": "#273140", "text": "#e6ebf2", "muted": "#8f9bad", "faint": "#7e8b9d", "accent": "#45d0bd", "deep": "#1f8f82",
+        "on-accent": "#06211d", "good": "#6fd08c", "warn": "#f2b866", "bad": "#f2777a", "blue": "#6cb2f5",
+    },
+    "light": {
+        "base": "#dfe4eb", "panel": "#eef1f5", "card": "#ffffff", "control": "#e6eaf0", "control-hot": "#d5dce6",
+        "line": "#c6ced9", "text": "#18202b", "muted": "#465263", "faint": "#525e6e", "accent": "#0a776c", "deep": "#7fcabf",
+        "on-accent": "#ffffff", "good": "#1b7a40", "warn": "#8a5000", "bad": "#bb2b33", "blue": "#1f6fbf",
+    },
+}  # fmt: skip
+THEMES = tuple(PALETTES)
+BASE, PANEL, CARD, CONTROL, CONTROL_HOT, LINE = "base", "panel", "card", "control", "control-hot", "line"
+TEXT, MUTED, FAINT = "text", "muted", "faint"
+ACCENT, ACCENT_DEEP, ON_ACCENT = "accent", "deep", "on-accent"
+GOOD, WARN, BAD, BLUE = "good", "warn", "bad", "blue"
+_palette = PALETTES["dark"]
+
+
+def use(name: str) -> None:
+    """Draws in another theme from now on; apply() sets imgui's own colours. An unknown name is the dark one."""
+    global _palette
+    _palette = PALETTES.get(name, PALETTES["dark"])
+
+
+def code_of(name: str) -> str:
+    """ "#rrggbb" of a name above, in the theme of the moment; any other code as it is."""
+    return _palette.get(name, name)
+
+
+def rgb(code: str, alpha: float = 1.0) -> ImVec4:
+    """A name above, or "#rrggbb", as imgui wants it."""
+    code = code_of(code)
+    r, g, b = (int(code[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return ImVec4(r, g, b, alpha)
+
+
+def packed(code: str, alpha: float = 1.0) -> int:
+    """A name above, or "#rrggbb", as draw lists want it."""
+    return imgui.color_convert_float4_to_u32(rgb(code, alpha))
+
+
+class Fonts:
+    """regular, bold and mono; icons of Font Awesome are merged into the first two. Made once per imgui context.
+
+    Glyphs are drawn into the atlas when they are first seen, so that fonts of many thousand letters cost only their file.
+    """
+
+    def __init__(self) -> None:
+        atlas = imgui.get_io().fonts
+        self.regular = self._with_icons(atlas, "Roboto/Roboto-Regular.ttf")
+        self.bold = self._with_icons(atlas, "Roboto/Roboto-Bold.ttf")
+        self.mono = atlas.add_font_from_file_ttf(str(_FONTS / "Inconsolata-Medium.ttf"), FONT_SIZE)
+
+    @property
+    def missing(self) -> str:
+        """The letters of system_fonts.SAMPLES that cannot be shown."""
+        return "".join(letter for letter in SAMPLES if not self.regular.is_glyph_in_font(ord(letter)))
+
+    def add(self, file: FontFile) -> None:
+        """Takes the letters that are missing from another font, if it has any that are known to be."""
+        if file.brings and not set(file.brings) & set(self.missing):
+            return
+        for font in (self.regular, self.bold):
+            merged = imgui.ImFontConfig()
+            merged.merge_mode, merged.dst_font, merged.font_no = True, font, file.number
+            with contextlib.suppress(RuntimeError):  # a font that is broken, or of a kind that imgui does not read
+                imgui.get_io().fonts.add_font_from_file_ttf(str(file.path), FONT_SIZE, merged)
+
+    @staticmethod
+    def _with_icons(atlas: imgui.ImFontAtlas, name: str) -> imgui.ImFont:
+        font = atlas.add_font_from_file_ttf(str(_FONTS / name), FONT_SIZE)
+        merged = imgui.ImFontConfig()
+        merged.merge_mode = True
+        merged.glyph_offset = ImVec2(0.0, 1.0)
+        atlas.add_font_from_file_ttf(str(_FONTS / "Font_Awesome_6_Free-Solid-900.otf"), 0.87 * FONT_SIZE, merged)
+        return font
+
+
+def apply(scale: float) -> None:
+    """Sets imgui's style for a display whose units are `scale` times denser than usual."""
+    style, plain = imgui.get_style(), imgui.Style()
+    for name in dir(plain):  # scale_all_sizes multiplies all sizes that there are, also those that are not set below
+        value = getattr(plain, name)
+        if not name.startswith("_") and isinstance(value, float | ImVec2):
+            setattr(style, name, value)
+    style.font_size_base = FONT_SIZE
+    style.window_padding = ImVec2(16, 14)
+    style.frame_padding = ImVec2(10, 6)
+    style.item_spacing = ImVec2(8, 8)
+    style.item_inner_spacing = ImVec2(8, 6)
+    style.cell_padding = ImVec2(6, 4)
+    style.scrollbar_size = 9
+    style.grab_min_size = 12
+    style.window_rounding = style.popup_rounding = 10
+    style.child_rounding = 10
+    style.frame_rounding = style.grab_rounding = 6
+    style.scrollbar_rounding = 6
+    style.window_border_size = style.child_border_size = style.frame_border_size = 0
+    style.popup_border_size = 1
+    style.separator_text_border_size = 1
+    style.tab_rounding = 6
+    style.tab_bar_border_size = style.tab_bar_overline_size = style.tab_border_size = 0
+    style.tab_close_button_min_width_selected = -1  # always seen
+    style.docking_separator_size = 3
+    style.window_menu_button_position = imgui.Dir.none
+    style.window_title_align = ImVec2(0.5, 0.5)
+    style.scale_all_sizes(scale)
+    style.window_border_hover_padding = max(style.window_border_hover_padding, 1.0)  # imgui ends the program at 0
+    style.font_scale_dpi = scale
+    colours = {
+        "text": rgb(TEXT),
+        "text_disabled": rgb(FAINT),
+        "window_bg": rgb(PANEL),
+        "child_bg": rgb(CARD),
+        "popup_bg": rgb(CARD),
+        "border": rgb(LINE),
+        "frame_bg": rgb(CONTROL),
+        "frame_bg_hovered": rgb(CONTROL_HOT),
+        "frame_bg_active": rgb(CONTROL_HOT),
+        "title_bg": rgb(PANEL),
+        "title_bg_active": rgb(PANEL),
+        "title_bg_collapsed": rgb(PANEL),
+        "tab": rgb(PANEL),
+        "tab_hovered": rgb(CONTROL_HOT),
+        "tab_selected": rgb(CARD),
+        "tab_dimmed": rgb(PANEL),
+        "tab_dimmed_selected": rgb(CARD),
+        "docking_preview": rgb(ACCENT, 0.35),
+        "docking_empty_bg": rgb(BASE),
+        "resize_grip": rgb(CONTROL_HOT, 0.0),
+        "resize_grip_hovered": rgb(CONTROL_HOT),
+        "resize_grip_active": rgb(ACCENT),
+        "separator_hovered": rgb(ACCENT_DEEP),
+        "separator_active": rgb(ACCENT),
+        "scrollbar_bg": rgb(PANEL, 0.0),
+        "scrollbar_grab": rgb(CONTROL_HOT),
+        "scrollbar_grab_hovered": rgb(FAINT),
+        "scrollbar_grab_active": rgb(MUTED),
+        "check_mark": rgb(ACCENT),
+        "slider_grab": rgb(ACCENT, 0.55),  # the number is read through it
+        "slider_grab_active": rgb(ACCENT, 0.8),
+        "button": rgb(CONTROL),
+        "button_hovered": rgb(CONTROL_HOT),
+        "button_active": rgb(ACCENT_DEEP),
+        "header": rgb(ACCENT_DEEP, 0.55),
+        "header_hovered": rgb(CONTROL_HOT),
+        "header_active": rgb(ACCENT_DEEP),
+        "separator": rgb(LINE),
+        "text_selected_bg": rgb(ACCENT_DEEP, 0.6),
+        "nav_cursor": rgb(ACCENT),
+        "modal_window_dim_bg": rgb(BASE, 0.65),
+        "plot_histogram": rgb(ACCENT),
+    }
+    for name, colour in colours.items():
+        style.set_color_(getattr(imgui.Col_, name), colour)

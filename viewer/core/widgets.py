@@ -1,0 +1,295 @@
+"""Small parts that all panels are made of: rows of label and control, cards, switches, icon buttons, a time plot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.core import theme
+from viewer.core.theme import Fonts
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+Box = tuple[float, float, float, float]  # x, y, width, height in window units
+LABEL_WIDTH = 104.0
+
+
+def px(length: float) -> float:
+    """A length in units of a 100 % display, in window units of this one."""
+    return length * imgui.get_style().font_scale_dpi
+
+
+@contextmanager
+def font(face: imgui.ImFont | None, size: float = 0.0) -> Iterator[None]:
+    """Text in another face (None: the same) and size (0: the same), in units of a 100 % display."""
+    imgui.push_font(face, size)
+    try:
+        yield
+    finally:
+        imgui.pop_font()
+
+
+@contextmanager
+def coloured(**colours: str | tuple[str, float]) -> Iterator[None]:
+    """Colours by imgui's names: coloured(text=theme.MUTED, button=(theme.ACCENT, 0.2))."""
+    for name, colour in colours.items():
+        code, alpha = colour if isinstance(colour, tuple) else (colour, 1.0)
+        imgui.push_style_color(getattr(imgui.Col_, name), theme.rgb(code, alpha))
+    try:
+        yield
+    finally:
+        imgui.pop_style_color(len(colours))
+
+
+@contextmanager
+def card(name: str, fonts: Fonts, title: str = "") -> Iterator[None]:
+    """A rounded box as wide as the panel and as high as what is in it."""
+    flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.always_use_window_padding
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(14), px(12)))
+    imgui.begin_child(f"##card {name}", ImVec2(0, 0), flags)
+    imgui.pop_style_var()
+    if title:
+        with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):
+            imgui.text_unformatted(title.upper())
+        imgui.dummy(ImVec2(0, px(1)))
+    try:
+        yield
+    finally:
+        imgui.end_child()
+        imgui.dummy(ImVec2(0, px(2)))
+
+
+def label(text: str, width: float = LABEL_WIDTH) -> None:
+    """The left side of a row; the control that follows gets the rest of the width."""
+    imgui.align_text_to_frame_padding()
+    with coloured(text=theme.MUTED):
+        imgui.text_unformatted(text)
+    imgui.same_line(px(width))
+    imgui.set_next_item_width(-1)
+
+
+def figure(name: str, value: str, fonts: Fonts, dot: str = "") -> None:
+    """A row that only tells: name on the left, value on the right. dot: colour of a mark before it, as in a legend."""
+    if dot:
+        at, half = imgui.get_cursor_screen_pos(), 0.5 * imgui.get_text_line_height()
+        imgui.get_window_draw_list().add_circle_filled(ImVec2(at.x + px(4), at.y + half), px(4), theme.packed(dot))
+        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + px(15))
+    with coloured(text=theme.MUTED):
+        imgui.text_unformatted(name)
+    imgui.same_line()
+    width = imgui.calc_text_size(value).x
+    x = imgui.get_content_region_avail().x - width
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(0.0, x))
+    imgui.text_unformatted(value)
+
+
+def hint(text: str, colour: str = theme.FAINT) -> None:
+    """Small muted text, wrapped."""
+    with font(None, theme.SMALL), coloured(text=colour):
+        imgui.push_text_wrap_pos(0.0)
+        imgui.text_unformatted(text)
+        imgui.pop_text_wrap_pos()
+
+
+def tip(text: str) -> None:
+    """A tooltip for the item before."""
+    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
+        imgui.set_tooltip(text)
+
+
+def choice(name: str, options: Sequence[str], current: str, titles: dict[str, str] | None = None) -> str | None:
+    """A drop-down list; the option that was picked just now, else None."""
+    titles = titles or {}
+    picked = None
+    if imgui.begin_combo(f"##{name}", titles.get(current, current)):
+        for option in options:
+            if imgui.selectable(titles.get(option, option), option == current)[0]:
+                picked = option
+        imgui.end_combo()
+    return picked
+
+
+def segments(name: str, options: Sequence[str], current: str, titles: dict[str, str] | None = None) -> str | None:
+    """A few choices side by side, as one control; the one that was picked just now, else None."""
+    titles = titles or {}
+    picked = None
+    gap = px(2)
+    width = (imgui.get_content_region_avail().x - gap * (len(options) - 1)) / len(options)
+    imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, px(6)))
+    for i, option in enumerate(options):
+        if i:
+            imgui.same_line(0, gap)
+        chosen = option == current
+        face = {"button": theme.ACCENT, "button_hovered": theme.ACCENT, "text": theme.ON_ACCENT} if chosen else {}
+        with coloured(**face):
+            if imgui.button(f"{titles.get(option, option)}##{name}", ImVec2(width, 0)):
+                picked = option
+    imgui.pop_style_var()
+    return picked
+
+
+def switch(name: str, on: bool) -> bool:
+    """A sliding switch at the right end of a row; the new state."""
+    height, width = px(18), px(32)
+    x = imgui.get_content_region_avail().x - width
+    imgui.set_cursor_pos(ImVec2(imgui.get_cursor_pos_x() + max(0.0, x), imgui.get_cursor_pos_y() + px(5)))
+    at = imgui.get_cursor_screen_pos()
+    if imgui.invisible_button(f"##{name}", ImVec2(width, height), imgui.ButtonFlags_.enable_nav):
+        on = not on
+    hot = imgui.is_item_hovered()
+    draw = imgui.get_window_draw_list()
+    track = theme.ACCENT if on else (theme.FAINT if hot else theme.CONTROL_HOT)
+    draw.add_rect_filled(at, ImVec2(at.x + width, at.y + height), theme.packed(track), height / 2)
+    knob = at.x + (width - height / 2 if on else height / 2)
+    colour = theme.packed(theme.ON_ACCENT if on else theme.TEXT)
+    draw.add_circle_filled(ImVec2(knob, at.y + height / 2), height / 2 - px(3), colour)
+    return on
+
+
+def icon_button(icon: str, name: str, tooltip: str, *, on: bool = False, enabled: bool = True) -> bool:
+    """A square button without a frame; lit where `on`."""
+    colours = {"button": (theme.ACCENT, 0.16 if on else 0.0), "text": theme.ACCENT if on else theme.MUTED}
+    imgui.begin_disabled(not enabled)
+    with coloured(**colours, button_hovered=theme.CONTROL):
+        pressed = imgui.button(f"{icon}##{name}", ImVec2(px(34), px(32)))
+    imgui.end_disabled()
+    tip(tooltip)
+    return pressed
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What an icon button or a line of a menu does. icon: Font Awesome. hint: keys and the like, for the tooltip."""
+
+    id: str
+    icon: str
+    title: str
+    action: Callable[[], object]
+    hint: str = ""
+    on: bool = False
+
+    def button(self) -> None:
+        """Draws it as a square button."""
+        if icon_button(self.icon, self.id, f"{self.title}  ({self.hint})" if self.hint else self.title, on=self.on):
+            self.action()
+
+
+def more_button(name: str, entries: Sequence[Entry]) -> None:
+    """A square button that opens a menu of what there was no room for."""
+    if icon_button(fa.ICON_FA_ELLIPSIS, name, "More", on=any(entry.on for entry in entries)):
+        imgui.open_popup(f"##{name}")
+    if imgui.begin_popup(f"##{name}"):
+        for entry in entries:
+            if imgui.menu_item(f"{entry.icon}   {entry.title}", entry.hint, entry.on)[0]:
+                entry.action()
+        imgui.end_popup()
+
+
+def elided(text: str, width: float) -> str:
+    """`text`, or as much of its beginning as fits into `width` with an ellipsis behind it."""
+    if imgui.calc_text_size(text).x <= width:
+        return text
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        low, high = (middle, high) if imgui.calc_text_size(f"{text[:middle]}…").x <= width else (low, middle - 1)
+    return f"{text[:low].rstrip()}…" if low else ""
+
+
+def chip(text: str, x: float, y: float) -> float:
+    """A dark label on the picture, its upper left corner at x, y (window units); where its right edge is."""
+    width, height = chip_size(text)
+    corner = ImVec2(x + width, y + height)
+    draw = imgui.get_window_draw_list()
+    draw.add_rect_filled(ImVec2(x, y), corner, theme.packed(theme.BASE, 0.82), px(14))
+    with font(None, theme.SMALL):
+        draw.add_text(ImVec2(x + px(12), y + px(6)), theme.packed(theme.TEXT), text)
+    return corner.x
+
+
+def chip_size(text: str) -> tuple[float, float]:
+    """Width and height of such a label."""
+    with font(None, theme.SMALL):
+        size = imgui.calc_text_size(text)
+    return size.x + px(24), size.y + px(12)
+
+
+def main_button(text: str, width: float = 0.0) -> bool:
+    """The button that is meant to be pressed."""
+    with coloured(button=theme.ACCENT, button_hovered=theme.TEXT, text=theme.ON_ACCENT):
+        return imgui.button(text, ImVec2(width, px(34)))
+
+
+def begin_modal(
+    name: str, size: ImVec2, width: float, at: float, *, pivot: float = 0.5, padding: tuple[float, float]
+) -> bool:
+    """Opens a modal dialog and begins it: where this is True, imgui.end_popup() must follow.
+
+    size: the window's. width, padding: in units; as wide as the window at most. at: where the dialog's `pivot` is, from the
+    window's top (0) to its foot (1).
+    """
+    if not imgui.is_popup_open(name):
+        imgui.open_popup(name)
+    imgui.set_next_window_pos(ImVec2(0.5 * size.x, at * size.y), imgui.Cond_.always, ImVec2(0.5, pivot))
+    imgui.set_next_window_size(ImVec2(min(px(width), size.x - px(32)), 0))
+    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(padding[0]), px(padding[1])))
+    shown = imgui.begin_popup_modal(name, None, flags | imgui.WindowFlags_.always_auto_resize)[0]
+    imgui.pop_style_var()
+    return shown
+
+
+def pressed_here(key: imgui.Key) -> bool:
+    """Whether a key was pressed that this window may take: not the one whose press has just brought it up."""
+    return imgui.is_key_pressed(key, False) and not imgui.is_window_appearing()
+
+
+def confirmed() -> bool:
+    """Whether Enter was pressed for the window as a whole: not for the widget in it that the keyboard was moved to."""
+    return pressed_here(imgui.Key.enter) and not imgui.get_io().nav_visible
+
+
+Modal = Literal["", "message", "path", "open", "make", "export"]
+
+
+def in_front(app: App) -> Modal:
+    """The dialog in front, "" for none. One at a time: two modal windows would push each other away in every frame."""
+    if app.messages.dialogs:
+        return "message"
+    if app.file_request is not None:
+        return "path"
+    if app.open_prompt is not None:
+        return "open"
+    if app.making.plan is not None:
+        return "make"
+    return "export" if app.exporting.asking else ""
+
+
+CARD_WIDTH, CARD_MARGIN = 372.0, 16.0
+
+
+@contextmanager
+def corner_card(name: str, box: Box) -> Iterator[None]:
+    """A window as high as what is in it, at the lower left of the viewport's box; name: as imgui names windows."""
+    width = min(px(CARD_WIDTH), box[2] - 2 * px(CARD_MARGIN))
+    at = ImVec2(box[0] + px(CARD_MARGIN), box[1] + box[3] - px(CARD_MARGIN))
+    imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0.0, 1.0))
+    imgui.set_next_window_size(ImVec2(width, 0))
+    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_nav
+    flags |= (
+        imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_focus_on_appearing | imgui.WindowFlags_.always_auto_resize
+    )
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(14)))
+    with coloured(window_bg=theme.CARD):
+        imgui.begin(name, None, flags)
+    imgui.pop_style_var()
+    try:
+        yield
+    finally:
+        imgui.end()

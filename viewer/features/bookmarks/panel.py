@@ -1,0 +1,124 @@
+"""Bookmarks page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core import theme
+from viewer.core.theme import Fonts
+from viewer.core.widgets import card, coloured, elided, hint, icon_button, label, main_button, px, tip
+from viewer.features.bookmarks.bookmarks import SIZE, pose_of
+from viewer.rendering.canvas import Canvas
+
+SHOWN = 6  # rows of the list
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    if app.scene is None:
+        return
+    views = app.annotations.current.bookmarks
+    with card("bookmarks", fonts, "Bookmarks"):
+        if main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view", -1):
+            run(app, "bookmark")
+        if views:
+            _list(app, canvas)
+            _chosen(app)
+        else:
+            hint(
+                "Views that you save here are kept with the pack. Ctrl+D saves one, PageUp and PageDown step through them."
+            )
+    with card("fly", fonts, "Film"):
+        imgui.begin_disabled(len(views) < 2)
+        if imgui.button(f"{fa.ICON_FA_FILM}  Film through the bookmarks", ImVec2(-1, 0)):
+            run(app, "film-bookmarks")
+        imgui.end_disabled()
+        hint("Makes them the keyframes of the camera path.")
+    with card("session", fonts, "Session"):
+        if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save the session…", ImVec2(-1, 0)):
+            run(app, "save-session")
+        tip("Ctrl+Shift+S")
+        hint("A small file with all open packs, their cameras, crops and marks. Open it like a pack.")
+
+
+def _list(app: App, canvas: Canvas) -> None:
+    assert app.scene is not None
+    bookmarks, table = app.bookmarks, app.scene.rig.table
+    views = app.annotations.current.bookmarks
+    rows = min(len(views), SHOWN)
+    height = rows * px(HEIGHT) + (rows - 1) * imgui.get_style().item_spacing.y + px(30)
+    with coloured(child_bg=theme.BASE):
+        imgui.begin_child("##bookmarks", ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
+    for i, view in enumerate(views):
+        turned = replace(table, up=view.up)
+        pose = pose_of(view, turned).matrix(turned)
+        if row(app, canvas, f"bookmark{i}", (pose, view.fov), (view.name, ""), chosen=i == bookmarks.selected):
+            bookmarks.go(app, i)
+    imgui.end_child()
+
+
+def _chosen(app: App) -> None:
+    """What can be done with the view that was chosen last."""
+    bookmarks, views = app.bookmarks, app.annotations.current.bookmarks
+    index = bookmarks.selected
+    if index is None or index >= len(views):
+        hint("Click on one to go there.")
+        return
+    for icon, name, tooltip, action in (
+        (fa.ICON_FA_ARROW_UP, "up", "Earlier", lambda: bookmarks.move(app, index, -1)),
+        (fa.ICON_FA_ARROW_DOWN, "down", "Later", lambda: bookmarks.move(app, index, 1)),
+        (fa.ICON_FA_CAMERA, "update", "Move it to the current camera", lambda: bookmarks.update(app, index)),
+        (fa.ICON_FA_TRASH, "remove", "Remove", lambda: bookmarks.remove(app, index)),
+    ):
+        if icon_button(icon, name, tooltip):
+            action()
+            return
+        imgui.same_line(0, px(2))
+    imgui.new_line()
+    label("Name")
+    imgui.push_id(index)
+    changed, text = imgui.input_text("##name", bookmarks.naming or views[index].name)
+    if changed:
+        bookmarks.naming = text
+    if imgui.is_item_deactivated():
+        if bookmarks.naming.strip():
+            bookmarks.give_name(app, index, bookmarks.naming)
+        bookmarks.naming = ""
+    imgui.pop_id()
+
+
+# --- Lists of views ---
+
+HEIGHT, GAP = 44.0, 10.0
+WIDTH = HEIGHT * SIZE[0] / SIZE[1]
+
+
+def row(
+    app: App, canvas: Canvas, name: str, view: tuple[np.ndarray, float], texts: tuple[str, str], *, chosen: bool
+) -> bool:
+    """A line of a list; True where it was clicked. view: grid_T_camera and vertical fov. texts: at the left and at the right."""
+    at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
+    clicked = imgui.selectable(f"##{name}", chosen, 0, ImVec2(0, px(HEIGHT)))[0]
+    if not imgui.is_item_visible():  # what is scrolled out needs no picture
+        return clicked
+    draw = imgui.get_window_draw_list()
+    low, high = ImVec2(at.x, at.y), ImVec2(at.x + px(WIDTH), at.y + px(HEIGHT))
+    texture = app.views.texture(app, canvas, *view)
+    if texture is None:
+        draw.add_rect_filled(low, high, theme.packed(theme.CONTROL), px(4))
+    else:
+        white, whole = theme.packed("#ffffff"), (ImVec2(0, 0), ImVec2(1, 1))
+        draw.add_image_rounded(imgui.ImTextureRef(texture), low, high, *whole, white, px(4))
+    middle = at.y + 0.5 * (px(HEIGHT) - imgui.get_text_line_height())
+    right = imgui.calc_text_size(texts[1]).x
+    left = px(WIDTH + GAP)
+    shown = elided(texts[0], width - left - right - px(2 * GAP if texts[1] else GAP))
+    draw.add_text(ImVec2(at.x + left, middle), theme.packed(theme.TEXT), shown)
+    draw.add_text(ImVec2(at.x + width - right - px(4), middle), theme.packed(theme.MUTED), texts[1])
+    return clicked

@@ -1,0 +1,386 @@
+"""Orbit camera: turntable, pan, dolly and fly, with damping and undo.
+
+`goal` is where the user wants the camera, `shown` follows it smoothly. `held` is an exact camera (of a photograph or a keyframe)
+that is shown instead until the user moves. Mouse distances are in units of the picture's height, y down, so that behaviour does
+not depend on resolution. Cursor positions are (x, y) in -1 … 1, y up, x scaled by aspect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import exp, log, radians, tan
+
+import numpy as np
+
+from scenepack.pack import Pack
+from viewer.core.pose import MAX_ELEVATION, STEEP, History, Pose, Turntable, fitted, shortest_turn, triple, view_camera
+from viewer.features.photographs.photographs import shots_of
+from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
+from viewer.rendering.framing import filling_distance, middle_of, outline
+
+DEFAULT_FOV = 35.0  # degrees, vertical; the published viewer's
+FOVS = (5.0, 150.0)  # the least and the most, degrees
+TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height
+DOLLY_STEP = 0.9  # of the distance, per notch of the wheel
+SETTLE_S = 0.07  # time constant of the damping
+MARGIN_WITHIN = 0.1  # of the content's diagonal: cameras this far outside the content still count as within
+HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the published viewer, a little aside
+
+
+@dataclass(frozen=True)
+class _State:
+    """What undo restores."""
+
+    goal: Pose
+    held: ViewCamera | None
+    fov: float
+    table: Turntable
+    orthographic: bool
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, _State):
+            return NotImplemented
+        same = (self.goal, self.fov, self.table) == (other.goal, other.fov, other.table)
+        same = same and self.orthographic == other.orthographic
+        return same and self.held is other.held  # cameras hold arrays, which are not compared
+
+
+class OrbitCamera:
+    """An orbiting and flying camera for a pack that can be walked around."""
+
+    bounded = False  # forward-facing packs are only seen from about where they were photographed
+
+    def __init__(self, pack: Pack, fov: float = DEFAULT_FOV) -> None:
+        self.table = Turntable(mirrored=is_mirrored(pack))
+        low, high = content_box(pack)
+        self.all_of_it = low, high
+        self._outline = np.stack([low, high]) if self.bounded else outline(pack)
+        self.middle = middle_of(self._outline)
+        self.radius = max(float(np.linalg.norm(self._outline - self.middle, axis=1).max()), 1e-6)
+        self.home_fov = self.fov = fov
+        self.flying = False
+        self.orthographic = False
+        self.speed = 0.5 * self.radius  # grid units per second
+        self.aspect = 1.0  # width over height of the picture that the scene shall fit into
+        view = None if self.bounded else view_from_within(pack)
+        if view is not None:
+            self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * view.height / view.fy)))
+        self.within = view is not None  # the first view is one from amid the scene, and need not show all of it
+        self.home_pose = self._first_pose() if view is None else self._pose_of(view.grid_T_camera)
+        self.goal = self.shown = self.home_pose
+        self.held: ViewCamera | None = None
+        self._anchor_eye = False  # what the damping keeps straight: the eye's way (flying) or the pivot's
+        self.history = History()
+        self.history.follow(self._state, self._return)
+
+    def _pose_of(self, grid_T_camera: np.ndarray) -> Pose:
+        return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
+
+    def _first_pose(self) -> Pose:
+        return Pose(triple(self.middle), *HOME_ANGLES, self.framing_distance(*HOME_ANGLES, self.home_fov))
+
+    def framing_distance(self, azimuth: float, elevation: float, fov: float) -> float:
+        """From where all of the scene just fits into the picture's height and width; all three angles in degrees."""
+        local = (self._outline - self.middle) @ self.table.rotation(azimuth, elevation)
+        return filling_distance(local, fov, self.aspect, orthographic=self.orthographic)
+
+    def shape(self, aspect: float) -> None:
+        """The picture has another shape (width over height). A first view that was not left follows it."""
+        if aspect == self.aspect:
+            return
+        self.aspect = aspect
+        if self.bounded or self.within:
+            return
+        before, self.home_pose = self.home_pose, self._first_pose()
+        if self.goal == before and self.held is None and self.fov == self.home_fov:
+            self.shown = self.home_pose if self.shown == before else self.shown
+            self.goal = self.home_pose
+
+    # The present camera
+
+    def camera(self, size: tuple[int, int], near: float = 0.0) -> ViewCamera:
+        """The camera of this moment for a picture of `size` (width, height, pixels)."""
+        if self.held is not None:
+            return fitted(self.held, size, near)
+        camera = view_camera(self.shown.matrix(self.table), self.fov, size, near)
+        return self._parallel(camera) if self.orthographic else camera
+
+    def _parallel(self, camera: ViewCamera) -> ViewCamera:
+        """The orthographic view with the same height at the pivot. It begins before all there is, so that moving closer
+        only enlarges; a near plane stays where it is with perspective.
+        """
+        back, pivot = camera.grid_T_camera[:3, 2], np.asarray(self.shown.pivot)
+        low, high = self.all_of_it
+        reach = float((0.5 * (low + high) - pivot) @ back) + 0.51 * float(np.linalg.norm(high - low))
+        matrix = camera.grid_T_camera.copy()
+        matrix[:3, 3] = pivot + reach * back
+        near = max(camera.near + reach - self.shown.distance, 0.0) if camera.near > 0 else 0.0
+        return replace(camera, grid_T_camera=matrix, near=near).as_orthographic(self.ortho_height)
+
+    @property
+    def ortho_height(self) -> float:
+        """Grid units that the picture shows at the pivot, from top to bottom."""
+        return 2.0 * self.shown.distance * tan(radians(self.fov) / 2)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """grid_T_camera of this moment, float64 [4, 4]."""
+        return self.held.grid_T_camera if self.held is not None else self.shown.matrix(self.table)
+
+    def update(self, seconds: float) -> bool:
+        """Lets `shown` follow `goal` for `seconds`; True while it has not arrived."""
+        if self.shown == self.goal:
+            return False
+        share = 1.0 - exp(-seconds / SETTLE_S)
+        shown, goal = self.shown, self.goal
+        turn = shortest_turn(shown.azimuth, goal.azimuth)
+        pose = Pose(
+            shown.pivot,
+            shown.azimuth + share * turn,
+            shown.elevation + share * (goal.elevation - shown.elevation),
+            exp(log(shown.distance) + share * log(goal.distance / shown.distance)),
+        )
+        if self._anchor_eye:
+            start, end = shown.eye(self.table), goal.eye(self.table)
+            pose = pose.seen_from(start + share * (end - start), self.table)
+        else:
+            pivot, end = np.asarray(shown.pivot), np.asarray(goal.pivot)
+            pose = replace(pose, pivot=triple(pivot + share * (end - pivot)))
+        off = np.linalg.norm(pose.eye(self.table) - goal.eye(self.table)) / goal.distance
+        angles_off = max(abs(shortest_turn(pose.azimuth, goal.azimuth)), abs(pose.elevation - goal.elevation))
+        self.shown = goal if off < 2e-4 and angles_off < 0.02 else pose
+        return True
+
+    # Gestures
+
+    def take_over(self) -> None:
+        """Leaves a held camera, from exactly there (but level): the next movement starts from what is seen."""
+        if self.held is not None:
+            seen = 0.5 * max(self.held.height, self.held.width / self.aspect) / self.held.fy  # see fitted()
+            self.fov = float(np.clip(np.degrees(2.0 * np.arctan(seen)), *FOVS))
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if self.held is not None:
+            self.goal = self.shown = self._bounded(self._pose_of(self.held.grid_T_camera))
+            self.held = None
+
+    def orbit(self, dx: float, dy: float) -> None:
+        """Turns about the pivot, or where the camera stands when flying."""
+        self.take_over()
+        sign = -1.0 if self.table.mirrored else 1.0
+        if self.flying:
+            eye = self.goal.eye(self.table)
+            turned = self._turned(-0.6 * sign * dx, 0.6 * dy)
+            self._anchor_eye = True
+            self.goal = turned.seen_from(eye, self.table)
+        else:
+            self._anchor_eye = False
+            self.goal = self._turned(-sign * dx, dy)
+
+    def _turned(self, dx: float, dy: float) -> Pose:
+        elevation = self.goal.elevation + TURN_PER_HEIGHT * dy
+        elevation = float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))
+        return replace(self.goal, azimuth=self.goal.azimuth + TURN_PER_HEIGHT * dx, elevation=elevation)
+
+    def pan(self, dx: float, dy: float) -> None:
+        """Slides parallel to the picture, so that what lies at the pivot's depth stays under the cursor."""
+        self.take_over()
+        height = 2.0 * self.goal.distance * tan(radians(self.fov) / 2)
+        rotation = self.goal.rotation(self.table)
+        self._shift(height * (-dx * rotation[:, 0] + dy * rotation[:, 1]))
+
+    def _shift(self, by: np.ndarray) -> None:
+        self.goal = self._bounded(replace(self.goal, pivot=triple(np.asarray(self.goal.pivot) + by)))
+
+    def dolly(self, notches: float, cursor: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Moves towards (notches > 0) what lies under the cursor at the pivot's depth, or away from it."""
+        self.take_over()
+        self._anchor_eye = False
+        smallest, largest = self._distance_limits()
+        distance = float(np.clip(self.goal.distance * DOLLY_STEP**notches, smallest, largest))
+        half_height = tan(radians(self.fov) / 2)
+        rotation = self.goal.rotation(self.table)
+        offset = half_height * (cursor[0] * rotation[:, 0] + cursor[1] * rotation[:, 1])
+        shift = (self.goal.distance - distance) * offset
+        self.goal = replace(self.goal, distance=distance)
+        self._shift(shift)
+
+    def _distance_limits(self) -> tuple[float, float]:
+        return 1e-3 * self.radius, 20.0 * self.radius
+
+    def fly(self, right: float, up: float, forward: float, seconds: float) -> None:
+        """Moves for `seconds` at the rig's speed; the three are -1 … 1 along the camera's axes."""
+        self.take_over()
+        self._anchor_eye = True
+        rotation = self.goal.rotation(self.table)
+        self._shift(self.speed * seconds * (rotation @ np.array([right, up, -forward])))
+
+    def faster(self, notches: float) -> None:
+        """Changes the flying speed, by a fifth per notch."""
+        self.speed = float(np.clip(self.speed * 1.2**notches, 1e-3 * self.radius, 10.0 * self.radius))
+
+    def grown(self, finer: OrbitCamera) -> OrbitCamera:
+        """The rig for a finer version of the same scene: `finer`, or this one where the hands have moved it already."""
+        if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and self.history.empty:
+            return finer
+        self.follow(finer)
+        return self
+
+    def follow(self, finer: OrbitCamera) -> None:
+        """Takes over what `finer` knows of another version of the scene; the camera stays where it is."""
+        self.middle, self.radius, self._outline = finer.middle, finer.radius, finer._outline
+        self.all_of_it = finer.all_of_it
+        self.home_pose, self.within = finer.home_pose, finer.within
+
+    # Commands
+
+    def go(self, pose: Pose, *, remember: bool = True) -> None:
+        """Flies smoothly to `pose`."""
+        if remember:
+            self.remember()
+        self._let_go()
+        self._anchor_eye = False
+        self.goal = self._bounded(pose)
+
+    def home(self) -> None:
+        """Back to the first view."""
+        self.remember()
+        self.fov, self.orthographic = self.home_fov, False
+        self.go(self.home_pose, remember=False)
+
+    def frame(self) -> None:
+        """Shows the whole scene, from where the camera looks now."""
+        distance = self.framing_distance(self.goal.azimuth, self.goal.elevation, self.fov)
+        self.go(replace(self.goal, pivot=triple(self.middle), distance=distance))
+
+    def begin_at(self, pose: Pose) -> None:
+        """The first view is this one, whatever the picture's shape."""
+        self.within = True
+        self.home_fov = self.fov = DEFAULT_FOV
+        self.home_pose = self.goal = self.shown = pose
+
+    def look_along(self, azimuth: float, elevation: float) -> None:
+        """An axis view; degrees."""
+        self.go(replace(self.goal, azimuth=azimuth, elevation=float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))))
+
+    def look_from(self, axis: np.ndarray) -> None:
+        """Looks from the side that `axis` (float [3], grid frame) points to; from the other one where it does so already."""
+        for direction in (np.asarray(axis, np.float64), -np.asarray(axis, np.float64)):
+            azimuth, elevation = self.table.angles(direction)
+            azimuth = 0.0 if abs(elevation) > STEEP else azimuth
+            off = max(abs(shortest_turn(self.goal.azimuth, azimuth)), abs(self.goal.elevation - elevation))
+            if off > 0.01 or self.held is not None:
+                break
+        self.look_along(azimuth, elevation)
+
+    def turn(self, azimuth: float, elevation: float) -> None:
+        """Turns about the pivot by so many degrees, smoothly."""
+        self.look_along(self.goal.azimuth + azimuth, self.goal.elevation + elevation)
+
+    def set_orthographic(self, orthographic: bool) -> None:
+        """With parallel rays, or with perspective; what lies at the pivot keeps its size."""
+        self.remember()
+        self.take_over()
+        self.orthographic, self.flying = orthographic, self.flying and not orthographic
+
+    def set_pivot(self, point: np.ndarray) -> None:
+        """Turns to look at `point` (float [3], grid frame) from where the camera is, and orbits it from now on."""
+        self.remember()
+        self.take_over()
+        eye = self.goal.eye(self.table)
+        back = eye - np.asarray(point, np.float64)
+        distance = float(np.linalg.norm(back))
+        if distance < 1e-9:
+            return
+        if self.orthographic:  # turning would show another side, and the distance tells the size
+            self._anchor_eye = False
+            self.goal = self._bounded(replace(self.goal, pivot=triple(point)))
+            return
+        azimuth, elevation = self.table.angles(back)
+        azimuth = self.goal.azimuth if abs(elevation) > STEEP else azimuth
+        self._anchor_eye = True
+        elevation = float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))
+        self.goal = self._bounded(Pose(triple(point), azimuth, elevation, distance))
+
+    def set_up(self, up: str) -> None:
+        """Another axis points up from now on; the camera keeps its place and is levelled."""
+        matrix = self.matrix
+        distance = self.goal.distance
+        self.remember()
+        self.held = None
+        self.table = replace(self.table, up=up)
+        self.goal = self.shown = Pose.from_matrix(matrix, distance, self.table)
+
+    def set_matrix(
+        self, grid_T_camera: np.ndarray, fov: float | None = None, ortho_height: float | None = None
+    ) -> None:
+        """Goes to a camera at once; roll is lost. ortho_height: of an orthographic view; None for perspective."""
+        self.remember()
+        self.held = None
+        if fov is not None:
+            self.fov = fov
+        self.orthographic = ortho_height is not None and not self.bounded
+        pose = self._pose_of(grid_T_camera)
+        if ortho_height is not None and self.orthographic:
+            distance = ortho_height / (2.0 * tan(radians(self.fov) / 2))
+            pose = replace(pose, distance=distance).seen_from(grid_T_camera[:3, 3], self.table)
+        self.goal = self.shown = self._bounded(pose)
+
+    def stand_as(self, other: OrbitCamera) -> None:
+        """Looks at once from where `other` does, a rig in another version of the scene."""
+        self.remember()
+        self.held, self.fov = None, other.fov
+        self.goal = self.shown = self._bounded(other.goal)
+
+    def hold(self, camera: ViewCamera | None, *, remember: bool = False) -> None:
+        """Shows exactly `camera` until the next movement; None lets go of it."""
+        if remember:
+            self.remember()
+        if camera is None:
+            self.take_over()
+        self.held = camera
+
+    def _distance_to_middle(self, grid_T_camera: np.ndarray) -> float:
+        """How far ahead of the camera the scene's middle lies: a good distance to turn about."""
+        ahead = float((self.middle - grid_T_camera[:3, 3]) @ -grid_T_camera[:3, 2])
+        return float(np.clip(ahead, 0.2 * self.radius, 20.0 * self.radius))
+
+    def _bounded(self, pose: Pose) -> Pose:
+        return pose
+
+    # Undo
+
+    def remember(self) -> None:
+        """Marks the present camera as a place to come back to; call before each gesture."""
+        self.history.remember()
+
+    def _state(self) -> _State:
+        return _State(self.goal, self.held, self.fov, self.table, self.orthographic)
+
+    def _return(self, place: _State) -> None:
+        if place.table != self.table:  # there is no way to glide from one up to another
+            self.shown = place.goal
+        self.goal, self.held, self.fov, self.table = place.goal, place.held, place.fov, place.table
+        self.orthographic = place.orthographic
+
+
+def view_from_within(pack: Pack) -> ViewCamera | None:
+    """The first view of a scene that surrounds its cameras, such as a room: its most central training photograph.
+
+    None if most photographs were taken from outside, or none is known.
+    """
+    views = [shot.view for shot in shots_of(pack) if shot.split == "train"]
+    if not views:
+        return None
+    low, high = content_box(pack)
+    margin = MARGIN_WITHIN * np.linalg.norm(high - low)
+    eyes = np.array([view.position for view in views])
+    within = np.all((eyes > low - margin) & (eyes < high + margin), axis=1).mean() >= 0.5
+    if pack.contraction is None and not within:
+        return None
+    backs = np.array([view.grid_T_camera[:3, 2] for view in views])
+    spread = max(float(np.linalg.norm(eyes - eyes.mean(0), axis=1).mean()), 1e-9)
+    distance = np.linalg.norm(eyes - np.median(eyes, axis=0), axis=1) / spread
+    turned = np.linalg.norm(backs - np.median(backs, axis=0), axis=1)
+    return views[int(np.argmin(distance + turned))]

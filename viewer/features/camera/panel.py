@@ -1,0 +1,178 @@
+"""Camera page, and the axes of the grid frame in a corner of the picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core import theme
+from viewer.core.pose import UP_AXES
+from viewer.core.screen import AXIS_COLOURS
+from viewer.core.theme import Fonts
+from viewer.core.widgets import Box, card, figure, font, hint, label, px, segments, switch, tip
+from viewer.features.crop.panel import near_plane
+from viewer.rendering.canvas import Canvas
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    if app.scene is None:
+        return
+    rig = app.scene.rig
+    with card("go", fonts, "Go to"):
+        width = (imgui.get_content_region_avail().x - px(8)) / 2
+        if imgui.button(f"{fa.ICON_FA_HOUSE}  First view", ImVec2(width, 0)):
+            run(app, "home")
+        imgui.same_line()
+        if imgui.button(f"{fa.ICON_FA_EXPAND}  Whole scene", ImVec2(width, 0)):
+            run(app, "frame")
+        if not rig.bounded:
+            for views in (("front", "right", "top"), ("back", "left", "bottom")):
+                picked = segments(f"axis {views[0]}", list(views), "", {view: view.capitalize() for view in views})
+                if picked:
+                    run(app, picked)
+            label("Projection")
+            now = "orthographic" if rig.orthographic else "perspective"
+            titles = {"perspective": "Perspective", "orthographic": "Ortho"}
+            if segments("projection", list(titles), now, titles) not in (None, now):
+                run(app, "orthographic")
+            label("Axes")
+            app.interface.axes_shown = switch("axes", app.interface.axes_shown)
+            label("Fly")
+            if switch("fly", rig.flying) != rig.flying:
+                run(app, "fly")
+            if rig.flying:
+                *move, down, up = app.keyboard.flying_names
+                hint(
+                    f"{' '.join(move)} or the arrows to move, {down} and {up} down and up, Shift faster, drag to look, "
+                    "wheel for the speed."
+                )
+    with card("lens", fonts, "Lens"):
+        label("Field of view")
+        changed, value = imgui.slider_float("##fov", rig.fov, 10.0, 110.0, "%.0f°")
+        if imgui.is_item_activated():
+            rig.remember()
+        tip("Vertical angle; Ctrl+click to type")
+        if changed:
+            app.set_fov(value)
+        if not rig.bounded:
+            near_plane(app)
+            label("Up")
+            picked = segments("up", list(UP_AXES), rig.table.up)
+            if picked:
+                rig.set_up(picked)
+                app.touch()
+    with card("where", fonts, "Position"):
+        matrix = rig.matrix
+        eye, ahead = matrix[:3, 3], -matrix[:3, 2]
+        figure("Eye", "  ".join(f"{v:.3f}" for v in eye), fonts)
+        figure("Direction", "  ".join(f"{v:.3f}" for v in ahead), fonts)
+        if not rig.bounded:
+            figure("Pivot", "  ".join(f"{v:.3f}" for v in rig.goal.pivot), fonts)
+        hint("In the grid's frame, y up.")
+        width = (imgui.get_content_region_avail().x - px(8)) / 2
+        if imgui.button(f"{fa.ICON_FA_COPY}  Copy pose", ImVec2(width, 0)):
+            run(app, "copy-pose")
+        imgui.same_line()
+        if imgui.button(f"{fa.ICON_FA_PASTE}  Paste pose", ImVec2(width, 0)):
+            run(app, "paste")
+
+
+# --- The axes of the grid frame in a corner of the picture: a click looks along one, a drag orbits ---
+RADIUS, AXES_MARGIN, BALL = 36.0, 14.0, 9.5  # of the gizmo, from the picture's edges, of an axis's end; units at 100 %
+LEAST_ROOM = 260.0  # a picture that is smaller has none for it
+CLICK = 4.0  # a drag is longer
+NAMES = "XYZ"
+ON_BALL = "#10151c"
+
+
+class AxisGizmo:
+    """travelled: units since the mouse went down on it."""
+
+    def __init__(self) -> None:
+        self._travelled = 0.0
+
+    def show(self, app: App, box: Box) -> None:
+        """Draws it in the upper right corner of the picture's box and does what the mouse asks for. Before whatever else
+        listens to the mouse there.
+        """
+        camera, scene = app.viewport.camera, app.scene
+        if scene is None or camera is None or scene.rig.bounded or not app.interface.axes_shown:
+            return
+        if min(box[2], box[3]) < px(LEAST_ROOM):
+            return
+        radius = px(RADIUS)
+        middle = np.array(
+            [box[0] + box[2] - px(AXES_MARGIN) - radius - px(BALL), box[1] + px(AXES_MARGIN) + radius + px(BALL)]
+        )
+        reach = radius + px(BALL)
+        imgui.set_cursor_screen_pos(ImVec2(*(float(v) for v in middle - reach)))
+        imgui.invisible_button("##axes", ImVec2(2 * reach, 2 * reach))
+        hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
+        ends = axis_ends(camera.grid_T_camera[:3, :3])
+        io = imgui.get_io()
+        places = middle + radius * ends[:, :2]
+        under = _under(places, ends[:, 2], np.array([io.mouse_pos.x, io.mouse_pos.y])) if hovered else None
+        self._listen(app, box, under)
+        if hovered or active:
+            disc = ImVec2(float(middle[0]), float(middle[1]))
+            imgui.get_window_draw_list().add_circle_filled(disc, reach, theme.packed(theme.BASE, 0.55))
+        _draw_axes(middle, places, ends[:, 2], under, hovered or active)
+        imgui.set_cursor_pos(ImVec2(0, 0))
+
+    def _listen(self, app: App, box: Box, under: int | None) -> None:
+        assert app.scene is not None
+        rig, io = app.scene.rig, imgui.get_io()
+        if imgui.is_item_activated():
+            self._travelled = 0.0
+            rig.remember()
+        elif imgui.is_item_active() and (io.mouse_delta.x or io.mouse_delta.y):
+            self._travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
+            if self._travelled >= px(CLICK):
+                rig.orbit(io.mouse_delta.x / box[3], io.mouse_delta.y / box[3])
+                app.touch()
+        if imgui.is_item_deactivated() and self._travelled < px(CLICK) and under is not None:
+            rig.look_from(axis_of(under))
+            app.touch()
+
+
+def axis_of(end: int) -> np.ndarray:
+    """Unit vector of an axis's end: 0 … 2 for x, y, z, 3 … 5 for the opposite directions; float64 [3], grid frame."""
+    return (1.0 if end < 3 else -1.0) * np.eye(3)[end % 3]
+
+
+def axis_ends(grid_R_camera: np.ndarray) -> np.ndarray:
+    """Where the six ends are seen, float64 [6, 3]: x to the right, y down, z towards the viewer."""
+    seen = np.stack([axis_of(end) for end in range(6)]) @ grid_R_camera
+    return seen * [1.0, -1.0, 1.0]
+
+
+def _under(places: np.ndarray, depths: np.ndarray, mouse: np.ndarray) -> int | None:
+    """The end under the mouse, the foremost where two lie over each other."""
+    close = np.linalg.norm(places - mouse, axis=1) <= px(BALL)
+    return int(np.argmax(np.where(close, depths, -np.inf))) if close.any() else None
+
+
+def _draw_axes(middle: np.ndarray, places: np.ndarray, depths: np.ndarray, under: int | None, near: bool) -> None:
+    draw = imgui.get_window_draw_list()
+    for end in np.argsort(depths):
+        place = ImVec2(float(places[end][0]), float(places[end][1]))
+        colour, positive = AXIS_COLOURS[end % 3], end < 3
+        opacity = 0.65 + 0.35 * float(depths[end] > -0.3)
+        if positive:
+            draw.add_line(ImVec2(float(middle[0]), float(middle[1])), place, theme.packed(colour, opacity), px(2.5))
+        size = px(BALL if positive or near else 0.72 * BALL)
+        draw.add_circle_filled(place, size, theme.packed(colour if positive else ON_BALL, opacity if positive else 0.6))
+        if not positive:
+            draw.add_circle(place, size, theme.packed(colour, opacity), 0, px(1.5))
+        if end == under:
+            draw.add_circle(place, size + px(1.5), theme.packed("#ffffff"), 0, px(2))
+        if positive or end == under:
+            name = NAMES[end % 3] if positive else f"-{NAMES[end % 3]}"
+            with font(None, theme.SMALL):
+                wide = imgui.calc_text_size(name)
+                at = ImVec2(place.x - wide.x / 2, place.y - wide.y / 2)
+                draw.add_text(at, theme.packed(ON_BALL if positive else "#ffffff"), name)

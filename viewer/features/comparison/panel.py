@@ -1,0 +1,117 @@
+"""Compare page, and two pictures in one: beside each other, in turn, or subtracted."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import ask_to_open
+from viewer.app.frame import other_layers
+from viewer.core import theme
+from viewer.core.screen import draw_layers
+from viewer.core.theme import Fonts
+from viewer.core.widgets import Box, card, chip, chip_size, coloured, elided, figure, font, hint, label, px, segments
+from viewer.rendering.canvas import Canvas
+
+HOW = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
+
+
+def compare_controls(app: App, fonts: Fonts, title: str) -> None:
+    """How two pictures are compared; shared with the page of packs."""
+    comparison = app.comparison
+    with card("compare", fonts, title):
+        picked = segments("how", list(HOW), comparison.how, HOW)
+        if picked in ("wipe", "flip", "difference"):
+            comparison.how = picked
+            app.touch()
+        if comparison.how == "difference":
+            label("Amplified")
+            changed, value = imgui.slider_float("##gain", comparison.gain, 1.0, 32.0, "%.0f ×")
+            if changed:
+                comparison.gain = value
+                app.touch()
+        elif comparison.how == "wipe":
+            hint("Drag the edge in the picture.")
+        if comparison.against == "photograph":
+            with font(fonts.bold, 26.0):
+                known = comparison.psnr_db is not None
+                imgui.text_unformatted(f"{comparison.psnr_db:.2f}" if known else "…")
+            imgui.same_line(0, px(5))
+            imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
+            with coloured(text=theme.MUTED):
+                imgui.text_unformatted("dB PSNR")
+            width, height = comparison.psnr_size
+            if comparison.psnr_db is not None:
+                figure("Measured at", f"{width} × {height}", fonts)
+            photographs = app.gallery.photographs
+            if photographs is not None and not photographs.reachable:
+                hint("Compared with the copy in the pack.")
+        if imgui.button("End comparison", ImVec2(-1, 0)):
+            comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
+            app.touch()
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    comparison = app.comparison
+    with card("other", fonts, "The other pack"):
+        if comparison.other is not None and comparison.other_path is not None:
+            figure("Left", app.scene.name if app.scene is not None else "", fonts)
+            figure("Right", comparison.other_path.name, fonts)
+        else:
+            hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")
+        if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose a pack…", ImVec2(-1, 0)):
+            ask_to_open(app, other=True)
+    if comparison.against == "pack":
+        compare_controls(app, fonts, "Compare")
+
+
+def draw_comparison(app: App, canvas: Canvas, box: Box) -> None:
+    """The other picture: right of the wipe's edge, in turn, or subtracted."""
+    comparison, other = app.comparison, other_layers(app, canvas)
+    if not other:
+        return
+    if comparison.how == "difference":
+        if canvas.difference is not None:
+            draw_layers([canvas.difference], box)
+    elif comparison.how == "flip":
+        if comparison.other_side:
+            draw_layers(other, box)
+    else:
+        draw = imgui.get_window_draw_list()
+        x, y, width, height = box
+        edge = x + comparison.split * width
+        draw.push_clip_rect(ImVec2(edge, y), ImVec2(x + width, y + height), True)
+        draw_layers(other, box)
+        draw.pop_clip_rect()
+        draw.add_line(ImVec2(edge, y), ImVec2(edge, y + height), theme.packed(theme.BASE, 0.6), px(4))
+        draw.add_line(ImVec2(edge, y), ImVec2(edge, y + height), theme.packed(theme.ACCENT), px(2))
+        middle = ImVec2(edge, y + height / 2)
+        draw.add_circle_filled(middle, px(13), theme.packed(theme.ACCENT))
+        for side in (-1, 1):
+            tip = ImVec2(edge + side * px(8), middle.y)
+            up, down = ImVec2(edge + side * px(3), middle.y - px(5)), ImVec2(edge + side * px(3), middle.y + px(5))
+            draw.add_triangle_filled(tip, up, down, theme.packed(theme.ON_ACCENT))
+
+
+def draw_sides(names: tuple[str, str], split: float, box: Box, y: float) -> None:
+    """Says at each side of the wipe's edge what is seen there. split: 0 … 1; y: upper edge of the labels."""
+    edge, gap = box[0] + split * box[2], px(10)
+    draw = imgui.get_window_draw_list()
+    spans = ((box[0], edge), (edge, box[0] + box[2]))
+    for name, (low, high), left in zip(names, spans, (True, False), strict=True):
+        with font(None, theme.SMALL):
+            shown = elided(name, high - low - 2 * gap - px(24))
+        if not shown:
+            continue
+        draw.push_clip_rect(ImVec2(low, box[1]), ImVec2(high, box[1] + box[3]), True)
+        chip(shown, high - gap - chip_size(shown)[0] if left else low + gap, y)
+        draw.pop_clip_rect()
+
+
+def wipe_edge_hovered(app: App, box: Box) -> bool:
+    """Whether the mouse is on the wipe's edge."""
+    if not app.comparison.against or app.comparison.how != "wipe":
+        return False
+    return abs(imgui.get_io().mouse_pos.x - (box[0] + app.comparison.split * box[2])) < px(9)

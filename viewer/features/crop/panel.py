@@ -1,0 +1,187 @@
+"""Crop page, and the box in the picture whose faces are dragged.
+
+ImGuizmo only takes hold of the mouse where no widget is under it, so that the picture must not be one while `over`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui, imguizmo
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from scenepack.pack import Pack
+from viewer.app.application import App
+from viewer.core import theme
+from viewer.core.pose import BOX_EDGES, box_points
+from viewer.core.screen import AXIS_COLOURS, Screen
+from viewer.core.theme import Fonts
+from viewer.core.widgets import Box, card, hint, icon_button, label, px, segments, switch, tip
+from viewer.features.crop import crop
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.canvas import Canvas
+
+TITLES = {"faces": "Faces", "move": "Move", "scale": "Scale"}
+HINTS = {
+    "faces": "Drag the dots on the box's faces in the picture.",
+    "move": "Drag the arrows in the picture, or the squares between them.",
+    "scale": "Drag the knobs in the picture to scale about the middle.",
+}
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    if app.scene is None:
+        return
+    pack, rig = app.scene.pack, app.scene.rig
+    if rig.bounded:
+        with card("none", fonts, "Crop box"):
+            hint("Forward-facing packs use a warped space (NDC), where a crop box does not work.")
+        return
+    with card("crop", fonts, "Crop box"):
+        label("Crop to a box")
+        on = switch("crop", app.settings.crop is not None)
+        if on != (app.settings.crop is not None):
+            app.cut(crop=crop.whole(pack) if on else None)
+        if app.settings.crop is None:
+            hint("The whole scene is shown.")
+        else:
+            picked = segments("tool", crop.TOOLS, app.crop_tool, TITLES)
+            if picked in crop.TOOLS:
+                app.crop_tool = picked
+                app.touch()
+            hint(HINTS[app.crop_tool])
+            _faces(app, pack)
+            imgui.begin_disabled(app.settings.crop == crop.whole(pack))
+            if imgui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Reset the box", ImVec2(-1, 0)):
+                app.cut(crop=crop.whole(pack))
+            imgui.end_disabled()
+            tip("To the whole scene")
+    with card("near", fonts, "Slice"):
+        near_plane(app)
+        hint("Hides everything closer to the camera than this, in grid units.")
+
+
+def near_plane(app: App) -> None:
+    """The row with the near plane's slider and its reset; one drag is one step to be undone."""
+    assert app.scene is not None
+    rig = app.scene.rig
+    label("Near plane")
+    imgui.set_next_item_width(-px(34) - px(8))
+    changed, value = imgui.slider_float("##near", app.settings.near, 0.0, 3.0 * rig.radius, "%.3f")
+    if imgui.is_item_activated():
+        rig.remember()
+    tip("Hide everything closer than this, in grid units")
+    if changed:
+        app.set(near=value)
+    imgui.same_line()
+    if icon_button(fa.ICON_FA_ROTATE_LEFT, "near reset", "Reset the near plane", enabled=app.settings.near > 0):
+        app.cut(near=0.0)
+
+
+def _faces(app: App, pack: Pack) -> None:
+    outer = crop.whole(pack)
+    for face, (axis, side) in enumerate(crop.FACES):
+        assert app.settings.crop is not None and app.scene is not None
+        label(f"{'xyz'[axis]} {'from' if side == 0 else 'to'}")
+        before = app.settings.crop
+        value = before[side][axis]
+        changed, value = imgui.slider_float(f"##face{face}", value, outer[0][axis], outer[1][axis], "%.3f")
+        if imgui.is_item_activated():
+            app.scene.rig.remember()
+        if changed:
+            app.set(crop=crop.with_face(pack, before, face, value))
+
+
+# --- ImGuizmo on the crop box ---
+gizmo = imguizmo.im_guizmo
+SIZE = 0.17  # length of an arrow over the picture's height
+OPERATIONS = {"move": gizmo.OPERATION.translate, "scale": gizmo.OPERATION.scale}
+
+
+class CropGizmo:
+    """over: whether the mouse is on it or holds it."""
+
+    def __init__(self) -> None:
+        self.over = False
+        self._held = False
+
+    def show(self, app: App, box: Box) -> None:
+        """Draws it over the picture's box, where it is wanted, and applies what the mouse does to it."""
+        camera, cut = app.viewport.camera, app.settings.crop
+        operation = OPERATIONS.get(app.crop_tool)
+        wanted = cut is not None and operation is not None and app.interface.shows("crop")
+        if not wanted or camera is None or app.scene is None or cut is None or operation is None:
+            self.over = self._held = False
+            return
+        gizmo.set_im_gui_context(imgui.get_current_context())
+        gizmo.begin_frame()
+        gizmo.set_drawlist()
+        gizmo.set_rect(*box)
+        gizmo.set_orthographic(camera.orthographic)
+        gizmo.set_gizmo_size_clip_space(SIZE)
+        style = gizmo.get_style()
+        style.translation_line_thickness = style.scale_line_thickness = px(4)
+        style.translation_line_arrow_size, style.scale_line_circle_size = px(8), px(7)
+        low, high = np.asarray(cut[0]), np.asarray(cut[1])
+        size = high - low
+        matrix = np.diag([*(size if app.crop_tool == "scale" else np.ones(3)), 1.0])
+        matrix[:3, 3] = 0.5 * (low + high)
+        held = gizmo.Matrix16(_columns(matrix))
+        view, projection = _view(camera), _projection(camera, app.scene.rig.radius)
+        changed = gizmo.manipulate(view, projection, operation, gizmo.MODE.world, held)
+        using = gizmo.is_using()
+        if using and not self._held:
+            app.scene.rig.remember()
+        self.over, self._held = using or gizmo.is_over(), using
+        if changed:
+            moved = np.asarray(held.values, np.float64).reshape(4, 4).T
+            scaled = np.linalg.norm(moved[:3, :3], axis=0) if app.crop_tool == "scale" else size
+            app.set(crop=crop.placed(app.scene.pack, moved[:3, 3], scaled))
+            app.touch()
+
+
+def _columns(matrix: np.ndarray) -> list[float]:
+    """Column after column, as OpenGL has matrices."""
+    return [float(value) for value in matrix.T.reshape(-1)]
+
+
+def _view(camera: ViewCamera) -> gizmo.Matrix16:
+    return gizmo.Matrix16(_columns(np.linalg.inv(camera.grid_T_camera)))
+
+
+def _projection(camera: ViewCamera, radius: float) -> gizmo.Matrix16:
+    """OpenGL's projection for a camera; near and far only order what is drawn."""
+    near, far = 0.01 * radius, 100.0 * radius
+    matrix = np.zeros((4, 4))
+    if camera.orthographic:
+        matrix[0, 0], matrix[0, 3] = 2 * camera.fx / camera.width, 2 * camera.cx / camera.width - 1
+        matrix[1, 1], matrix[1, 3] = 2 * camera.fy / camera.height, 1 - 2 * camera.cy / camera.height
+        matrix[2, 2], matrix[2, 3], matrix[3, 3] = -2 / (far - near), -(far + near) / (far - near), 1.0
+        return gizmo.Matrix16(_columns(matrix))
+    matrix[0, 0], matrix[0, 2] = 2 * camera.fx / camera.width, 1 - 2 * camera.cx / camera.width
+    matrix[1, 1], matrix[1, 2] = 2 * camera.fy / camera.height, 2 * camera.cy / camera.height - 1
+    matrix[2, 2], matrix[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
+    matrix[3, 2] = -1.0
+    return gizmo.Matrix16(_columns(matrix))
+
+
+def draw_crop(app: App, box: Box) -> int | None:
+    """The crop box with a handle on each face; the face whose handle is under the mouse, if any."""
+    if app.settings.crop is None or app.scene is None or not app.interface.shows("crop"):
+        return None
+    screen, mouse = Screen(app, box), imgui.get_io().mouse_pos
+    low, high = np.asarray(app.settings.crop[0]), np.asarray(app.settings.crop[1])
+    corners = box_points(low, high)
+    screen.lines(corners, BOX_EDGES, theme.packed(theme.BASE, 0.5), px(3))
+    screen.lines(corners, BOX_EDGES, theme.packed(theme.ACCENT), px(1.5))
+    if app.crop_tool != "faces":
+        return None
+    places, before = screen.points(np.array([crop.face_centre(app.settings.crop, face) for face in range(6)]))
+    draw, under = imgui.get_window_draw_list(), None
+    for face, place in enumerate(places):
+        if before[face]:
+            hot = np.hypot(place.x - mouse.x, place.y - mouse.y) < px(12)
+            under = face if hot else under
+            draw.add_circle_filled(place, px(9 if hot else 7), theme.packed(theme.BASE, 0.8))
+            draw.add_circle_filled(place, px(7 if hot else 5), theme.packed(AXIS_COLOURS[crop.FACES[face][0]]))
+    return under

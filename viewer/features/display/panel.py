@@ -1,0 +1,195 @@
+"""Picture page: mode, background, resolution; and the legend of false colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+from imgui_bundle import ImVec2, imgui
+
+from viewer.app.application import App
+from viewer.app.commands import modes_for
+from viewer.core import theme
+from viewer.core.state import BACKGROUNDS
+from viewer.core.theme import Fonts
+from viewer.core.widgets import card, choice, figure, font, hint, label, px, segments, switch, tip
+from viewer.features.performance import panel as performance_panel
+from viewer.features.preferences.preferences import PLAIN
+from viewer.rendering.canvas import Canvas
+from viewer.rendering.ray_frame import RayFrame
+from viewer.rendering.shader_source import colour_stops
+
+MODE_TITLES = {
+    "normal": "Picture",
+    "diffuse": "Diffuse colour",
+    "features": "Features",
+    "view-dependent": "View-dependent colour",
+    "alpha": "Opacity",
+    "depth": "Depth",
+    "normals": "Normals",
+    "samples": "Cost: samples",
+    "jumps": "Cost: jumps",
+    "macroblocks": "Macroblocks",
+    "atlas": "Atlas",
+}
+MODE_HINTS = {
+    "normal": "What a camera sees.",
+    "diffuse": "Without the view-dependent part.",
+    "features": "The first three features, inputs of the view MLP.",
+    "view-dependent": "Only what the view MLP adds.",
+    "alpha": "White is opaque.",
+    "depth": "Near is bright.",
+    "normals": "Which way surfaces face: x, y, z as red, green, blue.",
+    "samples": "How many voxels each ray fetched.",
+    "jumps": "How many jumps over empty space each ray made.",
+    "macroblocks": "One colour for each macroblock that a ray hits first.",
+    "atlas": "All macroblocks as they lie in memory.",
+}
+RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    with card("mode", fonts, "Display"):
+        label("Mode")
+        picked = choice("mode", modes_for(app), app.settings.mode, MODE_TITLES)
+        if picked:
+            app.set(mode=picked)
+        hint(MODE_HINTS.get(app.settings.mode, ""))
+        if app.settings.mode in ("samples", "jumps"):
+            label("Maximum")
+            changed, value = imgui.slider_float("##cost", app.settings.cost_scale, 4.0, 512.0, "%.0f")
+            if changed:
+                app.set(cost_scale=value)
+        _background(app)
+        if app.scene is not None and app.scene.pack.contraction is not None:
+            label("Surroundings")
+            shown = switch("surroundings", app.settings.surroundings)
+            if shown != app.settings.surroundings:
+                app.set(surroundings=shown)
+            tip("What lies beyond the inner cube of an unbounded scene")
+    with card("resolution", fonts, "Resolution"):
+        picked = segments("rest", list(RESOLUTIONS), str(app.resolution.rest_scale), RESOLUTIONS)
+        if picked:
+            app.resolution.rest_scale = float(picked)
+            app.touch()
+        label("Dynamic resolution")
+        app.resolution.enabled = switch("dynamic", app.resolution.enabled)
+        if app.resolution.enabled:
+            label("Target")
+            changed, fps = imgui.slider_float("##target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
+            if changed:
+                app.resolution.target_fps = fps
+        hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
+    with card("time", fonts, "Frame time"):
+        performance_panel.headline(app, fonts)
+        performance_panel.rolling(app.times, app.resolution.target_ms, px(84))
+        width, height = canvas.drawn_size
+        figure("Pixels drawn", f"{width} × {height}", fonts)
+
+
+def _background(app: App) -> None:
+    label("Background")
+    current = app.settings.background
+    side, gap = px(26), px(8)
+    draw = imgui.get_window_draw_list()
+    for name, colour in BACKGROUNDS.items():
+        at = imgui.get_cursor_screen_pos()
+        if imgui.invisible_button(f"##bg {name}", ImVec2(side, side)):
+            app.set(background=colour, backdrop=None)
+        if imgui.is_item_hovered():
+            imgui.set_tooltip(name)
+        middle = ImVec2(at.x + side / 2, at.y + side / 2)
+        code = "#" + "".join(f"{round(255 * v):02x}" for v in colour)
+        draw.add_circle_filled(middle, side / 2 - px(3), theme.packed(code))
+        chosen = current == colour and app.settings.backdrop is None
+        ring, radius, width = (theme.ACCENT, px(1), px(2)) if chosen else (theme.FAINT, px(3), px(1))
+        draw.add_circle(middle, side / 2 - radius, theme.packed(ring), 0, width)
+        imgui.same_line(0, gap)
+    flags = imgui.ColorEditFlags_.no_inputs | imgui.ColorEditFlags_.no_alpha
+    changed, value = imgui.color_edit3("##other", list(current), flags)
+    if imgui.is_item_hovered():
+        imgui.set_tooltip("Another colour")
+    if changed:
+        app.set(background=tuple(float(v) for v in value[:3]), backdrop=None)
+    label("Behind it")
+    titles = {PLAIN: "Plain", "gradient": "Gradient", "checker": "Checker"}
+    now = app.settings.backdrop.style if app.settings.backdrop is not None else PLAIN
+    picked = segments("backdrop", list(titles), now, titles)
+    if picked:
+        app.set_backdrop(picked)
+    tip("By opacity, after shading: the colours of the scene stay those that it was trained with")
+
+
+# --- What the colours of a false-colour picture mean: a bar with numbers and their unit, in the picture's ---
+BAR = (200.0, 12.0)  # width, height
+LEGEND_PADDING = 12.0
+GREY = ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+COUNTED = {"samples": "voxels fetched per ray", "jumps": "jumps per ray"}
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Legend:
+    """stops: colours, evenly spaced from left to right. low, middle, high: numbers below the bar. unit: what they count."""
+
+    stops: tuple[Colour, ...]
+    low: str
+    middle: str
+    high: str
+    unit: str
+
+
+def legend_of(app: App) -> Legend | None:
+    """The legend_of of the mode that is shown; None where it needs none."""
+    camera, mode = app.viewport.camera, app.settings.mode
+    if camera is None or app.scene is None:
+        return None
+    if mode in COUNTED:
+        scale = app.settings.cost_scale
+        return Legend(colour_stops(), "0", f"{scale / 2:.0f}", f"≥ {scale:.0f}", COUNTED[mode])
+    if mode == "depth":
+        pack = app.scene.pack
+        near, far = RayFrame(pack).depth_range(camera)
+        if pack.ndc:
+            return Legend(GREY, f"{near:.0f}", f"{(near + far) / 2:.0f}", f"{far:.0f}", "voxels into the warped grid")
+        near, far = near * pack.voxel_size, far * pack.voxel_size
+        at_least = "≥ " if pack.contraction is not None else ""
+        return Legend(
+            GREY, f"{near:.3g}", f"{(near + far) / 2:.3g}", f"{at_least}{far:.3g}", "distance, in the grid's units"
+        )
+    return None
+
+
+def show_legend(app: App, box: tuple[float, float, float, float]) -> None:
+    """Draws it over the picture's box (x, y, width, height; window units), where it has room."""
+    told = legend_of(app)
+    if told is None:
+        return
+    draw = imgui.get_window_draw_list()
+    with font(None, theme.SMALL):
+        line = imgui.get_text_line_height()
+        width = min(px(BAR[0]), box[2] - px(28 + 2 * LEGEND_PADDING))
+        height = px(BAR[1]) + 2 * line + px(10)
+        left, top = box[0] + px(14) + px(LEGEND_PADDING), box[1] + box[3] - px(14) - px(LEGEND_PADDING) - height
+        pad = px(LEGEND_PADDING)
+        if width < px(90) or top - pad < box[1]:
+            return
+        low, high = ImVec2(left - pad, top - pad), ImVec2(left + width + pad, top + height + pad)
+        draw.add_rect_filled(low, high, theme.packed(theme.BASE, 0.82), px(10))
+        draw.add_text(ImVec2(left, top), theme.packed(theme.MUTED), told.unit)
+        y = top + line + px(4)
+        _bar(draw, told.stops, ImVec2(left, y), width, px(BAR[1]))
+        y += px(BAR[1]) + px(4)
+        for text, place in ((told.low, 0.0), (told.middle, 0.5), (told.high, 1.0)):
+            wide = imgui.calc_text_size(text).x
+            draw.add_text(ImVec2(left + place * (width - wide), y), theme.packed(theme.TEXT), text)
+
+
+def _bar(draw: imgui.ImDrawList, stops: tuple[Colour, ...], corner: ImVec2, width: float, height: float) -> None:
+    packed = [imgui.color_convert_float4_to_u32(imgui.ImVec4(*stop, 1.0)) for stop in stops]
+    step = width / (len(stops) - 1)
+    for i, (a, b) in enumerate(pairwise(packed)):
+        low = ImVec2(corner.x + i * step, corner.y)
+        draw.add_rect_filled_multi_color(low, ImVec2(low.x + step, corner.y + height), a, b, b, a)
+    draw.add_rect(corner, ImVec2(corner.x + width, corner.y + height), theme.packed(theme.LINE))

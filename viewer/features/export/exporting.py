@@ -1,0 +1,267 @@
+"""The scene as a mesh, points or Gaussians for other programs: choices, preview, and the process that writes the file."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from console import UserError
+from console.child_process import module_command
+from console.progress_protocol import Report
+from scenepack.pack import Pack
+from viewer.core.command_process import CommandProcess, temporary_folder
+from viewer.core.files import FileRequest, kind_of
+from viewer.core.tasks import Task
+
+if TYPE_CHECKING:
+    from scenepack.exports.export_preview import PreviewGeometry
+    from scenepack.exports.scene import Export
+    from viewer.app.application import App
+
+Kind = Literal["mesh", "points", "gaussians"]
+Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
+KINDS: dict[Kind, str] = {"mesh": "Mesh", "points": "Points", "gaussians": "Gaussians"}
+SUFFIXES: dict[Kind, tuple[str, ...]] = {"mesh": (".glb", ".ply"), "points": (".ply",), "gaussians": (".ply",)}
+FACES: dict[str, int] = {"100,000": 100_000, "500,000": 500_000, "All": 0}  # triangles of a mesh, at most
+SPACINGS: dict[str, float] = {"Dense": 0.5, "Usual": 1.0, "Sparse": 2.0}  # of points, in voxels
+KEPT: dict[str, str] = {"All": "all", "Large": "0.001", "Largest": "largest"}  # components of the surface
+LEVELS = (0.02, 0.9)  # of opacity, that the slider has
+LOOKED_AT_EVERY_S, PARTING_S = 0.1, 5.0
+
+
+@dataclass
+class ExportPlan:
+    """What to write: options of snerg-pack export. crop: whether only what is in the crop box. scale: of all lengths."""
+
+    kind: Kind = "mesh"
+    level: float = 0.15
+    faces: str = "500,000"
+    spacing: str = "Usual"
+    keep: str = "Large"
+    smooth: bool = True
+    world: bool = False
+    crop: bool = True
+    scale: float = 1.0
+
+    def arguments(self, pack: Path, file: Path, crop: Corners | None) -> list[str]:
+        """Of `snerg-pack`. crop: the box that is shown, if there is one."""
+        words = [
+            "export",
+            str(pack),
+            "--to",
+            str(file),
+            "--kind",
+            self.kind,
+            "--frame",
+            "world" if self.world else "grid",
+        ]
+        if self.kind != "gaussians":
+            words += ["--level", f"{self.level:g}", "--keep", KEPT[self.keep]]
+            words += [] if self.smooth else ["--smooth", "0"]
+        words += ["--scale", f"{self.scale:.9g}"] * (self.scale != 1.0)
+        words += ["--faces", str(FACES[self.faces])] * (self.kind == "mesh")
+        words += ["--spacing", f"{SPACINGS[self.spacing]:g}"] * (self.kind == "points")
+        if crop is not None and self.crop:
+            words.append("--crop=" + ",".join(f"{number:.9g}" for corner in crop for number in corner))
+        return words
+
+    def export(self, crop: Corners | None) -> Export:
+        """The same as `arguments`, for a preview: in the grid's frame and unscaled."""
+        from scenepack.exports.scene import Export
+
+        usual = Export(self.kind)
+        kept = KEPT[self.keep]
+        return replace(
+            usual,
+            level=self.level,
+            keep=kept if kept in ("all", "largest") else float(kept),
+            smooth=usual.smooth if self.smooth else 0,
+            faces=FACES[self.faces] or None,
+            spacing=SPACINGS[self.spacing],
+            crop=crop if self.crop else None,
+        )
+
+
+@dataclass
+class Writing:
+    """A process at work. file: what it writes. report: its last word."""
+
+    child: CommandProcess
+    file: Path
+    folder: Path  # of its log
+    report: Report | None = None
+
+
+@dataclass
+class Exporting:
+    """asking: the dialog is open. plan: its choices, which stay. preview: of these. writing: what is being written."""
+
+    asking: bool = False
+    plan: ExportPlan = field(default_factory=ExportPlan)
+    preview: ExportPreview | None = None
+    writing: Writing | None = None
+    _looked: float = 0.0
+
+    def ask(self, app: App, scale: float = 1.0) -> None:
+        """Opens the dialog. scale: units that were set, per unit of the grid.
+
+        UserError where the scene is no pack on disk, or something is being written.
+        """
+        if self.writing is not None:
+            raise UserError("another export is still running", remedy="cancel it or wait for it")
+        if app.scene is None:
+            return
+        if kind_of(app.scene.path) != "pack":
+            raise UserError("is not a pack on disk", where=app.scene.path, remedy="open a pack, then export it")
+        self.plan = replace(self.plan, crop=True, scale=scale)
+        self.asking, self.preview = True, ExportPreview()
+
+    def dismiss(self) -> None:
+        """Closes the dialog."""
+        self.asking = False
+        if self.preview is not None:
+            self.preview.close()
+        self.preview = None
+
+    def choose_file(self, app: App) -> None:
+        """Asks where to write, then begins."""
+        assert app.scene is not None
+        self.dismiss()
+        suffixes = SUFFIXES[self.plan.kind]
+        name = f"{app.scene.name}-{self.plan.kind}{suffixes[0]}"
+        app.file_request = FileRequest("Export the scene", "save", lambda path: self.begin(app, path), suffixes, name)
+
+    def begin(self, app: App, file: Path) -> None:
+        """Starts to write `file` in a process of its own. UserError where it cannot be started."""
+        if app.scene is None:
+            return
+        words = self.plan.arguments(app.scene.path.resolve(), file.absolute(), app.settings.crop)
+        folder = temporary_folder("snerg-export-")
+        try:
+            child = CommandProcess(module_command("baker.commands.pack", *words), folder / "log.txt")
+        except UserError:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+        self.writing = Writing(child, file, folder)
+        app.touch()
+
+    def cancel(self) -> None:
+        """Asks the process to end; nothing of the file is left."""
+        if self.writing is not None:
+            self.writing.child.kill() if self.writing.child.stopping else self.writing.child.stop()
+
+    def end(self) -> None:
+        """The program ends: the process as well."""
+        self.dismiss()
+        if self.writing is not None:
+            self.writing.child.end(PARTING_S)
+            self._forget(self.writing)
+
+    def tick(self, app: App) -> None:
+        """Time passes: looks at what the process is doing, and at the preview."""
+        if self.preview is not None and app.scene is not None:
+            self.preview.follow(app.scene.pack, self.plan.export(app.settings.crop))
+            if self.preview.news():
+                app.touch(1)
+        writing, now = self.writing, time.monotonic()
+        if writing is None or now - self._looked < LOOKED_AT_EVERY_S:
+            return
+        self._looked = now
+        app.touch(1)
+        status = writing.child.poll()
+        writing.report = writing.child.report() or writing.report
+        if status is None:
+            return
+        self._forget(writing)
+        if status == 0:
+            app.messages.say(f"Saved {writing.file}")
+        elif writing.child.stopping:
+            app.messages.say("The export was cancelled")
+        else:
+            app.messages.fail(f"{writing.file.name} was not written", said(writing.child))
+
+    def _forget(self, writing: Writing) -> None:
+        self.writing = None
+        if writing.child.poll() is not None:
+            shutil.rmtree(writing.folder, ignore_errors=True)
+
+
+def said(child: CommandProcess) -> str:
+    """Why it failed, without the name of the command before it."""
+    return child.error_line().removeprefix("snerg-pack: ")
+
+
+# --- Preview ---
+
+SETTLED_S = 0.25  # without a change, before it is begun: sliders pass through many values
+
+
+class _Superseded(Exception):
+    """Something else is wanted by now."""
+
+
+class ExportPreview:
+    """geometry: the newest one, also while another is made; None before the first. error: why there is none of what is wanted."""
+
+    def __init__(self) -> None:
+        self.geometry: PreviewGeometry | None = None
+        self.error = ""
+        self._wanted: tuple[int, Export] | None = None
+        self._changed, self._begun = 0.0, True
+        self._task: Task[None] | None = None
+        self._share = 0.0
+        self._told: object = None
+
+    @property
+    def working(self) -> bool:
+        """Whether another preview is wanted and not there yet."""
+        return not self._begun or self._busy
+
+    @property
+    def _busy(self) -> bool:
+        return self._task is not None and not self._task.finished  # what is superseded ends at its next report
+
+    @property
+    def share(self) -> float:
+        """How much of what is being made is done, 0 … 1."""
+        return self._share
+
+    def follow(self, pack: Pack, export: Export) -> None:
+        """What is wanted now. Call it often."""
+        wanted = (id(pack), export)
+        if wanted != self._wanted:
+            self._wanted, self._changed, self._begun = wanted, time.monotonic(), False
+        first = self.geometry is None and not self.error
+        if not self._begun and not self._busy and (first or time.monotonic() - self._changed >= SETTLED_S):
+            self._begun, self._share = True, 0.0
+            self._task = Task(lambda: self._make(pack, wanted))
+
+    def news(self) -> bool:
+        """Whether there is something else to show since this was asked last."""
+        state = (self.geometry, self.error, self.working, round(50 * self._share))
+        told, self._told = self._told, state
+        return told != state
+
+    def close(self) -> None:
+        """Nothing is wanted any more."""
+        self._wanted = None
+
+    def _make(self, pack: Pack, wanted: tuple[int, Export]) -> None:
+        from scenepack.exports.export_preview import preview_geometry
+
+        def tell(share: float, note: str) -> None:
+            if self._wanted != wanted:
+                raise _Superseded
+            self._share = share
+
+        try:
+            made = preview_geometry(pack, wanted[1], tell)
+            tell(1.0, "")
+            self.geometry, self.error = made, ""
+        except _Superseded:
+            pass
+        except (UserError, MemoryError) as error:
+            self.error = error.what if isinstance(error, UserError) else "there is not enough memory for a preview"

@@ -1,0 +1,228 @@
+"""Export dialog, with its preview, and the card that shows progress."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from console.progress import duration
+from viewer.app.application import App
+from viewer.core import theme
+from viewer.core.theme import Fonts
+from viewer.core.widgets import (
+    Box,
+    begin_modal,
+    coloured,
+    corner_card,
+    font,
+    hint,
+    in_front,
+    label,
+    main_button,
+    pressed_here,
+    px,
+    segments,
+    switch,
+    tip,
+)
+from viewer.features.export.exporting import FACES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
+from viewer.rendering.canvas import Canvas
+
+NAME, WIDTH, PADDING, LABELS = "##export", 480.0, 26.0, 130.0
+CHOICES, GAP, WIDEST_PREVIEW, NARROWEST_PREVIEW = 428.0, 22.0, 460.0, 220.0
+ROWS_HIGH = 262.0  # of the preview: as high as the most choices
+HINTS = {
+    "mesh": "Triangles with vertex colours: a .glb or .ply file.",
+    "points": "Points on the surface with normals and colours: a .ply file.",
+    "gaussians": "A Gaussian for each voxel: a .ply file for splat viewers, without highlights.",
+}
+
+
+def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane) -> None:
+    """Draws the question while there is one, and nothing is in front of it. pane: the same one each time."""
+    exporting = app.exporting
+    if exporting.preview is None:
+        pane.drop(canvas)
+    if app.scene is None or in_front(app) != "export":
+        return
+    room = size.x / px(1) - 32 - CHOICES - GAP - 2 * PADDING  # in a small window there is no preview
+    beside = min(room, WIDEST_PREVIEW) if room >= NARROWEST_PREVIEW else 0.0
+    width = CHOICES + GAP + beside + 2 * PADDING if beside else WIDTH
+    if not begin_modal(NAME, size, width, 0.47, padding=(PADDING, 22)):
+        return
+    with font(fonts.bold, theme.LARGE):
+        with coloured(text=theme.ACCENT):
+            imgui.text_unformatted(fa.ICON_FA_CUBE)
+        imgui.same_line(0, px(12))
+        imgui.text_unformatted(f"Export {app.scene.name}")
+    imgui.dummy(ImVec2(0, px(4)))
+    if beside:
+        imgui.begin_child(
+            "##choices", ImVec2(px(CHOICES), 0), imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.nav_flattened
+        )
+        _choices(app, exporting.plan)
+        imgui.end_child()
+        imgui.same_line(0, px(GAP))
+        imgui.begin_group()
+        pane.show(app, canvas, px(beside), px(ROWS_HIGH))
+        imgui.end_group()
+    else:
+        _choices(app, exporting.plan)
+    imgui.dummy(ImVec2(0, px(8)))
+    _answer(app)
+    imgui.end_popup()
+
+
+def _choices(app: App, plan: ExportPlan) -> None:
+    label("As", LABELS)
+    picked = segments("kind", list(KINDS), plan.kind, {kind: title for kind, title in KINDS.items()})
+    if picked in KINDS:
+        plan.kind = picked  # type: ignore[assignment]
+    hint(HINTS[plan.kind])
+    if plan.kind != "gaussians":
+        label("Opacity level", LABELS)
+        imgui.set_next_item_width(-1)
+        plan.level = imgui.slider_float("##level", plan.level, *LEVELS, "%.2f")[1]
+        tip("Where the surface lies. Lower includes thinner mist.")
+        label("Parts", LABELS)
+        plan.keep = segments("keep", list(KEPT), plan.keep) or plan.keep
+        label("Smooth", LABELS)
+        plan.smooth = switch("smooth", plan.smooth)
+    if plan.kind == "mesh":
+        label("Triangles", LABELS)
+        plan.faces = segments("faces", list(FACES), plan.faces) or plan.faces
+    elif plan.kind == "points":
+        label("Density", LABELS)
+        plan.spacing = segments("spacing", list(SPACINGS), plan.spacing) or plan.spacing
+    label("Training frame", LABELS)
+    plan.world = switch("world", plan.world)
+    tip("The frame of the photographs' poses, instead of the grid's (y up)")
+    if plan.scale != 1.0:
+        hint(f"Lengths are in {app.annotations.current.scale.unit}.")
+    if app.settings.crop is not None:
+        label("Crop box only", LABELS)
+        plan.crop = switch("cropped", plan.crop)
+
+
+def _answer(app: App) -> None:
+    width = px(112)
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - 2 * width - px(8))
+    cancelled = imgui.button("Cancel", ImVec2(width, px(34))) or pressed_here(imgui.Key.escape)
+    imgui.same_line()
+    wanted = main_button("Export…", width) or pressed_here(imgui.Key.enter)
+    if cancelled or wanted:
+        imgui.close_current_popup()
+    if cancelled:
+        app.exporting.dismiss()
+    elif wanted:
+        app.exporting.choose_file(app)
+
+
+def show_card(app: App, box: Box, fonts: Fonts) -> None:
+    """How far it is, at the lower left of the viewport's box; not while a scene is being made, whose card is there."""
+    writing = app.exporting.writing
+    if writing is None or app.making.job is not None:
+        return
+    with corner_card("##exporting", box):
+        width = px(86)
+        imgui.align_text_to_frame_padding()
+        with font(fonts.bold, 16.0):
+            imgui.text_unformatted(writing.file.name)
+        imgui.same_line()
+        imgui.set_cursor_pos_x(imgui.get_window_width() - px(16) - width)
+        if imgui.button("Cancel##export", ImVec2(width, 0)):
+            app.exporting.cancel()
+        report = writing.report
+        imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
+        hint(_told(writing.child.stopping, report))
+
+
+def _told(stopping: bool, report) -> str:
+    if stopping or report is None:
+        return "Stopping…" if stopping else "Starting…"
+    words = report.note or report.title
+    parts = [f"{words[:1].upper()}{words[1:]}, {100 * report.share:.0f} %"]
+    if report.seconds_left is not None and report.share < 1:
+        parts.append(f"{duration(report.seconds_left)} left")
+    return "   ·   ".join(parts)
+
+
+# --- The picture of what an export would write ---
+
+IMAGE = "export preview"
+FINER = 2  # pixels drawn along each side of one that is shown: edges become smooth
+
+
+class PreviewPane:
+    """Keeps the picture while neither camera nor geometry changes."""
+
+    def __init__(self) -> None:
+        self._of: tuple[object, ...] = ()
+        self._pixels = None
+        self._held = False  # by the mouse
+
+    def show(self, app: App, canvas: Canvas, width: float, height: float) -> None:
+        """width, height: of the picture, in window units; a line of text comes below it."""
+        preview, scene = app.exporting.preview, app.scene
+        if preview is None or scene is None:
+            return
+        at = imgui.get_cursor_screen_pos()
+        imgui.dummy(ImVec2(width, height))
+        self._turn(app, height)
+        draw, corner = imgui.get_window_draw_list(), ImVec2(at.x + width, at.y + height)
+        draw.add_rect_filled(at, corner, theme.packed(theme.BASE), px(6))
+        if preview.geometry is not None:
+            density = FINER * imgui.get_io().display_framebuffer_scale.x
+            camera = scene.rig.camera((round(density * width), round(density * height)))
+            of = (preview.geometry, camera.grid_T_camera.tobytes(), camera.fx, camera.width, camera.height, theme.BASE)
+            if of != self._of:
+                ground = theme.rgb(theme.BASE)
+                self._pixels = canvas.draw_export_preview(preview.geometry, camera, (ground.x, ground.y, ground.z))
+                self._of = of
+            assert self._pixels is not None
+            texture = imgui.ImTextureRef(canvas.image(IMAGE, self._pixels))
+            dim = 0.35 if preview.error else 1.0
+            shade = theme.packed("#ffffff", dim)
+            draw.add_image_rounded(texture, at, corner, ImVec2(0, 0), ImVec2(1, 1), shade, px(6))
+        if preview.working:
+            low = ImVec2(at.x + width * preview.share, corner.y)
+            draw.add_rect_filled(ImVec2(at.x, corner.y - px(3)), low, theme.packed(theme.ACCENT))
+        hint(_preview_text(app), theme.WARN if preview.error and not preview.working else theme.FAINT)
+
+    def drop(self, canvas: Canvas) -> None:
+        """Frees what it holds on the card."""
+        if self._pixels is not None:
+            canvas.drop_image(IMAGE)
+            canvas.drop_export_preview()
+        self._of, self._pixels = (), None
+
+    def _turn(self, app: App, height: float) -> None:
+        """What the mouse does on the picture: it orbits, and the wheel moves closer."""
+        assert app.scene is not None
+        rig, io = app.scene.rig, imgui.get_io()
+        if imgui.is_item_hovered() and imgui.is_mouse_clicked(0):
+            self._held = True
+            rig.remember()
+        self._held = self._held and imgui.is_mouse_down(0)
+        if self._held and (io.mouse_delta.x or io.mouse_delta.y):
+            rig.orbit(io.mouse_delta.x / height, io.mouse_delta.y / height)
+            app.touch()
+        if imgui.is_item_hovered() and io.mouse_wheel:
+            rig.dolly(io.mouse_wheel)
+            app.touch()
+
+
+def _preview_text(app: App) -> str:
+    """What the picture shows, in a line."""
+    preview, scene = app.exporting.preview, app.scene
+    assert preview is not None and scene is not None
+    if preview.working:
+        return "Making a preview…"
+    if preview.error:
+        return f"{preview.error[:1].upper()}{preview.error[1:]}."
+    if preview.geometry is None:
+        return ""
+    geometry, f = preview.geometry, preview.geometry.coarser
+    of_points = "Gaussians" if app.exporting.plan.kind == "gaussians" else "points"
+    what = f"{len(geometry.faces):,} triangles" if len(geometry.faces) else f"{len(geometry.vertices):,} {of_points}"
+    return f"Preview: {what}." if f == 1 else f"Preview in voxels {f} times as large: {what}. The file is finer."

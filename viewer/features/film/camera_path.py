@@ -1,0 +1,199 @@
+"""A flight along keyframes: a spline through camera poses, and nerfstudio's camera-path JSON.
+
+Keyframes are grid_T_camera matrices with a vertical field of view. Between them positions follow a Catmull-Rom spline,
+and rotations the same spline over unit quaternions, brought back to unit length. The file holds camera-to-world
+matrices in the training frame, row-major, as nerfstudio writes them.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from console import UserError
+from console.atomic import write_file
+from console.json_text import parse_json, read_json_file
+from viewer.core.pose import FARTHEST
+
+DEFAULT_SECONDS = 2.0
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """grid_T_camera: float64 [4, 4]. fov: vertical, degrees. seconds: to the next keyframe."""
+
+    grid_T_camera: np.ndarray
+    fov: float
+    seconds: float = DEFAULT_SECONDS
+
+
+@dataclass
+class CameraPath:
+    """Keyframes in order; closed: the last leads back to the first."""
+
+    keyframes: list[Keyframe] = field(default_factory=list)
+    closed: bool = False
+
+    def insert(self, keyframe: Keyframe, index: int | None = None) -> int:
+        """Adds a keyframe after `index` (None: at the end); where it came to stand."""
+        at = len(self.keyframes) if index is None else index + 1
+        self.keyframes.insert(at, keyframe)
+        return at
+
+    def remove(self, index: int) -> None:
+        del self.keyframes[index]
+
+    def replace(self, index: int, **fields: Any) -> None:
+        """Changes a keyframe."""
+        self.keyframes[index] = replace(self.keyframes[index], **fields)
+
+    def move(self, index: int, by: int) -> int:
+        """Moves a keyframe earlier (-1) or later (1); its new index."""
+        to = min(max(index + by, 0), len(self.keyframes) - 1)
+        self.keyframes.insert(to, self.keyframes.pop(index))
+        return to
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end."""
+        legs = self.keyframes if self.closed and len(self.keyframes) > 1 else self.keyframes[:-1]
+        return sum(keyframe.seconds for keyframe in legs)
+
+    def at(self, seconds: float) -> tuple[np.ndarray, float]:
+        """grid_T_camera (float64 [4, 4]) and vertical fov (degrees) at a time; held at the ends. ValueError if empty."""
+        matrices, fov = self.poses(np.array([seconds]))
+        return matrices[0], float(fov[0])
+
+    def poses(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same at N times: float64 [N, 4, 4] and [N]."""
+        near, share = self._near(seconds)
+        keys = np.array([key.grid_T_camera for key in self.keyframes])
+        matrices = np.tile(np.eye(4), (len(near), 1, 1))
+        matrices[:, :3, 3] = _catmull_rom(keys[near, :3, 3], share)
+        matrices[:, :3, :3] = _rotations(keys[near, :3, :3], share)
+        fov = _catmull_rom(np.array([key.fov for key in self.keyframes])[near, None], share)[:, 0]
+        return matrices, np.clip(fov, 1.0, 170.0)
+
+    def places(self, seconds: np.ndarray) -> np.ndarray:
+        """Where the camera is at N times, float64 [N, 3]."""
+        near, share = self._near(seconds)
+        return _catmull_rom(np.array([key.grid_T_camera[:3, 3] for key in self.keyframes])[near], share)
+
+    def start_of(self, index: int) -> float:
+        """Seconds at which keyframe `index` is passed."""
+        return sum(keyframe.seconds for keyframe in self.keyframes[:index])
+
+    def _near(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """At N times: the keyframes before, passed last, next and after that, int [N, 4], and the share 0 … 1 of the way [N]."""
+        if not self.keyframes:
+            raise ValueError("a path without keyframes leads nowhere")
+        count = len(self.keyframes)
+        index, share = np.zeros(len(seconds), int), np.zeros(len(seconds))
+        if self.duration > 0:
+            lengths = np.array([key.seconds for key in (self.keyframes if self.closed else self.keyframes[:-1])])
+            ends = np.cumsum(lengths)
+            seconds = seconds - ends[-1] * np.floor(seconds / ends[-1]) if self.closed else seconds
+            index = np.minimum(np.searchsorted(ends, seconds), len(lengths) - 1)
+            share = np.clip((seconds - (ends - lengths)[index]) / np.maximum(lengths[index], 1e-9), 0.0, 1.0)
+        near = index[:, None] + np.arange(-1, 3)
+        return near % count if self.closed else np.clip(near, 0, count - 1), share
+
+    def sample(self, fps: float) -> list[tuple[np.ndarray, float]]:
+        """Matrix and fov of every frame of a film; a closed path does not repeat its first frame at the end."""
+        count = max(1, round(self.duration * fps)) + (0 if self.closed else 1)
+        matrices, fov = self.poses(np.arange(count) / fps)
+        return list(zip(matrices, fov.tolist(), strict=True))
+
+
+def _catmull_rom(points: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The uniform Catmull-Rom spline between points 1 and 2 of four, [N, 4, C], at t [N] in 0 … 1: [N, C]."""
+    a, b, c, d = np.moveaxis(points, 1, 0)
+    t = t[:, None]
+    return 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3)
+
+
+def _rotations(rotations: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The same of the quaternions of [N, 4, 3, 3], brought back to unit length: [N, 3, 3]."""
+    handed = np.sign(np.linalg.det(rotations[0, 1]))  # mirrored frames hold reflections, all of one hand
+    mirror = np.diag([handed, 1.0, 1.0])
+    quaternions = Rotation.from_matrix((rotations @ mirror).reshape(-1, 3, 3)).as_quat().reshape(-1, 4, 4)
+    for i, of in ((0, 1), (2, 1), (3, 2)):  # q and -q are the same rotation: take those on the side of the one before
+        opposite = np.sum(quaternions[:, i] * quaternions[:, of], axis=1) < 0
+        quaternions[opposite, i] *= -1
+    return Rotation.from_quat(_catmull_rom(quaternions, t)).as_matrix() @ mirror  # of unit length there
+
+
+# nerfstudio's file
+
+
+def save_path(path: CameraPath, file: Path, training_T_grid: np.ndarray, size: tuple[int, int], fps: float) -> None:
+    """Writes nerfstudio's camera-path JSON. size: width, height of the film, pixels. OSError where it cannot."""
+    aspect = size[0] / size[1]
+    keyframes = [
+        {
+            "matrix": (training_T_grid @ key.grid_T_camera).ravel().tolist(),
+            "fov": key.fov,
+            "aspect": aspect,
+            "override_transition_enabled": True,
+            "override_transition_sec": key.seconds,
+        }
+        for key in path.keyframes
+    ]
+    frames = [
+        {"camera_to_world": (training_T_grid @ matrix).ravel().tolist(), "fov": fov, "aspect": aspect}
+        for matrix, fov in (path.sample(fps) if path.keyframes else [])
+    ]
+    document = {
+        "default_fov": path.keyframes[0].fov if path.keyframes else 50.0,
+        "default_transition_sec": DEFAULT_SECONDS,
+        "keyframes": keyframes,
+        "camera_type": "perspective",
+        "render_height": size[1],
+        "render_width": size[0],
+        "fps": fps,
+        "seconds": path.duration,
+        "is_cycle": path.closed,
+        "smoothness_value": 0.0,
+        "camera_path": frames,
+    }
+    write_file(file, json.dumps(document, indent=1))
+
+
+def load_path(file: Path, training_T_grid: np.ndarray) -> CameraPath:
+    """Reads nerfstudio's camera-path JSON, from its present viewer or its older one. UserError for anything else."""
+    try:
+        document = read_json_file(file)
+        grid_T_training = np.linalg.inv(training_T_grid)
+        default = float(document.get("default_transition_sec", DEFAULT_SECONDS))
+        keyframes = [_keyframe(entry, grid_T_training, default) for entry in document["keyframes"]]
+        if len({np.linalg.det(key.grid_T_camera[:3, :3]) > 0 for key in keyframes}) > 1:
+            raise ValueError("some of its keyframes are mirrored and others are not")
+        return CameraPath(keyframes, bool(document.get("is_cycle", False)))
+    except OSError as error:
+        raise UserError("cannot be read", where=file, found=error.strerror) from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise UserError(
+            "is not a camera path", where=file, expected="nerfstudio's camera_path.json with keyframes", found=error
+        ) from error
+
+
+def _keyframe(entry: dict[str, Any], grid_T_training: np.ndarray, default: float) -> Keyframe:
+    numbers = entry["matrix"]
+    if isinstance(numbers, str):  # the older viewer wrote three.js's column-major arrays as text
+        matrix = np.array(parse_json(numbers), np.float64).reshape(4, 4).T
+    else:
+        matrix = np.array(numbers, np.float64).reshape(4, 4)
+    if not (np.abs(matrix) <= FARTHEST).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:
+        raise ValueError("a keyframe's matrix is not a pose")
+    seconds = float(entry.get("override_transition_sec") or default)
+    fov = float(entry.get("fov", 50.0))
+    if not 0 < seconds < 1e5 or not 1 <= fov <= 170:
+        raise ValueError("a keyframe's time or field of view makes no sense")
+    rotation, _, rows = np.linalg.svd(matrix[:3, :3])  # what is nearly a rotation becomes one
+    matrix[:3, :3] = rotation @ rows
+    return Keyframe(grid_T_training @ matrix, fov, seconds)

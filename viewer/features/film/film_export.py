@@ -1,0 +1,298 @@
+"""Films and stills that are written while the window goes on.
+
+An Export is stepped by the main thread (it needs OpenGL): each step renders tiles for a few milliseconds. Files are
+written aside and renamed when they are whole; what is cancelled or fails leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from console import UserError, not_written
+from console.atomic import Replacement
+from scenepack.pack import Pack
+from viewer.features.film.pictures import EXR, Pass, require_exr, write_exr, write_pngs
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.dynamic_resolution import tiles
+from viewer.rendering.settings import RenderSettings, of_picture
+
+MOST_FPS = 1000
+THREADS = 8  # of the encoder, on any computer: what it writes depends on their number
+
+
+def require_video() -> None:
+    """UserError, with the remedy, where PyAV is not installed."""
+    try:
+        import av  # noqa: F401
+    except ImportError as error:
+        raise UserError("writing an .mp4 needs PyAV", remedy="pip install 'snerg[video]', or name a folder") from error
+
+
+def films_possible() -> bool:
+    """Whether PyAV is installed."""
+    return importlib.util.find_spec("av") is not None
+
+
+class FilmWriter:
+    """An H.264 film, written aside until finish(). UserError where PyAV is not installed or a side is odd.
+
+    The same pictures give a film that shows the same, to the last bit; but of pictures of 48 x 32 pixels, the encoder makes
+    either of two films, given the very same frames.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int], fps: int) -> None:
+        """size: width, height in pixels."""
+        require_video()
+        import av
+
+        if min(size) < 2:
+            raise UserError("a film needs at least 2 × 2 pixels", where=path)
+        if size[0] % 2 or size[1] % 2:
+            raise UserError("H.264 needs an even width and height", where=path, found=f"{size[0]}x{size[1]}")
+        self._av, self.aside = av, Replacement(path, alone=True)
+        try:
+            self._container = av.open(str(self.aside.path), "w", format="mp4")
+            self._stream = self._container.add_stream("libx264", rate=fps, options={"crf": "17", "preset": "medium"})
+        except BaseException:
+            self.aside.discard()
+            raise
+        self._stream.width, self._stream.height = size
+        self._stream.pix_fmt = "yuv420p"
+        self._stream.codec_context.thread_count = THREADS
+
+    def add(self, picture: np.ndarray) -> None:
+        """Appends a picture, uint8 [height, width, 3]."""
+        frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+        self._container.mux(self._stream.encode(frame))
+
+    def finish(self) -> None:
+        """Completes the file and puts it in its place."""
+        self._container.mux(self._stream.encode())
+        self._container.close()
+        self.aside.finish()
+        self.aside.discard()
+
+    def discard(self) -> None:
+        """Leaves nothing behind."""
+        with contextlib.suppress(Exception):  # e.g. the disk is full: it cannot write its end either
+            self._container.close()
+        self.aside.discard()
+
+
+def write_film(path: Path, pictures: Iterable[np.ndarray], fps: int) -> None:
+    """Encodes pictures (uint8 [h, w, 3], all of one size); an odd last row or column is cut off.
+
+    The file appears when it is complete; without pictures there is none.
+    """
+    writer: FilmWriter | None = None
+    try:
+        for picture in pictures:
+            height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
+            if writer is None:
+                writer = FilmWriter(path, (width, height), fps)
+            writer.add(picture[:height, :width])
+        if writer is not None:
+            writer.finish()
+    except BaseException:
+        if writer is not None:
+            writer.discard()
+        raise
+
+
+# --- Pictures and films written to disk while the window stays alive ---
+
+__all__ = ["Export", "films_possible"]
+
+Snapshot = Callable[[ViewCamera, RenderSettings], np.ndarray]
+FILM_SUFFIX, STILL_SUFFIX = ".mp4", ".png"
+CENTRES = (
+    256  # to a pixel, that principal points are rounded to: cards then hold them exactly, whatever a tile's corner
+)
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Several pictures of one view. raw: draws those with floats; see Canvas.raw. pack: what is drawn."""
+
+    passes: list[Pass]
+    raw: Snapshot
+    pack: Pack
+
+
+@dataclass
+class Export:
+    """cameras: one a frame. target: a .png or .exr (one frame), an .mp4, or a folder for numbered PNGs.
+
+    tile_side: pixels a side of what is rendered at once; it changes no pixel. layers: what is drawn of a view that is no film,
+    by default the picture of `settings`. sink: what takes the picture instead of a file; see ToClipboard.
+    """
+
+    cameras: list[ViewCamera]
+    settings: RenderSettings
+    target: Path
+    snapshot: Snapshot
+    fps: float = 30.0
+    tile_side: int = 256
+    layers: Layers | None = None
+    sink: Any = None
+
+    def __post_init__(self) -> None:
+        if not self.cameras:
+            raise UserError("there is nothing to export", where=self.target)
+        self.done_tiles = 0
+        self.started = time.monotonic()
+        self.finished = False
+        self.cameras = [
+            replace(camera, cx=round(CENTRES * camera.cx) / CENTRES, cy=round(CENTRES * camera.cy) / CENTRES)
+            for camera in self.cameras
+        ]
+        width, height = self.cameras[0].width, self.cameras[0].height
+        self._boxes = tiles(width, height, self.tile_side)
+        self._passes = self.layers.passes if self.layers else [Pass("rgb", self.settings, False)]
+        self._frames = [each.blank(height, width) for each in self._passes]
+        self._sink: Any = self.sink
+
+    @property
+    def share(self) -> float:
+        """0 … 1 of the work is done."""
+        return self.done_tiles / (len(self._boxes) * len(self.cameras))
+
+    @property
+    def seconds_left(self) -> float | None:
+        """An estimate; None while it is too early for one."""
+        passed = time.monotonic() - self.started
+        return passed * (1 / self.share - 1) if self.share > 0 and passed > 0.5 else None
+
+    def step(self, seconds: float) -> None:
+        """Works for about `seconds`. Raises UserError, after cleaning up, where the disk is full and the like."""
+        end = time.monotonic() + seconds
+        try:
+            if self._sink is None:
+                camera = self.cameras[0]
+                self._sink = (
+                    _Views(self.target, self.layers, camera)
+                    if self.layers
+                    else _sink(self.target, camera.width, camera.height, self.fps)
+                )
+            while not self.finished:
+                self._next_tile()
+                if time.monotonic() >= end:
+                    break
+        except BaseException as error:
+            self.cancel()
+            if isinstance(error, OSError):
+                words, remedy = not_written(error)
+                remedy = f"the unfinished file was removed; {remedy}, then export again"
+                raise UserError(words, where=self.target, remedy=remedy) from error
+            raise
+
+    def _next_tile(self) -> None:
+        frame, tile = divmod(self.done_tiles, len(self._boxes))
+        camera = self.cameras[frame]
+        x, y, w, h = self._boxes[tile]
+        part = replace(camera, width=w, height=h, cx=camera.cx - x, cy=camera.cy - y)
+        for each, pixels in zip(self._passes, self._frames, strict=True):
+            draw = self.layers.raw if each.floats and self.layers else self.snapshot
+            pixels[y : y + h, x : x + w] = draw(part, of_picture(each.settings, camera.height, camera.fy))
+        self.done_tiles += 1
+        if tile == len(self._boxes) - 1:
+            self._sink.add(self._frames if self.layers else self._frames[0])
+        if self.done_tiles == len(self._boxes) * len(self.cameras):
+            self._sink.finish()
+            self.finished = True
+
+    def cancel(self) -> None:
+        """Stops, and removes what was written so far."""
+        if self._sink is not None and not self.finished:
+            self._sink.discard()
+        self.finished = True
+
+
+def _sink(target: Path, width: int, height: int, fps: float):
+    target.parent.mkdir(parents=True, exist_ok=True)
+    suffix = target.suffix.lower()
+    if suffix == STILL_SUFFIX:
+        return _Still(target)
+    return FilmWriter(target, (width, height), round(fps)) if suffix == FILM_SUFFIX else _Sequence(target)
+
+
+class _Views:
+    """A file for each picture of a view, or one .exr: written when all is drawn, so that nothing is ever half there."""
+
+    def __init__(self, target: Path, layers: Layers, camera: ViewCamera) -> None:
+        if target.suffix.lower() == EXR:
+            require_exr()
+        self.target, self.layers, self.camera = target, layers, camera
+        self.pictures: list[np.ndarray] = []
+
+    def add(self, pictures: list[np.ndarray]) -> None:
+        self.pictures = pictures
+
+    def finish(self) -> None:
+        if self.target.suffix.lower() == EXR:
+            write_exr(self.target, self.layers.passes, self.pictures, self.camera, self.layers.pack)
+        else:
+            write_pngs(self.target, self.layers.passes, self.pictures)
+
+    def discard(self) -> None:
+        self.pictures = []
+
+
+class ToClipboard:
+    """Takes one picture to the clipboard; put: called with it, uint8 [h, w, 3]."""
+
+    def __init__(self, put: Callable[[np.ndarray], None]) -> None:
+        self.put = put
+
+    def add(self, picture: np.ndarray) -> None:
+        self.put(picture.copy())
+
+    def finish(self) -> None:
+        pass
+
+    def discard(self) -> None:
+        pass
+
+
+class _Still:
+    def __init__(self, target: Path) -> None:
+        self.aside = Replacement(target, alone=True)
+
+    def add(self, picture: np.ndarray) -> None:
+        Image.fromarray(picture).save(self.aside.path, format="PNG")
+
+    def finish(self) -> None:
+        self.aside.finish()
+        self.aside.discard()
+
+    def discard(self) -> None:
+        self.aside.discard()
+
+
+class _Sequence:
+    def __init__(self, target: Path) -> None:
+        if target.exists() and (not target.is_dir() or any(target.iterdir())):
+            raise UserError("is not empty", where=target, remedy="choose a new folder for the pictures")
+        self.aside, self.count = Replacement(target, folder=True, alone=True), 0
+
+    def add(self, picture: np.ndarray) -> None:
+        Image.fromarray(picture).save(self.aside.path / f"frame_{self.count:05d}.png", compress_level=4)
+        self.count += 1
+
+    def finish(self) -> None:
+        if self.aside.target.exists():
+            self.aside.target.rmdir()  # refuses where something was put there since
+        self.aside.finish()
+        self.aside.discard()
+
+    def discard(self) -> None:
+        self.aside.discard()

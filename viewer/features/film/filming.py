@@ -1,0 +1,263 @@
+"""The app's camera path: editing it, playing it back, and exporting stills and films."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from console import UserError
+from viewer.core.pose import fitted, view_camera
+from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
+from viewer.features.film.film_export import Export, Layers, ToClipboard
+from viewer.features.film.pictures import EXR, passes_for
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.settings import Mode
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+import io
+
+import numpy as np
+from PIL import Image
+
+Size = tuple[int, int]  # width, height in pixels
+SIZES: dict[str, Size] = {"Full HD": (1920, 1080), "4K": (3840, 2160), "Square": (1080, 1080), "Small": (640, 360)}
+STEP_S = 0.02  # of a frame's time that an export takes
+TURNTABLE_KEYS = 8
+LARGEST_SIDE = 16384
+SMALLEST_TILE = 16  # pixels a side
+STILL_MODES: dict[Mode, str] = {
+    "depth": "Depth",
+    "normals": "Normals",
+    "alpha": "Opacity",
+    "diffuse": "Diffuse colour",
+}  # besides the picture
+COPY = Path("the clipboard")
+SAMPLES = {"Off": 1, "2 × 2": 2, "4 × 4": 4}  # rays per pixel
+
+
+@dataclass
+class Filming:
+    """path: of the open scene. selected: a keyframe's index or None. time: seconds along the path.
+
+    size: width, height of stills and films, pixels. samples: rays along each side of a pixel; see RenderSettings.
+    besides: modes that a still is saved in besides the one that is shown. transparent: stills have no background.
+    """
+
+    path: CameraPath = field(default_factory=CameraPath)
+    selected: int | None = None
+    time: float = 0.0
+    playing: bool = False
+    size: Size = SIZES["Full HD"]
+    fps: float = 30.0
+    samples: int = 1
+    besides: tuple[Mode, ...] = ()
+    transparent: bool = False
+    export: Export | None = None
+
+    def of_another_scene(self) -> Filming:
+        """What stays when another scene is opened: how stills and films are written."""
+        return Filming(
+            size=self.size, fps=self.fps, samples=self.samples, besides=self.besides, transparent=self.transparent
+        )
+
+    def add(self, app: App) -> None:
+        """Makes the present view a keyframe, after the selected one."""
+        if app.scene is not None:
+            rig = app.scene.rig
+            fov = app.fov
+            self.selected = self.path.insert(Keyframe(rig.matrix.copy(), fov), self.selected)
+            app.messages.say(f"Keyframe {self.selected + 1} of {len(self.path.keyframes)}")
+
+    def update(self, app: App, index: int) -> None:
+        """Puts a keyframe where the camera is now."""
+        if app.scene is not None:
+            self.path.replace(index, grid_T_camera=app.scene.rig.matrix.copy(), fov=app.fov)
+
+    def remove(self, index: int) -> None:
+        """Takes a keyframe out."""
+        self.path.remove(index)
+        self.selected = min(index, len(self.path.keyframes) - 1) if self.path.keyframes else None
+        self.playing = self.playing and bool(self.path.keyframes)
+
+    def move(self, index: int, by: int) -> None:
+        """Moves a keyframe earlier or later."""
+        self.selected = self.path.move(index, by)
+
+    def select(self, app: App, index: int) -> None:
+        """Shows a keyframe's view."""
+        self.selected = index
+        self.show(app, self.path.start_of(index))
+
+    def show(self, app: App, seconds: float) -> None:
+        """Shows the view at a time of the path."""
+        if app.scene is None or not self.path.keyframes:
+            return
+        self.time = min(max(seconds, 0.0), max(self.path.duration, 0.0))
+        matrix, fov = self.path.at(self.time)
+        app.scene.rig.hold(view_camera(matrix, fov, app.viewport.pixels))
+        app.touch()
+
+    def play(self, app: App) -> None:
+        """Starts or stops playing; from the start again where the end was reached."""
+        self.playing = not self.playing and len(self.path.keyframes) > 1
+        if self.playing:
+            if app.scene is not None:
+                app.scene.rig.remember()
+            if self.time >= self.path.duration - 1e-6:
+                self.time = 0.0
+
+    def tick(self, app: App, seconds: float) -> None:
+        """Time passes."""
+        if self.playing:
+            self.time += seconds
+            if self.time >= self.path.duration:
+                if self.path.closed:
+                    self.time %= max(self.path.duration, 1e-9)
+                else:
+                    self.time, self.playing = self.path.duration, False
+            self.show(app, self.time)
+        if self.export is not None:
+            self._step(app)
+            app.touch(2)
+
+    def turntable(self, app: App) -> None:
+        """A closed path once around the scene, at the height and distance that the camera has now; from the first view, at
+        the distance from which all sides are seen whole.
+        """
+        if app.scene is None:
+            return
+        rig = app.scene.rig
+        rig.take_over()
+        if rig.bounded:
+            raise UserError("a turntable does not work with a forward-facing pack")
+        turns = [360.0 * i / TURNTABLE_KEYS for i in range(TURNTABLE_KEYS)]
+        pose, keys = rig.goal, []
+        if pose == rig.home_pose and not rig.within:  # nobody chose the distance: no side shall be cut off
+            sides = [rig.framing_distance(pose.azimuth + turn, pose.elevation, rig.fov) for turn in turns]
+            pose = replace(pose, distance=max(sides))
+        for turn in turns:
+            pose = replace(pose, azimuth=rig.goal.azimuth + turn)
+            keys.append(Keyframe(pose.matrix(rig.table), rig.fov, 1.0))
+        self.path, self.selected, self.time = CameraPath(keys, closed=True), None, 0.0
+        app.messages.say("A turntable of 8 seconds")
+
+    # Files
+
+    def save(self, app: App, file: Path) -> None:
+        """Writes the path as nerfstudio's camera-path JSON."""
+        if app.scene is not None:
+            save_path(self.path, file, app.scene.pack.worldspace_T_opengl, self.size, self.fps)
+            app.messages.say(f"Saved {file}")
+
+    def load(self, app: App, file: Path) -> None:
+        """Reads such a file; the path that was there stays where it cannot be read."""
+        if app.scene is not None:
+            self.path = load_path(file, app.scene.pack.worldspace_T_opengl)
+            self.selected, self.time, self.playing = None, 0.0, False
+            app.messages.say(f"{len(self.path.keyframes)} keyframes from {file.name}")
+
+    def still(self, app: App, target: Path, camera: ViewCamera | None = None) -> None:
+        """Starts to write a camera's view, by default the present one at `size`."""
+        seen = app.camera() if camera is None else None
+        if seen is not None:
+            camera = _reshaped(seen, self.size)
+        if camera is not None:
+            self._start(app, [camera], target, still=True)
+
+    def copy(self, app: App) -> None:
+        """Starts to put the picture of this moment, at the viewport's size, on the clipboard."""
+        camera = app.camera()
+        if camera is not None:
+            self._start(app, [camera], COPY)
+
+    def film(self, app: App, target: Path) -> None:
+        """Starts to write the path: an .mp4, or a folder of PNGs."""
+        if not self.path.keyframes:
+            raise UserError("the path has no keyframes yet", remedy="add some, or make a turntable")
+        near = app.settings.near
+        cameras = [view_camera(matrix, fov, self.size, near) for matrix, fov in self.path.sample(self.fps)]
+        self._start(app, cameras, target)
+
+    def _start(self, app: App, cameras: list[ViewCamera], target: Path, *, still: bool = False) -> None:
+        if self.export is not None:
+            raise UserError("another export is still running", remedy="cancel it or wait for it")
+        if app.canvas is None or app.scene is None:
+            return
+        if not app.scene.whole:
+            raise UserError("the scene is still being read", remedy="wait until it is complete")
+        side = max(app.resolution.tile_side() // self.samples, SMALLEST_TILE)
+        settings = replace(app.settings, samples=self.samples)
+        layers, sink = None, None
+        exr = target.suffix.lower() == EXR
+        if still and (exr or self.besides or self.transparent):
+            modes = tuple(dict.fromkeys((settings.mode, *self.besides)))
+            passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
+            layers = Layers(passes, app.canvas.raw, app.scene.pack)
+        elif target is COPY:
+            sink = ToClipboard(copy_picture)
+        self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, sink)
+        self.playing = False
+        app.touch()
+
+    def _step(self, app: App) -> None:
+        assert self.export is not None
+        export = self.export
+        try:
+            export.step(STEP_S)
+        except Exception as error:  # a full disk: a dialog, and the program goes on
+            self.export = None
+            copied = export.target is COPY
+            app.messages.fail("The picture is not on the clipboard" if copied else "The export stopped", error)
+            return
+        if export.finished:
+            self.export = None
+            copied = export.target is COPY
+            app.messages.say("The picture is on the clipboard" if copied else f"Saved {export.target}")
+
+    def cancel(self, app: App) -> None:
+        """Stops the export; nothing of it is left on disk."""
+        if self.export is not None:
+            self.export.cancel()
+            self.export = None
+            app.messages.say("The export was cancelled")
+
+
+def _reshaped(camera: ViewCamera, size: tuple[int, int]) -> ViewCamera:
+    """The same view in a picture of another shape: its height stays, or its width where the new shape is narrower."""
+    scale = max(size[1] / camera.height, 1e-9) if size[0] / size[1] >= camera.width / camera.height else None
+    if scale is None:
+        return fitted(camera, size, camera.near)
+    return replace(
+        camera,
+        fx=camera.fx * scale,
+        fy=camera.fy * scale,
+        cx=0.5 * size[0] + scale * (camera.cx - 0.5 * camera.width),
+        cy=scale * camera.cy,
+        width=size[0],
+        height=size[1],
+    )
+
+
+REMEDY = "save it with Ctrl+S instead"
+LARGEST_BYTES = 15 << 20  # of a PNG: X11 hands over what fits into one request
+
+
+def copy_picture(picture: np.ndarray) -> None:
+    """Puts a picture, uint8 [h, w, 3], on the clipboard until the program ends. UserError where that is impossible."""
+    import copykitten
+
+    if picture.nbytes > LARGEST_BYTES and _png_bytes(picture) > LARGEST_BYTES:
+        raise UserError("the picture is too large for the clipboard", remedy=REMEDY)
+    height, width = picture.shape[:2]
+    try:
+        copykitten.copy_image(Image.fromarray(picture).convert("RGBA").tobytes(), width, height)
+    except copykitten.CopykittenError as error:
+        raise UserError("the clipboard cannot be reached", found=str(error), remedy=REMEDY) from error
+
+
+def _png_bytes(picture: np.ndarray) -> int:
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, format="PNG", compress_level=1)
+    return file.tell()

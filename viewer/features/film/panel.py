@@ -1,0 +1,190 @@
+"""Page of stills and films, and the camera path in the picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import ask_for_still, run
+from viewer.core import theme
+from viewer.core.files import FileRequest
+from viewer.core.pose import FRUSTUM_EDGES, frustum_points, view_camera
+from viewer.core.screen import Screen
+from viewer.core.theme import Fonts
+from viewer.core.widgets import Box, card, coloured, hint, icon_button, label, main_button, px, segments, switch, tip
+from viewer.features.bookmarks.panel import row
+from viewer.features.film.film_export import films_possible
+from viewer.features.film.filming import LARGEST_SIDE, SAMPLES, SIZES, STILL_MODES, Filming
+from viewer.rendering.canvas import Canvas
+
+LIST_HEIGHT = 180.0
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    filming = app.filming
+    with card("path", fonts, "Camera path"):
+        _path(app, canvas, filming)
+    with card("size", fonts, "Size"):
+        _size(filming)
+    with card("still", fonts, "This view"):
+        _still(app, filming)
+    with card("export", fonts, "Export"):
+        _export(app, filming)
+    with card("scene", fonts, "Scene"):
+        _scene(app)
+
+
+def _scene(app: App) -> None:
+    hint("A mesh, points or Gaussians for other programs.")
+    if imgui.button(f"{fa.ICON_FA_CUBE}  Export the scene…", ImVec2(-1, 0)):
+        run(app, "export-scene")
+
+
+def _path(app: App, canvas: Canvas, filming: Filming) -> None:
+    width = (imgui.get_content_region_avail().x - px(8)) / 2
+    if imgui.button(f"{fa.ICON_FA_PLUS}  Keyframe", ImVec2(width, 0)):
+        run(app, "keyframe")
+    imgui.same_line()
+    if imgui.button(f"{fa.ICON_FA_ROTATE}  Turntable", ImVec2(width, 0)):
+        run(app, "turntable")
+    path = filming.path
+    if not path.keyframes:
+        hint("Move the camera and add keyframes (K). The film flies through them.")
+    else:
+        _keyframes(app, canvas, filming)
+        label("Back to the start")
+        path.closed = switch("closed", path.closed)
+        icon = fa.ICON_FA_PAUSE if filming.playing else fa.ICON_FA_PLAY
+        if icon_button(icon, "play", "Play  (P)", on=filming.playing, enabled=len(path.keyframes) > 1):
+            run(app, "play")
+        imgui.same_line()
+        imgui.set_next_item_width(-1)
+        changed, value = imgui.slider_float("##time", filming.time, 0.0, max(path.duration, 1e-3), "%.1f s")
+        if changed:
+            filming.playing = False
+            filming.show(app, value)
+    if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Load…", ImVec2(width, 0)):
+        app.file_request = FileRequest("Load a camera path", "open", lambda p: filming.load(app, p), (".json",))
+    imgui.same_line()
+    imgui.begin_disabled(not path.keyframes)
+    if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save…", ImVec2(width, 0)):
+        name = "camera_path.json"
+        app.file_request = FileRequest("Save the path", "save", lambda p: filming.save(app, p), (".json",), name)
+    imgui.end_disabled()
+
+
+def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
+    with coloured(child_bg=theme.BASE):
+        imgui.begin_child("##keys", ImVec2(0, px(LIST_HEIGHT)), imgui.ChildFlags_.always_use_window_padding)
+    for i, key in enumerate(filming.path.keyframes):
+        texts = f"Keyframe {i + 1}", f"{key.seconds:.1f} s"
+        if row(app, canvas, f"key{i}", (key.grid_T_camera, key.fov), texts, chosen=i == filming.selected):
+            filming.select(app, i)
+    imgui.end_child()
+    index = filming.selected
+    if index is None or index >= len(filming.path.keyframes):
+        return
+    for icon, name, tooltip, action in (
+        (fa.ICON_FA_ARROW_UP, "up", "Earlier", lambda: filming.move(index, -1)),
+        (fa.ICON_FA_ARROW_DOWN, "down", "Later", lambda: filming.move(index, 1)),
+        (fa.ICON_FA_CAMERA, "update", "Move it to the current camera", lambda: filming.update(app, index)),
+        (fa.ICON_FA_TRASH, "remove", "Remove", lambda: filming.remove(index)),
+    ):
+        if icon_button(icon, name, tooltip):
+            action()
+            return
+        imgui.same_line(0, px(2))
+    imgui.set_next_item_width(-1)
+    changed, value = imgui.slider_float("##leg", filming.path.keyframes[index].seconds, 0.2, 10.0, "%.1f s to next")
+    if changed:
+        filming.path.replace(index, seconds=value)
+
+
+def _size(filming: Filming) -> None:
+    current = next((name for name, size in SIZES.items() if size == filming.size), "")
+    picked = segments("sizes", list(SIZES), current)
+    if picked:
+        filming.size = SIZES[picked]
+    label("Pixels")
+    changed, value = imgui.input_int2("##pixels", list(filming.size))
+    if changed:
+        width, height = (min(max(int(v), 16), LARGEST_SIDE) for v in value[:2])
+        filming.size = width, height
+    label("Frames / s")
+    changed, fps = imgui.slider_float("##fps", filming.fps, 10.0, 60.0, "%.0f")
+    if changed:
+        filming.fps = float(round(fps))
+    label("Anti-aliasing")
+    current = next((name for name, samples in SAMPLES.items() if samples == filming.samples), "")
+    picked = segments("samples", list(SAMPLES), current)
+    if picked:
+        filming.samples = SAMPLES[picked]
+
+
+def _still(app: App, filming: Filming) -> None:
+    """The tick list of what is saved, and where to."""
+    label("No background")
+    filming.transparent = switch("transparent", filming.transparent)
+    tip("Transparent, in the PNG or OpenEXR file")
+    for mode, title in STILL_MODES.items():
+        label(title)
+        on = switch(mode, mode in filming.besides)
+        tip(f"Save this as well: NAME_{mode}.png, or a channel of the OpenEXR file")
+        if on != (mode in filming.besides):
+            filming.besides = tuple(m for m in STILL_MODES if (m in filming.besides) != (m == mode))
+    imgui.begin_disabled(filming.export is not None)
+    if main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", -1):
+        ask_for_still(app)
+    if imgui.button(f"{fa.ICON_FA_COPY}  Copy the picture", ImVec2(-1, 0)):
+        run(app, "copy-picture")
+    imgui.end_disabled()
+    tip("The picture as it is shown, to the clipboard")
+
+
+def _export(app: App, filming: Filming) -> None:
+    export = filming.export
+    if export is not None:
+        left = export.seconds_left
+        imgui.text_unformatted(export.target.name)
+        imgui.progress_bar(export.share, ImVec2(-1, px(8)), "")
+        hint(f"{100 * export.share:.0f} %" + (f", about {left:.0f} s left" if left is not None else ""))
+        if imgui.button("Cancel", ImVec2(-1, 0)):
+            filming.cancel(app)
+        return
+    imgui.begin_disabled(not filming.path.keyframes)
+    width = (imgui.get_content_region_avail().x - px(8)) / 2
+    imgui.begin_disabled(not films_possible())
+    if imgui.button(f"{fa.ICON_FA_FILM}  Film…", ImVec2(width, 0)):
+        app.file_request = FileRequest("Save the film", "save", lambda p: filming.film(app, p), (".mp4",), "flight.mp4")
+    imgui.end_disabled()
+    imgui.same_line()
+    if imgui.button(f"{fa.ICON_FA_IMAGES}  Pictures…", ImVec2(width, 0)):
+        app.file_request = FileRequest(
+            "A new folder for the pictures", "save", lambda p: filming.film(app, p), (), "flight"
+        )
+    imgui.end_disabled()
+    if not films_possible():
+        hint("Films need PyAV: pip install 'snerg[video]'")
+
+
+PATH_STEPS = 24  # line segments per leg
+
+
+def draw_path(app: App, box: Box) -> None:
+    """The camera path and its keyframes, while its page is open and it is not being played."""
+    filming = app.filming
+    if not app.interface.shows("film") or filming.playing or app.scene is None or not filming.path.keyframes:
+        return
+    screen, path = Screen(app, box), filming.path
+    if len(path.keyframes) > 1:
+        count = PATH_STEPS * len(path.keyframes)
+        track = path.places(path.duration * np.arange(count + 1) / count)
+        screen.lines(track, [(i, i + 1) for i in range(count)], theme.packed(theme.ACCENT), px(2))
+    depth = 0.05 if app.scene.rig.bounded else 0.12 * app.scene.rig.radius
+    for i, key in enumerate(path.keyframes):
+        colour = theme.packed(theme.WARN if i == filming.selected else theme.ACCENT)
+        camera = view_camera(key.grid_T_camera, key.fov, filming.size)
+        screen.lines(frustum_points(camera, depth), FRUSTUM_EDGES, colour, px(1.5))

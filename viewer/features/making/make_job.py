@@ -1,0 +1,192 @@
+"""Make job: the process that makes a scene, and what it leaves to look at: progress, previews, rejected photographs.
+
+A thread reads it. The writer replaces the file by a rename, so a file that is being read stays whole.
+
+training.posing writes the list beside the poses, or in its working folder if it failed.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from console import UserError
+from console.json_text import read_json_file
+from console.progress_protocol import Report
+from scenepack.pack import Pack
+from scenepack.reader import load_pack
+from training.scenes.pictures import UNREADABLE, small_picture
+from viewer.core.command_process import CommandProcess
+from viewer.core.files import POSED, REPORT
+from viewer.core.tasks import Task
+from viewer.features.making.make_plan import Plan
+from viewer.features.opening.opening import work_out_ahead
+
+KEPT_FIGURES = 400
+PICTURE_SIDE = 512  # pixels of the longer side, at most
+
+
+@dataclass
+class MakeJob:
+    """A running or stopped job."""
+
+    plan: Plan
+    child: CommandProcess
+    started: float = field(default_factory=time.monotonic)
+    report: Report | None = None  # the last progress that the process reported
+    figures: list[float] = field(default_factory=list)  # PSNR (dB) during training
+    picture: np.ndarray | None = None  # a held-out photograph beside its rendering, uint8 [h, w, 3]
+    _picture_time: float = 0.0
+
+    @property
+    def stopping(self) -> bool:
+        """Whether it was asked to stop."""
+        return self.child.stopping
+
+    @property
+    def stage(self) -> int:
+        """Number of the plan's stage, from 1; 0 before the first report."""
+        if self.report is None:
+            return 0
+        name = {"poses": "Poses", "baking": "Baking"}.get(self.report.stage, "Training")
+        return self.plan.stages.index(name) + 1 if name in self.plan.stages else 1
+
+    def poll(self) -> bool:
+        """Reads new progress; True if there is something new to show."""
+        report = self.child.report()
+        changed = report is not None and report != self.report
+        if changed and report is not None:
+            later, self.report = self.report is None or report.done != self.report.done, report
+            if later and "psnr" in report.metrics:
+                self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
+        return self._read_picture() or changed
+
+    def _read_picture(self) -> bool:
+        file = self.plan.run / "validation" / "latest.png"
+        try:
+            changed = file.stat().st_mtime
+            if changed == self._picture_time:
+                return False
+            with Image.open(file, formats=["PNG"]) as opened:
+                picture = opened.convert("RGB")
+            picture.thumbnail((PICTURE_SIDE, PICTURE_SIDE))
+            self.picture, self._picture_time = np.asarray(picture), changed
+        except (OSError, ValueError):  # not there yet
+            return False
+        return True
+
+
+# --- Training preview ---
+
+
+@dataclass(frozen=True)
+class TrainingPreview:
+    """The state of a training run as a pack."""
+
+    pack: Pack
+    steps: int  # done
+    of_steps: int  # in all; 0 if unknown
+
+    @property
+    def description(self) -> str:
+        """What is shown, for people."""
+        return f"preview after {self.steps:,} steps"
+
+
+class TrainingPreviewFile:
+    """Reads the file in a thread. Call `poll` now and then."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self._seen: tuple[int, int] | None = None  # inode and time of the file that was read last
+        self._task: Task[TrainingPreview | None] | None = None
+
+    def poll(self) -> TrainingPreview | None:
+        """A preview that was read since the last call, if any. Never waits; starts to read a file that has changed."""
+        if self.reading:
+            return None
+        task, self._task = self._task, None
+        if task is not None and (read := task.result()) is not None:
+            return read
+        try:
+            there = self.file.stat()
+        except OSError:  # none yet, or no more
+            return None
+        if self._seen != (there.st_ino, there.st_mtime_ns):
+            self._seen = there.st_ino, there.st_mtime_ns
+            self._task = Task(self._read)
+        return None
+
+    @property
+    def reading(self) -> bool:
+        return self._task is not None and not self._task.finished
+
+    def _read(self) -> TrainingPreview | None:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                pack = load_pack(self.file)
+            made: Any = pack.metadata.get("provenance")
+            work_out_ahead(pack)
+            return TrainingPreview(pack, int(made["steps"]), int(made.get("of_steps", 0)))
+        except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
+            return None
+
+
+# --- Rejected photographs ---
+
+UNFINISHED = Path("posing") / "left_out.json"
+CELL, MOST = 128, 24  # pixels of the longer side; number of thumbnails
+Box = tuple[int, int, int, int]
+
+
+class RejectedPhotographs(Task[None]):
+    """Reads the thumbnails in a thread.
+
+    why: reason by name, in order.
+    sheet: uint8 [CELL, width, 3]; None before all are read.
+    boxes: x, y, width, height in the sheet by name; unreadable pictures have none.
+    """
+
+    def __init__(self, why: Mapping[str, str], files: Mapping[str, Path]) -> None:
+        self.why = why
+        self.sheet: np.ndarray | None = None
+        self.boxes: dict[str, Box] = {}
+        self._files = files
+        super().__init__(self._read)
+
+    def _read(self) -> None:
+        pictures: list[np.ndarray] = []
+        x = 0
+        for name in list(self.why)[:MOST]:
+            try:
+                picture = np.asarray(small_picture(self._files[name], CELL, "RGB"))
+            except (UserError, *UNREADABLE):  # gone since, or one that only the program that finds poses can read
+                continue
+            height, width = picture.shape[:2]
+            self.boxes[name] = (x, 0, width, height)
+            pictures.append(np.pad(picture, ((0, CELL - height), (0, 0), (0, 0))))
+            x += width
+        if pictures:
+            self.sheet = np.concatenate(pictures, axis=1)
+
+
+def rejected_photographs_of(out: Path) -> RejectedPhotographs | None:
+    """Those listed in the folder for the results; None if there is no list or it is empty."""
+    for file in (out / POSED / REPORT, out / UNFINISHED):
+        try:
+            said = read_json_file(file)
+            why = {str(name): str(reason) for name, reason in said["left_out"].items()}
+            source, kept = Path(said["photographs"]), dict(said.get("files", {}))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            continue
+        files = {name: Path(kept[name]) if name in kept else source / name for name in why}
+        return RejectedPhotographs(why, files) if why else None
+    return None

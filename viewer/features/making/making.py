@@ -1,0 +1,369 @@
+"""Making a scene from the window: the plan, the process that trains and bakes, the previews, and opening the pack.
+
+One scene at a time. Stopping asks the process to save and to end, which may take minutes, because JAX first ends the steps that
+have begun. It is killed only on request. The same plan resumes from what is saved.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from console import UserError
+from training.scenes.scene import Direction
+from viewer.core.command_process import CommandProcess
+from viewer.core.files import FileRequest, existing_folder
+from viewer.core.log import Dialog
+from viewer.core.tasks import Task
+from viewer.features.making.make_job import (
+    MakeJob,
+    RejectedPhotographs,
+    TrainingPreview,
+    TrainingPreviewFile,
+    rejected_photographs_of,
+)
+from viewer.features.making.make_plan import Plan, Subject
+from viewer.features.making.review import Review
+from viewer.features.making.sparse_preview import Kind, SparsePreview, read_sparse_preview
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+POLL_EVERY_S = 0.2
+PARTING_S = 30.0  # for the process to save, where the program ends and there is no window to wait in
+
+
+@dataclass
+class SparsePreviewJob:
+    """Reads the sparse points of a plan's scene."""
+
+    plan: Plan
+    review: bool = False  # whether a review follows, before training
+    before: Review | None = None  # the review that the new one replaces
+    reader: Task[SparsePreview | None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        plan = self.plan
+        self.reader = read_sparse_preview(plan.posed, plan.spherify or None, plan.cut_out, plan.up)
+
+
+@dataclass
+class Making:
+    """State of the make-a-scene workflow."""
+
+    plan: Plan | None = None  # shown in the dialog
+    job: MakeJob | None = None  # runs now
+    failed: Plan | None = None  # the last plan that failed
+    quit_after: bool = False  # whether the program ends once the job has stopped
+    review: Review | None = None  # waits for the user before training
+    reading: SparsePreviewJob | None = None  # reads the sparse points now
+    sparse_preview: SparsePreview | None = None  # the points that were read
+    training_preview: TrainingPreview | None = None  # the newest preview of the training
+    _training_preview_file: TrainingPreviewFile | None = None
+    _training_preview_offered: bool = False  # whether it was shown once without being asked for
+    _looked: float = 0.0
+    _surveyed: bool = False
+    _left_told: int | None = None
+    _rejected: RejectedPhotographs | None = None  # whose thumbnails are being read
+
+    def offer(self, app: App, subject: Subject, path: Path) -> None:
+        """Asks whether, and how, a scene or a run shall be made into a pack."""
+        under_way = self.job or self.review or self.reading
+        if under_way is not None:
+            text = f"{under_way.plan.name} is still being made. Wait for it or stop it, then try again."
+            app.messages.dialogs.append(Dialog("One scene at a time", text))
+            return
+        plan = Plan.of(subject, path)
+        self._forget()
+        self.plan, self._surveyed = plan, False
+        app.touch()
+
+    def again(self, app: App) -> None:
+        """Asks once more about what could not be made."""
+        if self.failed is not None and self.job is None:
+            self.plan, self.failed = self.failed, None
+            self.plan.choose(self.plan.out)
+        app.touch()
+
+    @property
+    def busy(self) -> bool:
+        """Whether something goes on that tick should look at now and then."""
+        survey = None if self.plan is None else self.plan.survey
+        waits = (
+            self.job is not None or self.reading is not None or self.review is not None or self._rejected is not None
+        )
+        return waits or (survey is not None and (survey.busy or not self._surveyed))
+
+    def _forget(self) -> None:
+        if self.plan is not None and self.plan.survey is not None:
+            self.plan.survey.close()
+        self.plan = None
+
+    def dismiss(self, app: App) -> None:
+        """Closes the question."""
+        self._forget()
+        app.touch()
+
+    def ask_where(self, app: App) -> None:
+        """Asks for another folder for the results."""
+        plan = self.plan
+        if plan is None:
+            return
+
+        def then(path: Path) -> None:
+            plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
+            app.touch()
+
+        app.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
+
+    def copy_command(self, app: App) -> None:
+        """Puts the command line that does the same on the clipboard, for another machine, say."""
+        if self.plan is not None:
+            app.clipboard.set(self.plan.typed())
+            app.messages.say("The command is on the clipboard")
+
+    def start(self, app: App) -> None:
+        """Begins, with finding poses where there are none. UserError where that cannot be, with the question left open."""
+        plan = self.plan
+        if plan is None or plan.problem() is not None or plan.place_problem is not None:
+            return
+        plan.poses_only = plan.bare is not None and plan.attempt is None
+        self._begin(app, plan)
+        self._forget()
+        self.review = self.sparse_preview = None
+        if plan.has_points and not plan.poses_only:
+            self.reading = SparsePreviewJob(plan)
+
+    def _begin(self, app: App, plan: Plan) -> None:
+        self.job = MakeJob(plan, CommandProcess(plan.command(), plan.log))
+        self.training_preview, self._training_preview_offered = None, False
+        self._training_preview_file = None if plan.poses_only else TrainingPreviewFile(plan.preview_file)
+        app.messages.log(f"making {plan.name}: {plan.typed()}")
+        app.touch()
+
+    def train(self, app: App) -> None:
+        """Goes on from the review, with what was chosen there."""
+        review = self.review
+        if review is None:
+            return
+        # The crop box of another scene, opened in the meantime, is none of ours.
+        plan = review.decided(app.settings.crop if self.sparse_preview_shown(app) else None)
+        self._uncut(app)
+        self.review = None
+        try:
+            self._begin(app, plan)
+        except UserError as error:
+            self.failed = plan
+            app.messages.fail(
+                f"{plan.name} could not be made", error, buttons=(("OK", ""), ("Try again", "make-again"))
+            )
+
+    def leave(self, app: App) -> None:
+        """Nothing is trained now; the poses stay in their folder."""
+        if self.review is not None:
+            app.messages.say(f"The camera poses of {self.review.plan.name} are kept; make it again to continue")
+        self._uncut(app)
+        self.review = None
+        app.touch()
+
+    def _uncut(self, app: App) -> None:
+        if self.sparse_preview_shown(app):
+            app.set(crop=None)
+
+    def choose_kind(self, app: App, kind: Kind) -> None:
+        """In the review: what the scene is taken for."""
+        if self.review is not None and kind != self.review.kind:
+            self.review.choose(kind)
+            if self.sparse_preview_shown(app):
+                app.set(crop=self.review.box_in_grid())
+        app.touch()
+
+    def pick_ground(self, app: App, x: float, y: float) -> None:
+        """In the review: the ground was clicked on at a point of the viewport (window units from its corner)."""
+        review, camera = self.review, app.camera()
+        if review is None or camera is None or not self.sparse_preview_shown(app):
+            return
+        review.hold()
+        scale = app.viewport.pixels_per_unit
+        up = review.up_at(camera, x * scale, y * scale)
+        if isinstance(up, str):
+            app.messages.say(up, "warning")
+        else:
+            self.set_up(app, up)
+        app.touch()
+
+    def set_up(self, app: App, up: Direction | None) -> None:
+        """In the review: another direction is up; None for the cameras' own. The points are read again."""
+        if self.review is not None:
+            self._uncut(app)
+            self.reading = SparsePreviewJob(replace(self.review.plan, up=up), review=True, before=self.review)
+            self.review = None
+        app.touch()
+
+    def show_points(self, app: App) -> None:
+        """Shows the points and cameras of what is being made."""
+        under_way = self.review or self.job
+        if self.sparse_preview is not None and under_way is not None:
+            plan = under_way.plan
+            app.show_sparse_preview(self.sparse_preview, plan.pack, f"{plan.name}: camera poses")
+
+    def sparse_preview_shown(self, app: App) -> bool:
+        """Whether they are what is shown now."""
+        return self.sparse_preview is not None and app.scene is not None and app.scene.pack is self.sparse_preview.pack
+
+    def show_training_preview(self, app: App) -> None:
+        """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
+        if self.training_preview is None or self.job is None:
+            return
+        kept = None if self.training_preview_shown(app) else self._kept_camera(app)
+        plan = self.job.plan
+        app.show_training_preview(
+            self.training_preview, plan.preview_file, f"{plan.name}: {self.training_preview.description}"
+        )
+        if kept is not None:
+            kept()
+
+    def training_preview_shown(self, app: App) -> bool:
+        """Whether a state of what is being made is what is shown now."""
+        return self.job is not None and app.scene is not None and app.scene.path == self.job.plan.preview_file
+
+    def _tick_training_preview(self, app: App) -> None:
+        newer = None if self._training_preview_file is None else self._training_preview_file.poll()
+        if newer is None:
+            return
+        self.training_preview = newer
+        first = not self._training_preview_offered and (app.scene is None or self.sparse_preview_shown(app))
+        if first or self.training_preview_shown(app):
+            self._training_preview_offered = True
+            try:
+                self.show_training_preview(app)
+            except UserError as error:  # the card has no room for it
+                app.messages.log(f"the preview cannot be shown: {error}", "warning")
+        app.touch()
+
+    def _tick_look(self, app: App) -> None:
+        reading, review = self.reading, self.review
+        if reading is not None and reading.reader.finished:
+            self.reading = None
+            self._take_sparse_preview(app, reading)
+        elif review is not None and review.due:
+            self.train(app)
+        elif review is not None and review.seconds_left != self._left_told:
+            self._left_told = review.seconds_left
+            app.touch(1)
+
+    def _take_sparse_preview(self, app: App, reading: SparsePreviewJob) -> None:
+        before, self.sparse_preview = self.sparse_preview, reading.reader.result()
+        if reading.review:
+            if self.sparse_preview is None:  # too few points to see anything
+                self._begin(app, replace(reading.plan, poses_only=False))
+                return
+            self._begin_review(reading, self.sparse_preview)
+        of_before = before is not None and app.scene is not None and app.scene.pack is before.pack
+        if self.sparse_preview is not None and (app.scene is None or of_before):
+            self.show_points(app)
+        app.touch()
+
+    def _begin_review(self, reading: SparsePreviewJob, sparse_preview: SparsePreview) -> None:
+        before = reading.before
+        if before is None:
+            self._rejected = rejected_photographs_of(reading.plan.out)
+        self.review = Review(reading.plan, sparse_preview, self._rejected if before is None else before.rejected)
+        if before is not None:
+            self.review.hold()
+            self.review.kind = before.kind if before.kind in self.review.kinds else self.review.kind
+
+    def _kept_camera(self, app: App) -> Callable[[], None] | None:
+        """What puts the camera where it is now among the points, or in what is trained so far, once something better is shown."""
+        scene = app.scene
+        if scene is None or not (self.sparse_preview_shown(app) or self.training_preview_shown(app)):
+            return None
+        rig = scene.rig
+
+        def then() -> None:
+            moved = rig.goal != rig.home_pose  # by then: the hands go on while a pack is read
+            if app.scene is not None and app.scene.rig.bounded == rig.bounded and moved:
+                app.scene.rig.stand_as(rig)
+
+        return then
+
+    def stop(self, app: App) -> None:
+        """Asks the job to stop; asked again, ends it at once."""
+        if self.job is None:
+            return
+        if self.job.stopping:
+            self.job.child.kill()
+        else:
+            self.job.child.stop()
+        app.touch()
+
+    def ask_to_quit(self, app: App) -> None:
+        """Quits, but asks first where a scene is being made."""
+        if self.job is None:
+            app.quitting = True
+            return
+        title = f"{self.job.plan.name} is still being made"
+        if not self.quit_after and all(dialog.title != title for dialog in app.messages.dialogs):
+            text = "Quitting stops it. Finished work is kept. Make the scene again to continue."
+            buttons = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
+            app.messages.dialogs.append(Dialog(title, text, buttons=buttons))
+        app.touch()
+
+    def stop_and_quit(self, app: App) -> None:
+        """Quits as soon as the job has stopped."""
+        self.quit_after = True
+        if self.job is None:
+            app.quitting = True
+        elif not self.job.stopping:
+            self.stop(app)
+
+    def end(self) -> None:
+        """The program ends: no child outlives it."""
+        self._forget()
+        if self.job is not None:
+            self.job.child.end(PARTING_S)
+            self.job = None
+
+    def tick(self, app: App) -> None:
+        """Time passes: looks at what the child is doing."""
+        survey = None if self.plan is None else self.plan.survey
+        if survey is not None and survey.finished and (not self._surveyed or survey.news()):
+            self._surveyed = True
+            app.touch()
+        if self._rejected is not None and self._rejected.finished:
+            self._rejected = None
+            app.touch()
+        self._tick_look(app)
+        self._tick_training_preview(app)
+        job, now = self.job, time.monotonic()
+        if job is None or now - self._looked < POLL_EVERY_S:
+            return
+        self._looked = now
+        status = job.child.poll()
+        if job.poll():
+            app.touch(2)
+        if status is not None:
+            kept, self.job, self._training_preview_file = self._kept_camera(app), None, None
+            app.touch()
+            self._ended(app, job, status, kept)
+
+    def _ended(self, app: App, job: MakeJob, status: int, kept: Callable[[], None] | None) -> None:
+        name = job.plan.name
+        if status == 0 and job.plan.poses_only:
+            self.reading = SparsePreviewJob(job.plan, review=True)
+        elif status == 0:
+            app.messages.say(f"{name} is ready")
+            app.open(job.plan.pack, then=kept)
+        elif job.stopping:
+            app.messages.say(f"{name} was stopped; make it again to continue")
+        else:
+            self.failed = job.plan
+            self._rejected = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
+            text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
+            buttons = (("OK", ""), ("Try again", "make-again"))
+            app.messages.fail(f"{name} could not be made", text, buttons=buttons, rejected=self._rejected)
+        if self.quit_after:
+            app.quitting = True

@@ -1,0 +1,189 @@
+"""Make dialog: how a scene is made of photographs or of a run."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.core import theme
+from viewer.core.theme import Fonts
+from viewer.core.widgets import (
+    begin_modal,
+    coloured,
+    confirmed,
+    font,
+    hint,
+    in_front,
+    label,
+    main_button,
+    pressed_here,
+    px,
+    segments,
+    switch,
+    tip,
+)
+from viewer.features.making import strips_panel, survey
+from viewer.features.making.make_plan import RESOLUTIONS, Plan
+from viewer.features.making.survey import OFFERED
+from viewer.rendering.canvas import Canvas
+
+NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
+AUTOMATIC = "Automatic"
+
+
+def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
+    """Draws the question while there is one, and nothing is in front of it."""
+    plan = app.making.plan
+    if plan is None or in_front(app) != "make":
+        return
+    if not begin_modal(NAME, size, WIDTH, 0.47, padding=(PADDING, 22)):
+        return
+    _heading(plan, fonts)
+    if plan.survey is not None and plan.survey.preview is not None:
+        strips_panel.show_preview(canvas, plan.survey.preview)
+    imgui.dummy(ImVec2(0, px(6)))
+    problem = plan.problem()
+    surveying = plan.survey is not None and not plan.survey.finished
+    if problem is None and not surveying:
+        _choices(app, plan)
+    if problem is not None:
+        with coloured(text=theme.WARN):
+            imgui.push_text_wrap_pos(0.0)
+            imgui.text_unformatted(problem)
+            imgui.pop_text_wrap_pos()
+    if problem is None or plan.attempt is not None:
+        _where(app, plan, told=problem is None)
+    imgui.dummy(ImVec2(0, px(8)))
+    _answer(app, plan, problem is None and plan.place_problem is None and not surveying)
+    imgui.end_popup()
+
+
+def _heading(plan: Plan, fonts: Fonts) -> None:
+    with font(fonts.bold, theme.LARGE):
+        with coloured(text=theme.ACCENT):
+            imgui.text_unformatted(fa.ICON_FA_WAND_MAGIC_SPARKLES)
+        imgui.same_line(0, px(12))
+        verb = "Make" if plan.subject == "scene" else "Bake"
+        imgui.text_unformatted(f"{verb} {plan.name} into a scene to fly through")
+    survey = plan.survey
+    if survey is None:
+        text = "A training run. Baking turns it into voxels that are drawn in real time."
+    elif not survey.finished:
+        text = "Reading the photographs…"
+    else:
+        text = survey.text
+    if text:
+        with coloured(text=theme.MUTED):
+            imgui.push_text_wrap_pos(0.0)
+            imgui.text_unformatted(text)
+            imgui.pop_text_wrap_pos()
+
+
+def _choices(app: App, plan: Plan) -> None:
+    """Preset, size and what else there is to choose; none of it where an earlier attempt is gone on with."""
+    if plan.subject == "run":
+        _label("Voxels")
+        now = str(plan.resolution or RESOLUTIONS[1])
+        picked = segments(
+            "voxels", [str(side) for side in RESOLUTIONS], now, {s: f"{s}³" for s in map(str, RESOLUTIONS)}
+        )
+        if picked:
+            plan.resolution = int(picked)
+        _indented("More voxels show finer detail but take more memory and time. Baking 1000³ needs 5 GB.")
+        return
+    if plan.attempt is not None:
+        return
+    _label("How")
+    picked = segments("preset", list(OFFERED), plan.preset, {name: preset.title for name, preset in OFFERED.items()})
+    plan.preset = picked or plan.preset
+    _indented(OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset)
+    survey = plan.survey
+    assert survey is not None
+    _label("Photographs")
+    titles = {"": AUTOMATIC} | {str(k): f"{width} px" for k, (width, _) in survey.sizes.items()}
+    picked = segments("downscale", ["", *map(str, survey.choices)], str(plan.downscale or ""), titles)
+    if picked is not None:
+        plan.downscale = int(picked) if picked else None
+    size = survey.size(plan.preset, plan.downscale)
+    _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
+    _indented(what_it_needs(plan, max(size)) if size else "")
+    if survey.forward:
+        _label("360° capture")
+        plan.spherify = switch("spherify", plan.spherify)
+    if plan.masked:
+        _label("Cut out")
+        plan.masks = switch("masks", plan.cut_out)
+        tip("Keep only what the masks show")
+    elif survey.masks:
+        _label("Cut out")
+        hint("Not possible: some photographs of this size have no mask.")
+
+
+def what_it_needs(plan: Plan, side: int) -> str:
+    """Time, memory and disk of making it, as far as they are known; side: pixels of the photographs' longer side."""
+    estimate = plan.survey.time if plan.survey is not None else None
+    disk = estimate.disk(plan.preset, side) if estimate is not None else None
+    if estimate is None or disk is None:
+        return ""
+    room = f"up to {survey.memory(plan.preset, side) / 1e9:.1f} GB of memory and {disk / 1e9:.1f} GB on the disk"
+    seconds = estimate.seconds(plan.preset, side)
+    if seconds is None:
+        told = "Measuring how long it takes on this computer… " if not estimate.finished else ""
+        return f"{told}It needs {room}."
+    return f"Takes about {strips_panel.roughly(seconds)} as measured on this computer, {room}."
+
+
+def _label(text: str) -> None:
+    label(text, LABELS)
+
+
+def _indented(text: str, colour: str = theme.FAINT) -> None:
+    if text:
+        imgui.indent(px(LABELS) - px(PADDING))
+        hint(text, colour)
+        imgui.unindent(px(LABELS) - px(PADDING))
+
+
+def _where(app: App, plan: Plan, told: bool) -> None:
+    imgui.dummy(ImVec2(0, px(2)))
+    _label("Where")
+    width = imgui.get_content_region_avail().x - px(92)
+    text = str(plan.out)
+    while imgui.calc_text_size(text).x > width - px(8) and len(text) > 8:
+        text = "…" + text[2:]
+    imgui.text_unformatted(text)
+    tip(str(plan.out))
+    imgui.same_line()
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - px(84))
+    if imgui.button("Change…", ImVec2(px(84), 0)):
+        app.making.ask_where(app)
+    remark = plan.attempt_text()
+    if not remark and plan.pack.exists():
+        remark = "The folder has a pack. The new pack replaces it when it is complete."
+    if told:
+        _indented(plan.place_problem or remark, theme.WARN if plan.place_problem else theme.FAINT)
+
+
+def _answer(app: App, plan: Plan, possible: bool) -> None:
+    width = px(112)
+    if imgui.button(f"{fa.ICON_FA_COPY}  Copy the command", ImVec2(px(176), px(34))):
+        app.making.copy_command(app)
+    tip("The same as a command line, for example for another computer")
+    imgui.same_line()
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - 2 * width - px(8))
+    cancelled = imgui.button("Cancel", ImVec2(width, px(34))) or pressed_here(imgui.Key.escape)
+    imgui.same_line()
+    imgui.begin_disabled(not possible)
+    word = "Bake" if plan.subject == "run" else "Go on" if plan.attempt is not None else "Make it"
+    wanted = main_button(word, width) or (possible and confirmed())
+    imgui.end_disabled()
+    if cancelled or wanted:
+        imgui.close_current_popup()
+    if cancelled:
+        app.making.dismiss(app)
+    elif wanted:
+        try:
+            app.making.start(app)
+        except Exception as error:  # nothing can be written there, say: told, and asked again
+            app.messages.fail("It cannot start", error)

@@ -1,0 +1,317 @@
+"""Survey of photographs before a scene is made of them: what is there, small pictures, and the time, memory and disk it takes.
+
+A child process reads bare photographs and films (training.posing.preview), because a decoder may crash and COLMAP cannot be
+interrupted. Another (training.speed) tells how many samples a run takes, and times a few on this machine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import math
+import shutil
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from console import Notice, UserError
+from training.scenes import Scene, load_scene
+from training.scenes.pictures import UNREADABLE, picture_size
+from training.scenes.presets import PRESETS, voxels_for
+from training.scenes.read import has_poses, suggested_downscale
+from training.scenes.sources import FEWEST, Source, find_source
+from viewer.core.command_process import temporary_folder
+from viewer.core.tasks import JsonTask, Task
+
+OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
+DOWNSCALES = (1, 2, 4, 8)
+KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
+MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may have masks beside them
+PARTS = ("jax", "matplotlib", "numba", "optax", "safetensors", "scipy")  # the extra `train`
+MEASURES = True  # the time that a run takes here
+POSES_FIRST = "Nothing says where the camera stood: that is found first."
+CELL = 160  # pixels a side: no small picture is larger
+COLUMNS, ROWS = 16, 16  # of the sheet; later pictures are counted, and not shown
+MODULE = "training.posing.preview"
+Box = tuple[int, int, int, int]
+
+
+class BarePreview(JsonTask):
+    """Starts to read `source` at once. Poll `news` from the main thread; close it in the end.
+
+    of_film: whether the source is a film.
+    count: number of photographs, or of frames that would be used; None before it is known.
+    names: of the pictures read so far, in order.
+    sheet, boxes: their thumbnails; see viewer.rendering.targets.Sheet.
+    aside: reasons for rejected pictures, by name; None before they are known.
+    seconds: estimated time by stage; None before there is one.
+    error: why reading stopped early; "" if it did not.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.of_film = source.kind == "film"
+        self.count: int | None = None
+        self.names: list[str] = []
+        self.sheet = np.zeros((ROWS * CELL, COLUMNS * CELL, 3), np.uint8)
+        self.boxes: dict[int, Box] = {}
+        self.aside: Mapping[str, str] | None = None
+        self.seconds: Mapping[str, float] | None = None
+        self.error = ""
+        self._folder = temporary_folder("snerg-preview-")
+        words = [str(source.path.resolve()), str(self._folder)]
+        super().__init__(MODULE, words, self._take)
+
+    def after(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def state(self) -> object:
+        return self.count, len(self.names), self.aside is None, self.seconds is None
+
+    def _take(self, said: Mapping[str, Any]) -> None:
+        if "name" in said:
+            self._place(len(self.names), self._folder / said["file"] if said["file"] else None)
+            self.names.append(said["name"])
+        for fact in ("count", "aside", "seconds", "error"):
+            if fact in said:
+                setattr(self, fact, said[fact])
+
+    def _place(self, index: int, file: Path | None) -> None:
+        if file is None or index >= ROWS * COLUMNS:
+            return
+        try:
+            with Image.open(file, formats=["JPEG"]) as opened:
+                picture = np.asarray(opened.convert("RGB"))[:CELL, :CELL]
+        except UNREADABLE:
+            return
+        height, width = picture.shape[:2]
+        x, y = index % COLUMNS * CELL, index // COLUMNS * CELL
+        self.sheet[y : y + height, x : x + width] = picture
+        self.boxes[index] = (x, y, width, height)
+
+    @property
+    def used(self) -> int | None:
+        """How many pictures would be used; None before it is known."""
+        return None if self.count is None or self.aside is None else self.count - len(self.aside)
+
+    @property
+    def seconds_in_all(self) -> float | None:
+        """An estimate for finding the poses; None before there is one."""
+        return None if self.seconds is None else sum(self.seconds.values())
+
+
+# --- Time, memory and disk ---
+
+SPEED_MODULE = "training.speed"
+# Of five captures in docs/results.md: baking took 0.8 to 1.1 times as long as training.
+BAKING_BY_TRAINING = 1.0
+# Peaks of snerg-make on lego at 800 x 800: 2.8, 3.5 and 4.8 GB at 512, 750 and 1000 voxels.
+MEMORY, MEMORY_OF_1000 = 2.2e9, 2.6e9
+# Bytes of a bake's pieces, and its pack: lego took half of that, rooms take up to twice as many blocks.
+DISK_OF_1000 = 1.1e9
+
+
+class TimeNeeded(JsonTask):
+    """An estimate for photographs of these longer sides (pixels), from the moment this is made. Poll `news`, and close it.
+
+    after: waits for what else is being measured.
+    """
+
+    def __init__(self, sides: Sequence[int], after: Callable[[], object] = lambda: None) -> None:
+        words = [str(side) for side in sorted(set(sides))]
+        self._runs: Mapping[str, Any] = {}
+        self._per_sample: float | None = None
+        self._after = after
+        super().__init__(SPEED_MODULE, words, self._hear)
+
+    def before(self) -> None:
+        with contextlib.suppress(Exception):  # what went wrong there is told there
+            self._after()
+
+    def state(self) -> object:
+        return len(self._runs), self._per_sample
+
+    def seconds(self, preset: str, side: int) -> float | None:
+        """For training and baking, without finding poses; None where it is not known, as for presets with the paper's MLP."""
+        run = self._runs.get(preset, {}).get(str(side))
+        if run is None or self._per_sample is None:
+            return None
+        return (1.0 + BAKING_BY_TRAINING) * self._per_sample * run["samples"]
+
+    def disk(self, preset: str, side: int) -> float | None:
+        """Bytes for the run, the bake's pieces and the pack; None where it is not known."""
+        run = self._runs.get(preset, {}).get(str(side))
+        return None if run is None else run["disk"] + DISK_OF_1000 * _share(preset, side)
+
+    def _hear(self, said: Mapping[str, Any]) -> None:
+        self._runs = said.get("runs", self._runs)
+        self._per_sample = said.get("seconds_per_sample", self._per_sample)
+
+
+def memory(preset: str, side: int) -> float:
+    """Bytes that making a scene holds at most, about."""
+    return MEMORY + MEMORY_OF_1000 * _share(preset, side)
+
+
+def _share(preset: str, side: int) -> float:
+    """Of what a bake at 1000 voxels takes: it grows with surfaces."""
+    return ((PRESETS[preset].resolution or voxels_for(side)) / 1000) ** 2  # type: ignore[index]
+
+
+# --- Survey ---
+
+
+def trainer_missing() -> bool:
+    """Whether this installation is the viewer alone."""
+    return any(importlib.util.find_spec(name) is None for name in PARTS)
+
+
+def poser_missing(source: Source) -> str | None:
+    """The extras that this installation lacks to find poses of photographs or of a film; None where it can."""
+    needed = {"pycolmap": "poses", **({"av": "video"} if source.kind == "film" else {})}
+    missing = [extra for name, extra in needed.items() if importlib.util.find_spec(name) is None]
+    return ",".join(missing) or None
+
+
+class Survey(Task[None]):
+    """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest.
+
+    error: why it is no scene that can be read. text: one line about it. kind: its layout, "" where it
+    has no poses. sizes: width, height in pixels by downscale.
+    automatic: the downscale of a preset that shrinks. forward: cameras (LLFF, COLMAP) that may be read as looking all around.
+    masks: whether there are any. masked: the downscales at which there is one for each photograph. bare: photographs or a
+    film without poses, which are found before training; None where there are poses. preview: of these, where this
+    installation finds poses. time: that a run takes here, where this installation trains.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.time: TimeNeeded | None = None
+        self.bare: Source | None = None
+        self.preview: BarePreview | None = None
+        self.error: Exception | None = None
+        self.text = ""
+        self.kind = ""
+        self.notes: list[str] = []
+        self.sizes: dict[int, tuple[int, int]] = {}
+        self.automatic: dict[str, int] = {}
+        self.forward = False
+        self.masks = False
+        self.masked: set[int] = set()
+        self._closed = False
+        with contextlib.suppress(UserError):  # several films: told by the thread
+            self.bare = None if has_poses(path) else find_source(path)
+        if self.bare is None:
+            self.masks = any(path.glob("masks*"))
+        super().__init__(self._read)
+
+    @property
+    def busy(self) -> bool:
+        """Whether there will be more to see."""
+        return not self.finished or any(each is not None and not each.finished for each in (self.preview, self.time))
+
+    def news(self) -> bool:
+        """Whether more of the preview, or of the time, is known since this was asked last."""
+        return any([each.news() for each in (self.preview, self.time) if each is not None])
+
+    def close(self) -> None:
+        """Nobody asks any more."""
+        self._closed = True
+        for each in (self.preview, self.time):
+            if each is not None:
+                each.close()
+
+    @property
+    def choices(self) -> list[int]:
+        """Downscales that differ in what they give, from the largest pictures to the smallest."""
+        largest_first = sorted((-width, -downscale) for downscale, (width, _) in self.sizes.items())
+        found: dict[int, int] = {}
+        for width, downscale in largest_first:
+            found.setdefault(width, -downscale)
+        return [downscale for downscale in found.values() if downscale in DOWNSCALES]
+
+    def size(self, preset: str, downscale: int | None) -> tuple[int, int] | None:
+        """Pixels of the photographs that a run with these options trains on; None where it is not known."""
+        return self.sizes.get(downscale or self.automatic.get(preset, 1))
+
+    def _read(self) -> None:
+        try:
+            self.bare = self.bare or (None if has_poses(self.path) else find_source(self.path))
+            if self.bare is not None:
+                self._look_at_bare(self.bare)
+                self.text = " ".join([self.text, *(f"{note}." for note in self.bare.notes)])
+                return
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                scene = load_scene(self.path)
+            self.notes = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
+            self.automatic = {
+                name: suggested_downscale(self.path, preset.longest_side)
+                for name, preset in OFFERED.items()
+                if preset.longest_side is not None
+            }
+            for downscale in {*DOWNSCALES, *self.automatic.values()}:
+                with contextlib.suppress(UserError), warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    self.sizes[downscale] = _size(load_scene(self.path, downscale=downscale))
+                    if scene.kind in MASKED_KINDS:
+                        load_scene(self.path, downscale=downscale, masks=True)
+                        self.masked.add(downscale)
+            self.masks = self.masks or bool(self.masked)
+            self.forward, self.kind = scene.ndc, scene.kind
+            width, height = _size(scene)
+            count = sum(len(photographs) for photographs in scene.splits.values())
+            seen = "forward-facing" if scene.ndc else "360°"
+            kind = KINDS.get(scene.kind, scene.kind)
+            self.text = f"{count} photographs of {width} × {height}, {seen}  ({kind})"
+            self._begin_time()
+        except Exception as error:  # told in the dialog
+            self.error = error
+
+    def _look_at_bare(self, source: Source) -> None:
+        """What the first photograph tells of all. UserError where there are too few."""
+        if source.kind == "film":
+            self._begin_preview(source)
+            self.text = f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB. {POSES_FIRST}"
+            return
+        count, size = len(source.files), None
+        if count < FEWEST:
+            raise UserError("too few photographs to find camera poses", where=self.path, expected=f"at least {FEWEST}",
+                            found=count)  # fmt: skip
+        self._begin_preview(source)
+        with contextlib.suppress(UserError):  # HEIC, say: what cannot be read is told by whoever finds the poses
+            size = picture_size(source.files[0])
+        if size is None:
+            self.text = f"{count} photographs. {POSES_FIRST}"
+            return
+        self.text = f"{count} photographs of {size[0]} × {size[1]}. {POSES_FIRST}"
+        for name, preset in OFFERED.items():
+            if preset.longest_side is not None:
+                self.automatic[name] = max(math.ceil(max(size) / preset.longest_side), 1)
+        for downscale in {*DOWNSCALES, *self.automatic.values()}:
+            if min(size) >= downscale:
+                self.sizes[downscale] = (size[0] // downscale, size[1] // downscale)
+        self.masks = source.masks is not None
+        if self.masks and all(source.mask_of(file) is not None for file in source.files):
+            self.masked = set(self.sizes)
+        self._begin_time()
+
+    def _begin_time(self) -> None:
+        if MEASURES and not self._closed and not trainer_missing():
+            after = self.preview.result if self.preview is not None else lambda: None
+            self.time = TimeNeeded([max(size) for size in self.sizes.values()], after)
+
+    def _begin_preview(self, source: Source) -> None:
+        if poser_missing(source) is None and not self._closed:
+            with contextlib.suppress(UserError):  # no temporary folder: there is no preview then
+                self.preview = BarePreview(source)
+            if self._closed and self.preview is not None:  # in the meantime
+                self.preview.close()
+
+
+def _size(scene: Scene) -> tuple[int, int]:
+    camera = next(iter(scene.splits.values()))[0].camera
+    return camera.width, camera.height

@@ -1,0 +1,321 @@
+"""Measure tool: points on surfaces, lengths and angles between them, the scale; and their text and table (CSV)."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import acos, ceil, degrees, dist, log10
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from console import UserError
+from console.atomic import write_file
+from scenepack.pack import Pack
+from viewer.core.annotations import (
+    LEAST_POINTS,
+    MOST_ANNOTATIONS,
+    MOST_POINTS,
+    SCALES,
+    Annotations,
+    Measurement,
+    Point,
+    Scale,
+    Unit,
+)
+from viewer.core.pose import triple
+from viewer.features.measuring.surface import Hit, surface_at
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+
+MOST_DECIMALS = 6
+WARPED_DECIMALS = 3  # in forward-facing packs, whose voxels are not of one size
+COLUMNS = (
+    "measurement", "kind", "point", "x", "y", "z", "scene_x", "scene_y", "scene_z", "length", "total", "angle_degrees", "unit",
+)  # fmt: skip
+
+
+def lengths(points: tuple[Point, ...]) -> list[float]:
+    """Length of each segment of a polyline, grid units."""
+    return [dist(a, b) for a, b in pairwise(points)]
+
+
+def angle(points: tuple[Point, ...]) -> float:
+    """Angle at the second of three points, degrees; 0 where two points are the same."""
+    a, b, c = (np.asarray(point, np.float64) for point in points)
+    one, two = a - b, c - b
+    size = float(np.linalg.norm(one) * np.linalg.norm(two))
+    return degrees(acos(float(np.clip(one @ two / size, -1.0, 1.0)))) if size > 0 else 0.0
+
+
+class LengthFormat:
+    """Formats lengths and points of one pack, with decimals down to half a voxel."""
+
+    def __init__(self, pack: Pack, scale: Scale) -> None:
+        self.pack, self.scale = pack, scale
+        error = 0.5 * pack.voxel_size * scale.factor
+        needed = WARPED_DECIMALS if pack.ndc else ceil(-log10(error))
+        self.decimals = min(max(needed, 0), MOST_DECIMALS)
+
+    def number(self, grid_units: float) -> str:
+        """A length without its unit."""
+        return f"{grid_units * self.scale.factor:.{self.decimals}f}"
+
+    def length(self, grid_units: float) -> str:
+        """A length with its unit."""
+        return f"{self.number(grid_units)} {self.scale.unit}".rstrip()
+
+    def place(self, point: Point) -> str:
+        """Coordinates in the grid's frame."""
+        return "  ".join(self.number(value) for value in point)
+
+    def in_scene(self, point: Point) -> Point:
+        """The same place in the frame of the scene's own cameras, unscaled."""
+        moved = np.asarray(self.pack.worldspace_T_opengl, np.float64) @ np.array([*point, 1.0])
+        return float(moved[0]), float(moved[1]), float(moved[2])
+
+    def measurement(self, measurement: Measurement) -> str:
+        """What it measures, in a line."""
+        if measurement.kind == "point":
+            return self.place(measurement.points[0])
+        if measurement.kind == "angle":
+            return f"{angle(measurement.points):.1f}°"
+        pieces = lengths(measurement.points)
+        parts = f" = {' + '.join(self.number(piece) for piece in pieces)}" if len(pieces) > 1 else ""
+        return self.length(sum(pieces)) + parts
+
+
+def as_text(pack: Pack, annotations: Annotations) -> str:
+    """All measurements, a line each; for the clipboard."""
+    words = LengthFormat(pack, annotations.scale)
+    return "\n".join(f"{m.kind} {i}: {words.measurement(m)}" for i, m in enumerate(annotations.measurements, 1))
+
+
+def as_csv(pack: Pack, annotations: Annotations) -> str:
+    """A table with a row for each point: x, y, z and lengths in `unit` (grid units where it is empty), scene_* unscaled."""
+    words, text = LengthFormat(pack, annotations.scale), io.StringIO()
+    factor, places = annotations.scale.factor, MOST_DECIMALS
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for i, measurement in enumerate(annotations.measurements, 1):
+        pieces = lengths(measurement.points) if measurement.kind == "line" else []
+        for j, point in enumerate(measurement.points):
+            where = [f"{value * factor:.{places}f}" for value in point]
+            scene = [f"{value:.{places}f}" for value in words.in_scene(point)]
+            last = j == len(measurement.points) - 1
+            length = f"{pieces[j - 1] * factor:.{places}f}" if pieces and j else ""
+            total = f"{sum(pieces) * factor:.{places}f}" if pieces and last else ""
+            turn = f"{angle(measurement.points):.4f}" if measurement.kind == "angle" and j == 1 else ""
+            table.writerow([i, measurement.kind, j + 1, *where, *scene, length, total, turn, annotations.scale.unit])
+    return text.getvalue()
+
+
+Tool = Literal["", "point", "line", "angle", "scale"]
+TOOLS: tuple[Tool, ...] = get_args(Tool)
+PAGE = "measure"
+
+
+@dataclass
+class MeasureTool:
+    """State of the measure page, and what clicks in the picture do to it."""
+
+    tool: Tool = ""  # what a click places; "" leaves clicks to the camera
+    draft: tuple[Point, ...] = ()  # points placed so far
+    selected: int | None = None  # index of a measurement
+    shown: bool = False  # whether measurements stay in the picture while their page is closed
+    known: float = 1.0  # the length that the scale is set by, as it is typed
+    known_unit: Unit = "m"
+    cursor: Hit | None = None  # the surface under the mouse; None for no surface
+    _looked: tuple[object, ...] = ()
+
+    def drop(self) -> None:
+        """Forgets everything, because another scene is shown."""
+        self.tool, self.draft, self.selected, self.cursor, self._looked = "", (), None, None, ()
+
+    # The cursor
+
+    def look_at(self, app: App, x: float, y: float) -> Hit | None:
+        """The surface at (x, y) of the viewport (window units from its corner); found once for each point and view."""
+        camera = app.viewport.camera
+        if app.scene is None or camera is None:
+            return None
+        scale, settings = app.viewport.pixels_per_unit, app.settings
+        view = (
+            camera.grid_T_camera.tobytes(),
+            camera.fx,
+            camera.width,
+            camera.orthographic,
+            camera.height,
+            settings.crop,
+            settings.near,
+            settings.surroundings,
+        )
+        key = (id(app.scene.pack), x, y, scale, *view)
+        if key != self._looked:
+            self._looked = key
+            self.cursor = surface_at(app.scene.pack, camera, settings, x * scale, y * scale)
+        return self.cursor
+
+    def look_away(self) -> None:
+        """The mouse has left the picture."""
+        self.cursor, self._looked = None, ()
+
+    # Placing
+
+    def choose(self, app: App, tool: Tool) -> None:
+        """Changes the tool and drops the draft of the last one."""
+        if app.scene is None:
+            return
+        if self.draft:
+            app.scene.rig.remember()
+        self.tool, self.draft = tool, ()
+        app.touch()
+
+    def toggle(self, app: App) -> None:
+        """Starts measuring and opens the page, or stops."""
+        self.choose(app, "" if self.tool else "line")
+        if self.tool:
+            app.interface.opens(PAGE)
+
+    def click(self, app: App, x: float, y: float) -> None:
+        """Places a point on the surface under a point of the viewport, if there is one."""
+        hit = self.look_at(app, x, y)
+        if not self.tool or app.scene is None:
+            return
+        if hit is None:
+            app.messages.say("There is no surface under the cursor")
+        else:
+            self._place(app, triple(hit.point))
+
+    def click_point(self, app: App, index: int, point: int) -> None:
+        """Places a point exactly where one of a measurement is; without a tool, selects that measurement."""
+        if self.tool:
+            self._place(app, app.annotations.current.measurements[index].points[point])
+        else:
+            self.selected = index
+            app.touch()
+
+    def _place(self, app: App, point: Point) -> None:
+        if app.scene is None or self.draft[-1:] == (point,):  # a double click
+            return
+        if self.tool == "scale" and len(self.draft) == 2:
+            self.draft = ()  # two others
+        if len(self.draft) >= MOST_POINTS:
+            return
+        app.scene.rig.remember()
+        self.draft = (*self.draft, point)
+        if self.tool in ("point", "angle") and len(self.draft) == LEAST_POINTS[self.tool]:
+            self._keep(app)
+        app.touch()
+
+    def finish(self, app: App) -> bool:
+        """Ends the line that is being drawn; False where there is none yet."""
+        if self.tool != "line" or len(self.draft) < 2 or app.scene is None:
+            return False
+        app.scene.rig.remember()
+        self._keep(app)
+        app.touch()
+        return True
+
+    def _keep(self, app: App) -> None:
+        """Makes the draft a measurement; undone in one step with its last point."""
+        annotations = app.annotations.current
+        if self.tool in ("point", "line", "angle") and len(annotations.measurements) < MOST_ANNOTATIONS:
+            self.selected = len(annotations.measurements)
+            app.annotations.current = annotations.with_measurement(self.selected, Measurement(self.tool, self.draft))
+        self.draft = ()
+
+    def back(self, app: App) -> None:
+        """Takes the last point back; without a draft, removes the measurement that is selected."""
+        if app.scene is None:
+            return
+        if self.draft:
+            app.scene.rig.remember()
+            self.draft = self.draft[:-1]
+            app.touch()
+        elif self.selected is not None:
+            self.remove(app, self.selected)
+
+    def escape(self, app: App) -> bool:
+        """Drops the draft; without one, puts the tool away. False where there was neither."""
+        if not self.tool:
+            return False
+        self.choose(app, self.tool if self.draft else "")
+        return True
+
+    # What is there already
+
+    def move_point(self, app: App, index: int, point: int, x: float, y: float) -> None:
+        """Puts a point of a measurement on the surface under a point of the viewport; remember() beforehand."""
+        hit, annotations = self.look_at(app, x, y), app.annotations.current
+        if hit is None or not 0 <= index < len(annotations.measurements):
+            return
+        moved = list(annotations.measurements[index].points)
+        moved[point] = triple(hit.point)
+        app.annotations.current = annotations.with_measurement(
+            index, replace(annotations.measurements[index], points=tuple(moved))
+        )
+        app.touch()
+
+    def remove(self, app: App, index: int) -> None:
+        """Takes a measurement away."""
+        annotations = app.annotations.current
+        if 0 <= index < len(annotations.measurements):
+            app.annotations.change(app, annotations.with_measurement(index, None))
+        self.selected = None
+
+    def clear(self, app: App) -> None:
+        """Takes all of them away."""
+        app.annotations.change(app, replace(app.annotations.current, measurements=()))
+        self.selected = None
+
+    # The scale
+
+    def set_scale(self, app: App) -> None:
+        """Says how far apart the two points of the draft are: `known`, in `known_unit`."""
+        if len(self.draft) != 2 or app.scene is None:
+            return
+        between = dist(*self.draft)
+        factor = self.known / between if between > 0 else 0.0
+        if not SCALES[0] <= factor <= SCALES[1]:
+            raise UserError("no scale follows from these points", expected="two places and a length above 0")
+        self._use(app, Scale(factor, self.known_unit))
+        self.tool, self.draft = "line", ()
+        app.messages.say(f"1 grid unit is {factor:.6g} {self.known_unit}".rstrip())
+
+    def show_in(self, app: App, unit: Unit) -> None:
+        """Shows lengths in another unit."""
+        self._use(app, app.annotations.current.scale.shown_in(unit))
+
+    def forget_scale(self, app: App) -> None:
+        """Back to grid units."""
+        self._use(app, Scale())
+
+    @staticmethod
+    def _use(app: App, scale: Scale) -> None:
+        app.annotations.change(app, replace(app.annotations.current, scale=scale))
+
+    # Out of the window
+
+    def length_format(self, app: App) -> LengthFormat | None:
+        """The format of lengths in the open pack."""
+        return None if app.scene is None else LengthFormat(app.scene.pack, app.annotations.current.scale)
+
+    def copy(self, app: App) -> None:
+        """Puts all measurements on the clipboard, as text."""
+        annotations = app.annotations.current
+        if app.scene is not None and annotations.measurements:
+            app.clipboard.set(as_text(app.scene.pack, annotations))
+            count = len(annotations.measurements)
+            app.messages.say(f"{count} measurement{'s' * (count > 1)} on the clipboard")
+
+    def save_table(self, app: App, file: Path) -> None:
+        """Writes all measurements as CSV. OSError where it cannot."""
+        if app.scene is not None:
+            write_file(file, as_csv(app.scene.pack, app.annotations.current))
+            app.messages.say(f"Saved {file}")

@@ -1,0 +1,302 @@
+"""Measure page, and the measurements in the picture."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core import theme
+from viewer.core.annotations import METRES, UNITS, Measurement, Point
+from viewer.core.pose import triple
+from viewer.core.screen import Screen
+from viewer.core.theme import Fonts
+from viewer.core.widgets import (
+    Box,
+    card,
+    chip,
+    chip_size,
+    choice,
+    coloured,
+    elided,
+    figure,
+    hint,
+    icon_button,
+    label,
+    main_button,
+    px,
+    segments,
+    switch,
+)
+from viewer.features.measuring.measure_tool import PAGE, LengthFormat, angle, lengths
+from viewer.rendering.canvas import Canvas
+
+LIST_HEIGHT = 150.0
+TITLES = {"line": "Length", "angle": "Angle", "point": "Point"}
+UNIT_TITLES = {"": "none", "m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
+HINTS = {
+    "": "M takes the ruler.",
+    "line": "Click on surfaces. Enter or a double click ends the line.",
+    "angle": "Click on three points; the angle is at the second.",
+    "point": "Click on a surface.",
+    "scale": "Click on two points whose distance you know.",
+}
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    words = app.measure_tool.length_format(app)
+    if words is None:
+        return
+    with card("cursor", fonts, "Under the cursor"):
+        _cursor(app, words, fonts)
+    with card("ruler", fonts, "Ruler"):
+        _tools(app)
+        _list(app, words)
+    with card("scale", fonts, "Scale"):
+        _scale(app)
+
+
+def _cursor(app: App, words: LengthFormat, fonts: Fonts) -> None:
+    hit = app.measure_tool.cursor
+    point = triple(hit.point) if hit is not None else None
+    figure("Distance", words.length(hit.distance) if hit is not None else "–", fonts)
+    figure("Position", words.place(point) if point is not None else "–", fonts)
+    scene = words.in_scene(point) if point is not None else None
+    figure("In the scene", "  ".join(f"{v:.3f}" for v in scene) if scene is not None else "–", fonts)
+    hint("From the camera; in the grid's frame, y up; in the frame of the scene's cameras, in its own units.")
+
+
+def _tools(app: App) -> None:
+    measure_tool = app.measure_tool
+    picked = segments("tool", list(TITLES), measure_tool.tool, TITLES)
+    if picked in ("line", "angle", "point"):
+        measure_tool.choose(app, "" if picked == measure_tool.tool else picked)
+    hint(HINTS[measure_tool.tool] + (" Backspace takes a point back, Esc stops." if measure_tool.tool else ""))
+
+
+def _list(app: App, words: LengthFormat) -> None:
+    measure_tool, measurements = app.measure_tool, app.annotations.current.measurements
+    if measurements:
+        with coloured(child_bg=theme.BASE):
+            flags = imgui.ChildFlags_.always_use_window_padding
+            imgui.begin_child("##measured", ImVec2(0, px(min(LIST_HEIGHT, 26.0 * len(measurements) + 24.0))), flags)
+        for i, measurement in enumerate(measurements):
+            width = imgui.get_content_region_avail().x
+            imgui.push_id(i)
+            if imgui.selectable(f"{TITLES[measurement.kind]} {i + 1}", i == measure_tool.selected)[0]:
+                measure_tool.selected = None if i == measure_tool.selected else i
+                app.touch()
+            imgui.pop_id()
+            imgui.same_line(px(86))
+            with coloured(text=theme.MUTED):
+                imgui.text_unformatted(elided(words.measurement(measurement), width - px(80)))
+        imgui.end_child()
+        _actions(app)
+        hint("Drag a point in the picture to move it. Delete removes what is selected.")
+    label("Always show")
+    measure_tool.shown = switch("shown", measure_tool.shown)
+
+
+def _actions(app: App) -> None:
+    measure_tool = app.measure_tool
+    for icon, name, tooltip, action, enabled in (
+        (fa.ICON_FA_COPY, "copy", "Copy as text  (Ctrl+Shift+C)", lambda: run(app, "copy-measurements"), True),
+        (fa.ICON_FA_FILE_CSV, "csv", "Save as CSV", lambda: run(app, "save-measurements"), True),
+        (
+            fa.ICON_FA_TRASH,
+            "remove",
+            "Remove the selected one",
+            lambda: measure_tool.back(app),
+            measure_tool.selected is not None,
+        ),
+        (fa.ICON_FA_BROOM, "clear", "Remove all", lambda: measure_tool.clear(app), True),
+    ):
+        if icon_button(icon, name, tooltip, enabled=enabled):
+            action()
+        imgui.same_line(0, px(2))
+    imgui.new_line()
+
+
+def _scale(app: App) -> None:
+    measure_tool, scale = app.measure_tool, app.annotations.current.scale
+    if measure_tool.tool == "scale":
+        _known(app)
+        return
+    factor = f"{scale.factor:.6g} {scale.unit}".rstrip()
+    hint("Lengths are in grid units." if scale == type(scale)() else f"1 grid unit is {factor}.")
+    if imgui.button(f"{fa.ICON_FA_RULER}  Set by two points", ImVec2(-1, 0)):
+        measure_tool.choose(app, "scale")
+    if scale.unit in METRES:
+        label("Show in")
+        picked = choice("unit", list(METRES), scale.unit, UNIT_TITLES)
+        if picked in METRES:
+            measure_tool.show_in(app, picked)  # type: ignore[arg-type]  (one of UNITS)
+    if scale != type(scale)() and imgui.button("Back to grid units", ImVec2(-1, 0)):
+        measure_tool.forget_scale(app)
+
+
+def _known(app: App) -> None:
+    """Asks for the distance of the two points."""
+    measure_tool = app.measure_tool
+    ready = len(measure_tool.draft) == 2
+    hint("How far apart are they?" if ready else HINTS["scale"])
+    imgui.begin_disabled(not ready)
+    label("Distance")
+    changed, value = imgui.input_float("##known", measure_tool.known, 0.0, 0.0, "%.6g")
+    if changed:
+        measure_tool.known = value
+    entered = imgui.is_item_deactivated_after_edit() and imgui.is_key_pressed(imgui.Key.enter)
+    label("Unit")
+    picked = choice("known unit", UNITS, measure_tool.known_unit, UNIT_TITLES)
+    if picked in UNITS:
+        measure_tool.known_unit = picked  # type: ignore[assignment]  (one of UNITS)
+    pressed = main_button("Set the scale", -1)
+    imgui.end_disabled()
+    if pressed or (entered and ready):
+        run(app, "set-scale")
+    if imgui.button("Cancel", ImVec2(-1, 0)):
+        measure_tool.choose(app, "")
+
+
+# --- Measurements over the picture ---
+
+REACH = 11.0  # of a point's handle, units
+ARC_SHARE, ARC_STEPS = 0.25, 16  # of an angle's shorter side; pieces that its arc is drawn as
+
+
+class Handle(NamedTuple):
+    """A point that can be dragged: of which measurement, and which of its points."""
+
+    measurement: int
+    point: int
+
+
+def draw(app: App, box: Box, over: bool) -> Handle | None:
+    """Draws what was measured and what is being measured; the point under the mouse, if any.
+
+    over: the mouse is over the picture and nothing lies above that.
+    """
+    measure_tool, words = app.measure_tool, app.measure_tool.length_format(app)
+    active = bool(measure_tool.tool) or app.interface.shows(PAGE)
+    if words is None or app.scene is None or not (active or measure_tool.shown):
+        measure_tool.look_away()
+        return None
+    mouse = imgui.get_io().mouse_pos
+    if over and active:
+        measure_tool.look_at(app, mouse.x - box[0], mouse.y - box[1])
+    else:
+        measure_tool.look_away()
+    screen, draw_list = Screen(app, box), imgui.get_window_draw_list()
+    draw_list.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
+    measurements = app.annotations.current.measurements
+    under = _handle_at(screen, measurements, mouse) if over and active else None
+    for index, measurement in enumerate(measurements):
+        hot = under.point if under is not None and under.measurement == index else None
+        _measurement(screen, words, measurement, index == measure_tool.selected, hot)
+    _draft(app, screen, words, None if under is not None else measure_tool.cursor and triple(measure_tool.cursor.point))
+    draw_list.pop_clip_rect()
+    return under
+
+
+def _handle_at(screen: Screen, measurements: tuple[Measurement, ...], mouse: ImVec2) -> Handle | None:
+    best, nearest = None, px(REACH)
+    for index, measurement in enumerate(measurements):
+        places, before = screen.points(np.asarray(measurement.points))
+        for point, place in enumerate(places):
+            away = float(np.hypot(place.x - mouse.x, place.y - mouse.y))
+            if before[point] and away < nearest:
+                best, nearest = Handle(index, point), away
+    return best
+
+
+def _measurement(screen: Screen, words: LengthFormat, measurement: Measurement, chosen: bool, hot: int | None) -> None:
+    colour = theme.WARN if chosen else theme.ACCENT
+    points = measurement.points
+    _line(screen, points, colour)
+    if measurement.kind == "point":
+        _label_at(screen, points[0], words.measurement(measurement), below=True)
+    elif measurement.kind == "angle":
+        _arc(screen, points, colour)
+        _label_at(screen, points[1], words.measurement(measurement), below=True)
+    else:
+        _lengths(screen, words, points)
+    _dots(screen, points, colour, hot)
+
+
+def _draft(app: App, screen: Screen, words: LengthFormat, cursor: Point | None) -> None:
+    """The points placed so far, a line to where the mouse is, and what that would measure."""
+    measure_tool = app.measure_tool
+    if not measure_tool.tool:
+        return
+    waits = cursor is not None and not (measure_tool.tool == "scale" and len(measure_tool.draft) == 2)
+    points = (*measure_tool.draft, cursor) if waits and cursor is not None else measure_tool.draft
+    _line(screen, points, theme.WARN)
+    if measure_tool.tool == "angle" and len(points) == 3:
+        _arc(screen, points, theme.WARN)
+        _label_at(screen, points[1], f"{angle(points):.1f}°", below=True)
+    elif len(points) > 1:
+        _lengths(screen, words, points)
+    elif measure_tool.tool == "point" and points:
+        _label_at(screen, points[0], words.place(points[0]), below=True)
+    _dots(screen, points, theme.WARN, None)
+
+
+def _lengths(screen: Screen, words: LengthFormat, points: tuple[Point, ...]) -> None:
+    """The length of each piece in its middle, and of all together at the last point."""
+    pieces = lengths(points)
+    for (a, b), piece in zip(pairwise(points), pieces, strict=True):
+        _label_at(screen, triple(0.5 * (np.asarray(a) + np.asarray(b))), words.length(piece))
+    if len(pieces) > 1:
+        _label_at(screen, points[-1], f"total {words.length(sum(pieces))}", below=True)
+
+
+def _line(screen: Screen, points: tuple[Point, ...], colour: str) -> None:
+    edges = [(i, i + 1) for i in range(len(points) - 1)]
+    if edges:
+        screen.lines(np.asarray(points), edges, theme.packed(theme.BASE, 0.75), px(5))
+        screen.lines(np.asarray(points), edges, theme.packed(colour), px(2))
+
+
+def _arc(screen: Screen, points: tuple[Point, ...], colour: str) -> None:
+    """Between the two sides of an angle, at the middle one of three points."""
+    a, b, c = (np.asarray(point) for point in points)
+    sides = [float(np.linalg.norm(end - b)) for end in (a, c)]
+    if min(sides) <= 0:
+        return
+    one, two = (a - b) / sides[0], (c - b) / sides[1]
+    share = np.linspace(0.0, 1.0, ARC_STEPS)[:, None]
+    way = (1 - share) * one + share * two
+    size = np.linalg.norm(way, axis=1, keepdims=True)
+    if size.min() < 1e-6:  # a straight angle has no plane
+        return
+    arc = b + ARC_SHARE * min(sides) * way / size
+    edges = [(i, i + 1) for i in range(ARC_STEPS - 1)]
+    screen.lines(arc, edges, theme.packed(theme.BASE, 0.75), px(4))
+    screen.lines(arc, edges, theme.packed(colour), px(1.5))
+
+
+def _dots(screen: Screen, points: tuple[Point, ...], colour: str, hot: int | None) -> None:
+    if not points:
+        return
+    places, before = screen.points(np.asarray(points))
+    draw = imgui.get_window_draw_list()
+    for i, place in enumerate(places):
+        if before[i]:
+            size = 7.0 if i == hot else 4.5
+            draw.add_circle_filled(place, px(size + 2), theme.packed(theme.BASE, 0.85))
+            draw.add_circle_filled(place, px(size), theme.packed(colour))
+            draw.add_circle_filled(place, px(1.5), theme.packed(theme.BASE))
+
+
+def _label_at(screen: Screen, at: Point, text: str, *, below: bool = False) -> None:
+    """A label at a point of the scene: on its middle, or just below."""
+    places, before = screen.points(np.asarray([at]))
+    if before[0]:
+        width, height = chip_size(text)
+        chip(text, places[0].x - 0.5 * width, places[0].y + (px(12) if below else -0.5 * height))

@@ -1,0 +1,136 @@
+"""Open prompt: the line that a path is typed into, and what it suggests."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from training.scenes.sources import FILMS
+from viewer.core.files import SESSION_SUFFIX, Kind, kind_of
+
+SHOWN = 8
+MOST_ENTRIES = 5000  # of a folder that are looked at
+OPENABLE = (".zip", SESSION_SUFFIX, *FILMS)
+
+
+def path_in(text: str) -> Path | None:
+    """The existing path that a text names, as file managers and shells copy paths; None for any other text."""
+    text = text.strip().splitlines()[0].strip() if text.strip() else ""
+    if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"":
+        text = text[1:-1]
+    if text.startswith("file://"):
+        text = unquote(urlsplit(text).path)
+    if not looks_like_path(text):
+        return None
+    path = expanded(text)
+    return path if _there(path) else None
+
+
+def expanded(text: str) -> Path:
+    """The path with ~ replaced by the home folder; unchanged if there is no such user, as in ~0."""
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:
+        return Path(text)
+
+
+def looks_like_path(text: str) -> bool:
+    """Whether a text can only be meant as a path."""
+    text = text.strip().strip("'\"")
+    return text.startswith(("/", "~", "./", "../", "file://")) or Path(text).is_absolute()
+
+
+def _there(path: Path) -> bool:
+    try:
+        return os.path.exists(path)
+    except ValueError:  # a null byte
+        return False
+
+
+@dataclass
+class OpenPrompt:
+    """State of the prompt."""
+
+    recent: Sequence[Path]
+    other: bool = False  # whether it asks for a pack to compare with
+    text: str = ""  # as typed
+    picked: int | None = None  # index of the suggestion that Enter opens; None: the typed path
+    problem: str = ""  # why the typed path cannot be opened
+    _listed: tuple[str, list[Path]] | None = None
+    _kinds: dict[Path, Kind] = field(default_factory=dict)
+
+    @property
+    def lines(self) -> list[Path]:
+        """Suggestions below the text: recent paths that match it, or entries of the folder that is typed."""
+        if self._listed is None or self._listed[0] != self.text:
+            self._listed = self.text, suggestions(self.text, self.recent)
+        return self._listed[1]
+
+    def kind(self, path: Path) -> Kind:
+        """What lies there, looked up once."""
+        if path not in self._kinds:
+            try:
+                self._kinds[path] = kind_of(path)
+            except OSError:
+                self._kinds[path] = "unknown"
+        return self._kinds[path]
+
+    def type(self, text: str) -> None:
+        """The text was changed."""
+        if text != self.text:
+            self.text, self.picked, self.problem = text, None, ""
+
+    def step(self, by: int) -> None:
+        """Moves the selection; up from the first suggestion returns to the text."""
+        at = (-1 if self.picked is None else self.picked) + by
+        self.picked = None if at < 0 else min(at, len(self.lines) - 1) if self.lines else None
+
+    def take(self, line: int | None = None) -> Path | None:
+        """The path to open: the given suggestion, the picked one, or the typed path.
+
+        None if the prompt stays open: it enters a plain folder, and sets `problem` for a path that does not exist.
+        """
+        picked = self.picked if line is None else line
+        if picked is None and (named := path_in(self.text)) is not None:
+            return named
+        if picked is None and looks_like_path(self.text):
+            self.problem = f"There is nothing at {self.text.strip()}."
+            return None
+        if picked is None and not (self.text.strip() and self.lines):
+            self.problem = "Type a path, or choose one."
+            return None
+        path = self.lines[picked or 0]
+        if path.is_dir() and self.kind(path) == "unknown":
+            self.type(str(path) + os.sep)
+            return None
+        return path
+
+
+def suggestions(text: str, recent: Sequence[Path]) -> list[Path]:
+    """At most SHOWN paths: entries of the folder that is typed, as far as they could be opened; else recent ones whose path
+    holds every word of the text.
+    """
+    if looks_like_path(text):
+        return _entries(text.strip())
+    words = text.lower().split()
+    return [path for path in recent if all(word in str(path).lower() for word in words)][:SHOWN]
+
+
+def _entries(text: str) -> list[Path]:
+    typed = expanded(text)
+    folder, stem = (typed, "") if text.endswith((os.sep, "/")) or text == "~" else (typed.parent, typed.name.lower())
+    found: list[tuple[bool, str]] = []
+    try:
+        with os.scandir(folder) as entries:
+            for _, entry in zip(range(MOST_ENTRIES), entries, strict=False):
+                name = entry.name.lower()
+                if not name.startswith(stem) or (name.startswith(".") and not stem.startswith(".")):
+                    continue
+                if entry.is_dir() or name.endswith(OPENABLE):
+                    found.append((not entry.is_dir(), entry.name))
+    except (OSError, ValueError):
+        return []
+    return [folder / name for _, name in sorted(found, key=lambda item: (item[0], item[1].lower()))[:SHOWN]]

@@ -1,0 +1,302 @@
+"""Opening packs: reading one in a thread, showing what has arrived, and the open packs that are not shown now.
+
+They stay in main memory; only the pack that is shown is on the GPU.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from console import UserError
+from scenepack.pack import Pack
+from scenepack.reader import load_pack
+from viewer.core.annotations import Annotations
+from viewer.core.state import OpenScene, name_of
+from viewer.core.tasks import Task
+from viewer.features.camera.forward_facing import orbit_camera_for
+from viewer.features.film.camera_path import CameraPath
+from viewer.rendering.framing import outline
+from viewer.rendering.skip_grid import skip_grid_of
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+
+def work_out_ahead(pack: Pack) -> None:
+    """What a window asks of a pack that it shows: worked out in this thread, it need not wait for it."""
+    skip_grid_of(pack)
+    outline(pack)
+
+
+class Cancelled(Exception):
+    """Loading was given up by the user."""
+
+
+class Loading(Task[None]):
+    """A pack that is being read. Once it is finished, take `pack` or `error`.
+
+    share: 0 … 1 of its images are decoded. images: how many are, and of how many; 0 of 0 at first. preview: what can be
+    shown of it already, another object whenever there is more to see; None at first. begun: the pack before its images are
+    decoded, to make room for; None at first. error: a UserError or a bug's exception, None where all went well or it was
+    cancelled. notes: what was mended while it was read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self.share = 0.0
+        self.images = (0, 0)
+        self.pack: Pack | None = None
+        self.preview: Pack | None = None
+        self.begun: Pack | None = None
+        self.error: Exception | None = None
+        self.notes: list[str] = []
+        self.cancelled = False
+        super().__init__(self._read)
+
+    def cancel(self) -> None:
+        """Gives up at the next image."""
+        self.cancelled = True
+
+    def _read(self) -> None:
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                pack = load_pack(
+                    self.path, on_progress=self._progress, on_preview=self._more_to_see, on_begin=self._begin
+                )
+                work_out_ahead(pack)
+            self.notes = [str(warning.message) for warning in caught]
+            self.pack = None if self.cancelled else pack
+        except Cancelled:
+            pass
+        except MemoryError as error:
+            self.error = UserError("not enough memory to open the pack", where=self.path, found=str(error) or None)
+        except Exception as error:  # shown in a dialog; the program goes on
+            self.error = error
+
+    def _begin(self, pack: Pack) -> None:
+        self.begun = pack
+
+    def _more_to_see(self, pack: Pack) -> None:
+        work_out_ahead(pack)
+        self.preview = pack
+
+    def _progress(self, done: int, total: int) -> None:
+        self.share, self.images = done / max(total, 1), (done, total)
+        if self.cancelled:
+            raise Cancelled
+
+
+# --- Opening a pack ---
+
+SHOWN_NOTES = 4
+Then = Callable[[], None]
+
+
+@dataclass
+class Opening:
+    """loading: the pack that is being read. other: it shall be compared with, not shown instead. then: called once it is
+    shown. told: what was said of which pack.
+    """
+
+    loading: Loading | None = None
+    other: bool = False
+    then: Then | None = None
+    told: set[tuple[Path, str]] = field(default_factory=set)
+    _share_told: float = -1.0
+    _preallocated_for: Loading | None = None
+
+    def start(self, app: App, path: Path, *, other: bool = False, then: Then | None = None) -> None:
+        """Starts reading a pack in a thread; tick() delivers the result."""
+        self.cancel(app)
+        self.loading, self.other, self.then = Loading(path), other, then
+        app.touch()
+
+    def cancel(self, app: App) -> None:
+        """Stops reading; the open scene stays."""
+        if self.loading is not None:
+            self.loading.cancel()
+            app.messages.log(f"{self.loading.path}: opening was cancelled")
+            self.loading = None
+            self._drop_unfinished(app)
+            app.touch()
+
+    def tick(self, app: App) -> None:
+        """Delivers what the thread has read: a partial pack, the whole pack, or an error."""
+        loading = self.loading
+        if loading is None:
+            return
+        if loading.share != self._share_told:
+            self._share_told = loading.share
+            app.touch(1)
+        try:
+            if not loading.finished:
+                self._preallocate(app, loading)
+                self._take_preview(app, loading)
+                return
+            app.touch()
+            self.loading = None
+            for note in loading.notes:
+                app.messages.log(note, "warning")
+            if loading.error is not None:
+                raise loading.error
+            if loading.pack is not None:
+                self._show_whole(app, loading.pack, loading.path)
+                self._tell_notes(app, loading)
+            self._give_up_preallocation(app)
+        except Exception as error:  # a dialog, and the program goes on
+            loading.cancel()
+            self.loading = None
+            self._drop_unfinished(app)
+            app.messages.fail(f"{loading.path.name} cannot be opened", error)
+            app.touch()
+
+    def _tell_notes(self, app: App, loading: Loading) -> None:
+        """Reports repairs of an untidy pack once, however often it is opened."""
+        notes = [note for note in dict.fromkeys(loading.notes) if (loading.path, note) not in self.told]
+        self.told |= {(loading.path, note) for note in notes}
+        if notes:
+            more = len(notes) - SHOWN_NOTES
+            shown = [note.removeprefix(f"{loading.path}: ") for note in notes[:SHOWN_NOTES]]
+            rest = [f"… and {more} more. See the Log page."] if more > 0 else []
+            head = f"{name_of(loading.path)} is open. Some of its files are not as expected:"
+            app.messages.show_toast("\n".join([head, *shown, *rest]), "warning")
+
+    def _preallocate(self, app: App, loading: Loading) -> None:
+        if (
+            loading.begun is not None
+            and self._preallocated_for is not loading
+            and not self.other
+            and app.canvas is not None
+        ):
+            app.canvas.preallocate(loading.begun)
+            self._preallocated_for = loading
+
+    def _take_preview(self, app: App, loading: Loading) -> None:
+        """Shows the part that was read, unless a whole scene is open: that stays until the new one is complete."""
+        pack = loading.preview
+        if pack is None or self.other:
+            return
+        if app.scene is None:
+            app.show(pack, loading.path, whole=False)
+        elif not app.scene.whole and app.scene.pack is not pack:
+            self._refine(app, pack, told=False)
+
+    def _show_whole(self, app: App, pack: Pack, path: Path) -> None:
+        if self.other and app.scene is not None:
+            app.compare_with(pack, path)
+        elif app.scene is not None and not app.scene.whole:
+            self._refine(app, pack)
+            app.scene.whole = True
+            app.scene.rig = app.scene.rig.grown(app.undoable(orbit_camera_for(pack)))
+            app.opened()
+        else:
+            app.show(pack, path)
+        if self.then is not None:
+            self.then()
+
+    @staticmethod
+    def _refine(app: App, pack: Pack, *, told: bool = True) -> None:
+        if app.canvas is not None and app.scene is not None:
+            with app.messages.noting_warnings(told=told):
+                app.canvas.refine(pack)
+            app.scene.pack = pack
+            app.touch()
+
+    @staticmethod
+    def _give_up_preallocation(app: App) -> None:
+        """Gives up what was preallocated and not used."""
+        if app.canvas is not None:
+            app.canvas.preallocate(None)
+
+    @staticmethod
+    def _drop_unfinished(app: App) -> None:
+        Opening._give_up_preallocation(app)
+        if app.scene is not None and not app.scene.whole:
+            app.close()
+
+
+# --- Open packs that are not shown now ---
+
+MOST_BYTES = 2 << 30  # of all that are not shown
+MOST_PACKS = 7
+Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class OpenPack:
+    """An open pack that is not shown. crop, near: as in RenderSettings. path: its film's.
+
+    annotations: of when it was left; None: as saved.
+    """
+
+    scene: OpenScene
+    crop: Corners | None
+    near: float
+    path: CameraPath
+    annotations: Annotations | None = None
+
+
+@dataclass
+class OpenPacks:
+    """The open packs that are not shown."""
+
+    packs: list[OpenPack] = field(default_factory=list)  # in Ctrl+Tab's order
+    show_list: bool = False  # opens the pack menu in the next frame
+
+    def add(self, entry: OpenPack, *, first: bool = False) -> list[str]:
+        """Adds a pack and closes others if there are too many. Returns the names of those that were closed.
+
+        first: at the head of the order, not at its end.
+        """
+        self.drop(entry.scene.path)
+        self.packs.insert(0 if first else len(self.packs), entry)
+        gone = []
+        while len(self.packs) > MOST_PACKS or (sum(map(_bytes, self.packs)) > MOST_BYTES and self.packs):
+            oldest = self.packs.pop(-1 if first else 0)
+            gone.append(oldest.scene.name)
+        return gone
+
+    def keep(self, app: App, entry: OpenPack, *, first: bool = False) -> None:
+        """Adds a pack and logs which others were closed for it."""
+        for name in self.add(entry, first=first):
+            app.messages.log(f"{name} is closed, for there is no room for more open packs")
+
+    def switch(self, app: App, step: int) -> None:
+        """Shows the next open pack (step 1), or the one before (-1)."""
+        if self.packs:
+            self.switch_to(app, self.packs[0 if step > 0 else -1], backwards=step < 0)
+        else:
+            app.messages.say("No other pack is open")
+
+    def switch_to(self, app: App, entry: OpenPack, *, backwards: bool = False) -> None:
+        """Shows an open pack. backwards: the pack shown before becomes the first in the order, not the last."""
+        if app.filming.export is not None:
+            app.messages.say("An export is running: wait for it, or cancel it", "warning")
+            return
+        app.opening.cancel(app)
+        if entry not in self.packs:  # what was still being read is closed, and this one has come back
+            return
+        left = app.left_now()
+        app.turn_to(entry)
+        self.packs.remove(entry)
+        if left is not None:
+            self.keep(app, left, first=backwards)
+
+    def drop(self, path: Path) -> None:
+        """Removes the pack of `path`, if there is one, because it is opened again."""
+        self.packs = [entry for entry in self.packs if entry.scene.path.resolve() != path.resolve()]
+
+
+def _bytes(entry: OpenPack) -> int:
+    return bytes_of(entry.scene.pack)
+
+
+def bytes_of(pack: Pack) -> int:
+    """Size of a pack in main memory."""
+    features = pack.atlas_features
+    return pack.atlas_rgba.nbytes + pack.atlas_indices.nbytes + (features.nbytes if features is not None else 0)

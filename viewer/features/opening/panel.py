@@ -1,0 +1,356 @@
+"""Dialogs that ask for files and folders, of the system where it has them, and the start page."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from typing import Literal
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+from imgui_bundle import portable_file_dialogs as pfd
+
+from scenepack.files import PARAMS_NAME
+from training.scenes.sources import FILMS
+from viewer.app.application import App
+from viewer.app.commands import browse, choose, run
+from viewer.core import theme
+from viewer.core.files import SESSION_SUFFIX, FileRequest
+from viewer.core.theme import Fonts
+from viewer.core.widgets import (
+    CARD_MARGIN,
+    CARD_WIDTH,
+    begin_modal,
+    coloured,
+    elided,
+    font,
+    hint,
+    in_front,
+    main_button,
+    px,
+)
+from viewer.features.opening.open_prompt import OpenPrompt, expanded
+
+TITLE = "##path"
+HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
+
+
+class FileDialogs:
+    """The dialog of the moment. native: None asks the system whether it has dialogs."""
+
+    def __init__(self, native: bool | None = None) -> None:
+        if native is None:
+            native = not sys.platform.startswith("linux") or any(shutil.which(name) for name in HELPERS)
+        self.native = native
+        self._request: FileRequest | None = None
+        self._dialog = None
+        self._text = ""
+
+    def show(self, app: App, size: ImVec2, fonts: Fonts) -> None:
+        """Opens the dialog that `app` asks for, and hands over what was chosen."""
+        if app.file_request is None:
+            return
+        if app.file_request is not self._request:
+            self._begin(app.file_request)
+        if self.native:
+            app.touch(1)
+            if self._dialog is not None and self._dialog.ready(5):
+                result = self._dialog.result()
+                chosen = result[0] if isinstance(result, list) and result else result
+                self._end(app, str(chosen) if chosen else "")
+        elif in_front(app) == "path":
+            self._typed(app, size, fonts)
+
+    def _begin(self, request: FileRequest) -> None:
+        self._request, self._text = request, ""
+        start = str(request.start or "")
+        if request.kind == "save":
+            self._text = str((request.start or Path.cwd()) / request.suggestion)
+        elif start:
+            self._text = start
+        if not self.native:
+            return
+        filters = [f"*{suffix}" for suffix in request.suffixes]
+        filters = ["Files", " ".join(filters)] if filters else ["All files", "*"]
+        if request.kind == "folder":
+            self._dialog = pfd.select_folder(request.title, start)
+        elif request.kind == "open":
+            self._dialog = pfd.open_file(request.title, start, filters)
+        else:
+            self._dialog = pfd.save_file(request.title, self._text, filters)
+
+    def _end(self, app: App, chosen: str) -> None:
+        """The user chose a path, or "" for none."""
+        request, self._request, self._dialog = self._request, None, None
+        app.file_request = None
+        app.touch()
+        if not chosen or request is None:
+            return
+        path = expanded(chosen)
+        if request.kind == "save" and request.suffixes and path.suffix.lower() not in request.suffixes:
+            path = path.with_name(path.name + request.suffixes[0])
+        try:
+            request.then(path)
+        except Exception as error:  # a dialog, and the program goes on
+            app.messages.fail(f"{path.name} cannot be used", error)
+
+    def _typed(self, app: App, size: ImVec2, fonts: Fonts) -> None:
+        assert self._request is not None
+        opening = not imgui.is_popup_open(TITLE)
+        if not begin_modal(TITLE, size, 540, 0.4, padding=(24, 22)):
+            return
+        with font(fonts.bold, 18.0):
+            imgui.text_unformatted(self._request.title)
+        if opening:
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1)
+        with coloured(frame_bg=theme.BASE):
+            entered, self._text = imgui.input_text_with_hint(
+                "##typed", "Path", self._text, imgui.InputTextFlags_.enter_returns_true
+            )
+        hint("Or drop it on the window." if self._request.kind != "save" else "An existing file is replaced.")
+        width = px(104)
+        imgui.set_cursor_pos_x(imgui.get_window_width() - px(24) - 2 * width - px(8))
+        cancelled = imgui.button("Cancel", ImVec2(width, px(34))) or imgui.is_key_pressed(imgui.Key.escape, False)
+        imgui.same_line()
+        chosen = main_button("Save" if self._request.kind == "save" else "Open", width) or entered
+        if cancelled or chosen:
+            imgui.close_current_popup()
+        imgui.end_popup()
+        if cancelled or chosen:
+            self._end(app, self._text.strip() if chosen and not cancelled else "")
+
+
+# --- Open prompt ---
+NAME, FIELD = "##open", "##open path"
+ENTER = (imgui.Key.enter, imgui.Key.keypad_enter)
+TO_END = 3
+WIDTH, LINE, BUTTON = 600.0, 30.0, 104.0
+ICONS = {
+    "pack": fa.ICON_FA_CUBE,
+    "run": fa.ICON_FA_GEARS,
+    "scene": fa.ICON_FA_IMAGES,
+    "pictures": fa.ICON_FA_IMAGES,
+    "film": fa.ICON_FA_FILM,
+    "session": fa.ICON_FA_BOOKMARK,
+    "unknown": fa.ICON_FA_FOLDER,
+}
+TITLES = {
+    "pack": "pack",
+    "run": "training run",
+    "scene": "scene",
+    "pictures": "photographs",
+    "film": "film",
+    "session": "session",
+}
+
+
+class OpenDialog:
+    """The dialog while app.choosing is there. native: whether the system has dialogs of its own."""
+
+    def __init__(self, native: bool) -> None:
+        self.native = native
+        self._shown: OpenPrompt | None = None
+        self._typed = ""
+        self._frames_to_end = 0  # in which the cursor is put behind the text, for a field that is entered selects all
+        self._awaited = False  # the field has been given the keyboard and has not taken it yet
+
+    def show(self, app: App, size: ImVec2, fonts: Fonts) -> None:
+        """Draws it while nothing is in front of it, and hands over what was chosen."""
+        open_prompt = app.open_prompt
+        if open_prompt is None:
+            self._shown = None
+            return
+        if in_front(app) != "open":
+            return
+        opening = open_prompt is not self._shown or not imgui.is_popup_open(NAME)
+        self._shown = open_prompt
+        imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, 0.86 * size.y))
+        if not begin_modal(NAME, size, WIDTH, 0.12, pivot=0.0, padding=(24, 20)):
+            return
+        with font(fonts.bold, 18.0):
+            imgui.text_unformatted("Compare with" if open_prompt.other else "Open")
+        what = "A pack: a folder or a .zip." if open_prompt.other else "A pack, photographs, a film or a training run."
+        hint(f"{what} Type a path, or a part of one that you opened lately.")
+        entered = self._field(open_prompt, opening)
+        if open_prompt.problem:
+            hint(open_prompt.problem, theme.WARN)
+        clicked = self._lines(open_prompt)
+        cancelled, browsed, pressed = self._buttons()
+        if browsed:
+            browse(app, browsed, other=open_prompt.other)
+        elif cancelled:
+            app.open_prompt = None
+        elif clicked is not None or entered or pressed:
+            choose(app, clicked)
+            self._frames_to_end, self._awaited = TO_END, True
+        if app.open_prompt is None:
+            imgui.close_current_popup()
+        imgui.end_popup()
+
+    def _field(self, open_prompt: OpenPrompt, opening: bool) -> bool:
+        """The line to type into; whether Enter was pressed in it."""
+        self._step(open_prompt, opening)
+        entered = self._entered()
+        if opening or self._frames_to_end == TO_END:
+            imgui.set_keyboard_focus_here()
+        if self._frames_to_end:  # a folder was chosen, whose name stands there now
+            self._frames_to_end -= 1
+            state = imgui.internal.get_input_text_state(imgui.get_id(FIELD))
+            if state is not None:
+                state.reload_user_buf_and_move_to_end()
+        imgui.set_next_item_width(-1)
+        with coloured(frame_bg=theme.BASE):
+            _, self._typed = imgui.input_text_with_hint(FIELD, "/path/to/scene", open_prompt.text)
+        open_prompt.type(self._typed)
+        self._awaited = opening or (self._awaited and not imgui.is_item_active())
+        return entered
+
+    def _entered(self) -> bool:
+        """Whether Enter is pressed in the field. The field itself does not hear it in the round after it took the keyboard."""
+        theirs = imgui.get_current_context().active_id == imgui.get_id(FIELD)
+        return (self._awaited or theirs) and any(imgui.is_key_pressed(key, False) for key in ENTER)
+
+    def _step(self, open_prompt: OpenPrompt, opening: bool) -> None:
+        """Down and Up choose a line, and leave the keyboard with the field.
+
+        imgui would move it on to the line's own button, and lose an Enter that comes in the next round.
+        """
+        if opening or self._awaited or imgui.get_current_context().nav_id == imgui.get_id(FIELD):
+            by = int(imgui.is_key_pressed(imgui.Key.down_arrow)) - int(imgui.is_key_pressed(imgui.Key.up_arrow))
+            if by:
+                imgui.internal.nav_move_request_cancel()
+                open_prompt.step(by)
+
+    def _lines(self, open_prompt: OpenPrompt) -> int | None:
+        """What is offered; the line that was clicked."""
+        clicked = None
+        if open_prompt.lines and not open_prompt.text.strip():
+            hint("RECENT", theme.MUTED)
+        for i, path in enumerate(open_prompt.lines):
+            if _line(open_prompt, path, i == open_prompt.picked, i):
+                clicked = i
+        imgui.dummy(ImVec2(0, px(4)))
+        return clicked
+
+    def _buttons(self) -> tuple[bool, Literal["", "open", "folder"], bool]:
+        """Cancel; "open" or "folder" for the system's dialogs; Open."""
+        browsed: Literal["", "open", "folder"] = ""
+        width = px(BUTTON)
+        if self.native:
+            if imgui.button(f"{fa.ICON_FA_FILE}  File…", ImVec2(width, px(34))):
+                browsed = "open"
+            imgui.same_line()
+            if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Folder…", ImVec2(width, px(34))):
+                browsed = "folder"
+            imgui.same_line()
+        imgui.set_cursor_pos_x(imgui.get_window_width() - px(24) - 2 * width - px(8))
+        cancelled = imgui.button("Cancel", ImVec2(width, px(34)))
+        cancelled = cancelled or (imgui.is_key_pressed(imgui.Key.escape, False) and not imgui.is_window_appearing())
+        imgui.same_line()
+        return cancelled, browsed, main_button("Open", width)
+
+
+def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> bool:
+    at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
+    with coloured(header_hovered=theme.CONTROL, header_active=theme.CONTROL_HOT):
+        pressed = imgui.selectable(
+            f"##line {number}", picked, imgui.SelectableFlags_.no_auto_close_popups, ImVec2(width, px(LINE))
+        )[0]
+    kind = open_prompt.kind(path)
+    icon = ICONS["film"] if kind == "pictures" and path.is_file() else ICONS[kind]
+    draw, middle = imgui.get_window_draw_list(), at.y + px(6)
+    draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.FAINT if kind == "unknown" else theme.ACCENT), icon)
+    note = TITLES["film"] if icon == ICONS["film"] else TITLES.get(kind, "")
+    wide = imgui.calc_text_size(note).x
+    draw.add_text(ImVec2(at.x + width - wide - px(6), middle), theme.packed(theme.FAINT), note)
+    name = elided(path.name or str(path), width - wide - px(60))
+    draw.add_text(ImVec2(at.x + px(34), middle), theme.packed(theme.TEXT), name)
+    left = at.x + px(46) + imgui.calc_text_size(name).x
+    parent = elided(str(path.parent), at.x + width - wide - px(18) - left)
+    draw.add_text(ImVec2(left, middle), theme.packed(theme.FAINT), parent)
+    return pressed
+
+
+# --- Start page ---
+COLUMN = 440.0
+
+
+def show_start_page(app: App, fonts: Fonts) -> None:
+    """Draws the page in the middle of the window that is begun; beside the card of what is being made, if anything is."""
+    width, height = imgui.get_window_width(), imgui.get_window_height()
+    column = min(px(COLUMN), width - px(32))
+    taken = px(CARD_WIDTH + CARD_MARGIN) if app.making.job or app.making.review else 0.0
+    if taken and width - taken < column + px(32):
+        return
+    left = taken + 0.5 * (width - taken - column)
+    recent = app.preferences.recent_packs()
+    top = max(px(24), 0.5 * (height - px(342 + 40 * len(recent))))
+    imgui.set_cursor_pos(ImVec2(left, top))
+    imgui.begin_group()
+    _logo(left)
+    with font(fonts.bold, theme.HUGE):
+        imgui.text_unformatted("snerg")
+    with coloured(text=theme.MUTED):
+        imgui.text_unformatted("Fly through scenes made from photographs.")
+    imgui.dummy(ImVec2(0, px(14)))
+    if app.demo is not None and main_button(f"{fa.ICON_FA_PLAY}  Open the demo scene", column):
+        app.open(app.demo)
+    _button(app, f"{fa.ICON_FA_FOLDER_OPEN}  Open…", "open", column)
+    if app.sessions.last is not None:
+        title = elided(app.sessions.last.title, column - px(210))
+        _button(app, f"{fa.ICON_FA_CLOCK_ROTATE_LEFT}  Continue with {title}", "last-session", column)
+    _button(app, f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make a scene from photographs…", "make", column)
+    imgui.dummy(ImVec2(0, px(2)))
+    with coloured(text=theme.FAINT):
+        imgui.text_unformatted("or drop or paste a pack, a folder of photographs or a film")
+    if recent:
+        imgui.dummy(ImVec2(0, px(16)))
+        with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):
+            imgui.text_unformatted("RECENT")
+        for path in recent:
+            _recent(app, path, column)
+    imgui.end_group()
+
+
+def _button(app: App, text: str, command: str, width: float) -> None:
+    if imgui.button(text, ImVec2(width, px(34))):
+        run(app, command)
+
+
+def _recent(app: App, path: Path, width: float) -> None:
+    at = imgui.get_cursor_screen_pos()
+    with coloured(header_hovered=theme.CARD, header_active=theme.CONTROL):
+        if imgui.selectable(f"##{path}", False, 0, ImVec2(width, px(30)))[0]:
+            app.drop([path])
+    draw = imgui.get_window_draw_list()
+    middle = at.y + px(6)
+    draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.ACCENT), icon_of(path))
+    draw.add_text(ImVec2(at.x + px(32), middle), theme.packed(theme.TEXT), path.name)
+    name = imgui.calc_text_size(path.name).x
+    parent = str(path.parent)
+    room = width - px(54) - name
+    while parent and imgui.calc_text_size(parent).x > room and len(parent) > 4:
+        parent = "…" + parent[2:]
+    draw.add_text(ImVec2(at.x + px(44) + name, middle), theme.packed(theme.FAINT), parent)
+
+
+def icon_of(path: Path) -> str:
+    """What stands before a recent path, told by its name alone: this is drawn in every frame."""
+    if path.suffix.lower() == ".zip" or (path / PARAMS_NAME).is_file() or (path / "pack").is_dir():
+        return fa.ICON_FA_CUBE
+    if path.suffix.lower() == SESSION_SUFFIX:
+        return fa.ICON_FA_BOOKMARK
+    return fa.ICON_FA_FILM if path.suffix.lower() in FILMS else fa.ICON_FA_IMAGES
+
+
+def _logo(left: float) -> None:
+    """The program's mark: voxels, one of them fully lit."""
+    at = imgui.get_cursor_screen_pos()
+    draw = imgui.get_window_draw_list()
+    side, gap = px(20), px(5)
+    for i, alpha in enumerate((1.0, 0.45, 0.7, 0.25, 0.7, 0.35)):
+        low = ImVec2(at.x + (i % 3) * (side + gap), at.y + (i // 3) * (side + gap))
+        draw.add_rect_filled(low, ImVec2(low.x + side, low.y + side), theme.packed(theme.ACCENT, alpha), px(5))
+    imgui.dummy(ImVec2(1, 2 * side + gap + px(10)))

@@ -1,0 +1,305 @@
+"""Sessions: what is open, from where it is seen, what is cut off, and its marks, in a small file that brings all of it back.
+
+The file is JSON. A pack that lies beside or below the file is named relative to it, so that both can be moved or shared together.
+Marks are added to those that are kept with a pack, and take none of them away.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+import platformdirs
+
+from console import UserError
+from console.atomic import write_file
+from console.json_text import read_json_file
+from viewer.core.annotations import (
+    Annotations,
+    Bookmark,
+    Scale,
+    annotations_from_json,
+    annotations_to_json,
+    bookmark_from_json,
+    bookmark_to_json,
+    number_from_json,
+    point_from_json,
+)
+from viewer.core.files import SESSION_SUFFIX
+from viewer.core.pose import FARTHEST
+from viewer.core.state import OpenScene
+from viewer.core.tasks import Autosave
+from viewer.features.bookmarks.bookmarks import bookmark_of, pose_of
+from viewer.features.camera.orbit_camera import OrbitCamera
+from viewer.features.comparison.comparison import How
+from viewer.features.crop.crop import Box
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+VERSION = 1
+MOST_PACKS = 32
+REST_S = 3.0  # without a change, before the last session is written
+HOWS: tuple[How, ...] = get_args(How)
+
+
+def default_file() -> Path:
+    """Where the last session lies on this machine."""
+    return platformdirs.user_data_path("snerg", appauthor=False) / f"last{SESSION_SUFFIX}"
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One open pack. camera: where it is seen from; its name is the pack's. orthographic: with parallel rays. crop, near: as in
+    RenderSettings.
+    """
+
+    path: Path
+    camera: Bookmark
+    orthographic: bool = False
+    crop: Box | None = None
+    near: float = 0.0
+    annotations: Annotations = field(default_factory=Annotations)
+
+
+@dataclass(frozen=True)
+class Session:
+    """packs: the one that is shown comes first, the others as Ctrl+Tab comes to them. compare: another pack, and how.
+
+    page: that is open; "" for none.
+    """
+
+    packs: tuple[Seen, ...]
+    compare: tuple[Path, How] | None = None
+    page: str = ""
+
+    @property
+    def title(self) -> str:
+        """What is in it, in a few words."""
+        names = [seen.camera.name for seen in self.packs]
+        return ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
+
+
+def session_of(app: App) -> Session | None:
+    """What is open now; None where that is nothing that could be opened again."""
+
+    def seen(scene: OpenScene, crop: Box | None, near: float, annotations: Annotations) -> Seen:
+        view = bookmark_of(scene.rig, scene.rig.fov, scene.name)
+        return Seen(scene.path.resolve(), view, scene.rig.orthographic, crop, near, annotations)
+
+    scene = app.scene
+    if scene is None or not scene.whole or not scene.stays or not scene.path.exists():
+        return None
+    first = seen(scene, app.settings.crop, app.settings.near, app.annotations.current)
+    others = (
+        seen(each.scene, each.crop, each.near, each.annotations or Annotations()) for each in app.open_packs.packs
+    )
+    compare, path = app.comparison, app.comparison.other_path
+    against = (path.resolve(), compare.how) if compare.against == "pack" and path is not None else None
+    return Session((first, *others), against, app.interface.page)
+
+
+# The file
+
+
+def session_to_json(session: Session, folder: Path) -> dict[str, Any]:
+    """What session_from_json reads, with paths relative to `folder` where they lead into it."""
+    packs = [
+        {
+            "path": _relative(seen.path, folder),
+            "camera": {**bookmark_to_json(seen.camera), "orthographic": seen.orthographic},
+            "crop": None if seen.crop is None else [list(corner) for corner in seen.crop],
+            "near": seen.near,
+            "marks": annotations_to_json(seen.annotations),
+        }
+        for seen in session.packs
+    ]
+    against = session.compare
+    compare = None if against is None else {"path": _relative(against[0], folder), "how": against[1]}
+    return {"snerg_session": VERSION, "packs": packs, "compare": compare, "page": session.page}
+
+
+def load_session(file: Path) -> Session:
+    """Reads a session. UserError, in one line, where it cannot be read or is none."""
+    try:
+        return session_from_json(read_json_file(file), file.resolve().parent)
+    except OSError as error:
+        raise UserError("cannot be read", where=file, found=error.strerror) from error
+    except ValueError as error:
+        raise UserError("is not a session", where=file, expected="a file that snerg-view saved", found=error) from error
+
+
+def save_session(session: Session, file: Path) -> None:
+    """Writes a session. OSError where it cannot."""
+    write_file(file, json.dumps(session_to_json(session, file.resolve().parent), indent=1))
+
+
+def session_from_json(document: Any, folder: Path) -> Session:
+    """A session whose relative paths begin in `folder`. ValueError, in words, for what makes no sense."""
+    entries = _object(document, "an object")
+    version, packs = entries.get("snerg_session"), entries.get("packs")
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise ValueError("no snerg_session")
+    if version > VERSION:
+        raise ValueError(f"a session of a newer version ({version})")
+    if not isinstance(packs, list) or not 1 <= len(packs) <= MOST_PACKS:
+        raise ValueError(f"packs: expected from 1 to {MOST_PACKS}")
+    page, compare = entries.get("page", ""), entries.get("compare")
+    if not isinstance(page, str):
+        raise ValueError("page: expected a name")
+    return Session(tuple(_seen(pack, folder) for pack in packs), _compare(compare, folder), page[:40])
+
+
+def _seen(value: Any, folder: Path) -> Seen:
+    entries = _object(value, "a pack")
+    camera, crop = _object(entries.get("camera"), "a camera"), entries.get("crop")
+    if crop is not None:
+        if not isinstance(crop, list) or len(crop) != 2:
+            raise ValueError("crop: expected two corners")
+        low, high = (point_from_json(corner, "crop") for corner in crop)
+        if any(a >= b for a, b in zip(low, high, strict=True)):
+            raise ValueError("crop: its corners are in the wrong order")
+        crop = low, high
+    near = number_from_json(entries.get("near", 0.0), 0.0, FARTHEST, "near")
+    view, flat = bookmark_from_json(dict(camera)), camera.get("orthographic") is True
+    return Seen(
+        _path(entries.get("path"), folder), view, flat, crop, near, annotations_from_json(entries.get("marks", {}))
+    )
+
+
+def _compare(value: Any, folder: Path) -> tuple[Path, How] | None:
+    if value is None:
+        return None
+    entries = _object(value, "compare")
+    how = entries.get("how", "wipe")
+    if not isinstance(how, str) or how not in HOWS:
+        raise ValueError(f"compare: expected one of {', '.join(HOWS)}")
+    return _path(entries.get("path"), folder), how
+
+
+def _object(value: Any, what: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"expected {what}")
+    return value
+
+
+def _path(value: Any, folder: Path) -> Path:
+    if not isinstance(value, str) or not value or len(value) > 4096 or not value.isprintable():
+        raise ValueError("a pack's path: expected a name")
+    return folder / value
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else str(path)
+
+
+# Opening one
+
+
+def restore(app: App, session: Session) -> None:
+    """Opens what a session names, one pack after the other, the one that is shown last. What fails is a dialog, and the end."""
+    order = [*session.packs[1:], session.packs[0]]
+
+    def next_one(index: int) -> None:
+        app.open(order[index].path, then=lambda: arrived(index))
+
+    def arrived(index: int) -> None:
+        _apply(app, order[index])
+        if index + 1 < len(order):
+            next_one(index + 1)
+            return
+        if session.page:
+            app.interface.opens(session.page)
+        if session.compare is not None:
+            path, app.comparison.how = session.compare
+            app.open(path, other=True)
+
+    next_one(0)
+
+
+def _apply(app: App, seen: Seen) -> None:
+    assert app.scene is not None
+    place(app.scene.rig, seen.camera, orthographic=seen.orthographic)
+    app.set(crop=None if app.scene.rig.bounded else seen.crop, near=seen.near)
+    app.annotations.current = joined(app.annotations.current, seen.annotations)
+    app.touch()
+
+
+def place(rig: OrbitCamera, view: Bookmark, *, orthographic: bool) -> None:
+    """Puts a rig where a view is, at once."""
+    rig.held, rig.fov = None, view.fov
+    rig.table = replace(rig.table, up=view.up)
+    rig.orthographic = orthographic and not rig.bounded
+    rig.go(pose_of(view, rig.table), remember=False)
+    rig.shown = rig.goal
+
+
+def joined(own: Annotations, other: Annotations) -> Annotations:
+    """Marks of both; the scale is `own` where that says anything."""
+    scale = own.scale if own.scale != Scale() else other.scale
+    measurements = tuple(each for each in other.measurements if each not in own.measurements)
+    bookmarks = tuple(each for each in other.bookmarks if each not in own.bookmarks)
+    return Annotations(scale, own.measurements + measurements, own.bookmarks + bookmarks)
+
+
+# The one that was open last
+
+
+@dataclass
+class Sessions:
+    """file: of the last session; None where none is kept, as in scripts. last: what it held when the program began."""
+
+    file: Path | None = None
+    last: Session | None = None
+    _autosave: Autosave[Session | None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._autosave = Autosave(self._write, None, REST_S)
+
+    def begin(self, file: Path) -> None:
+        """Keeps the last session in `file` from now on, and offers what lies there. What is broken is not offered."""
+        self.file = file
+        try:
+            session = load_session(file)
+        except UserError:
+            return
+        self.last = session if session.packs[0].path.exists() else None
+
+    def open(self, app: App, file: Path) -> None:
+        """Opens a session. UserError where it is none."""
+        restore(app, load_session(file))
+
+    def open_last(self, app: App) -> None:
+        """Goes on where the program was left."""
+        if self.last is not None:
+            restore(app, self.last)
+
+    def save(self, app: App, file: Path) -> None:
+        """Writes what is open now. UserError where that is nothing, OSError where it cannot."""
+        session = session_of(app)
+        if session is None:
+            raise UserError("there is no pack to save a session of", remedy="open one, and wait until it is complete")
+        save_session(session, file)
+        app.messages.say(f"Saved {file}")
+
+    def tick(self, app: App) -> None:
+        """Time passes: what has not changed for a moment is written as the last session; not while packs are on their way."""
+        if self.file is not None and app.loading is None:
+            self._autosave.follow(session_of(app) or self._autosave.saved)
+
+    def finish(self, app: App) -> None:
+        """The program ends: what is open now is the last session."""
+        session = session_of(app) if self.file is not None else None
+        self._autosave.finish(session or self._autosave.saved)
+        self.file = None
+
+    def _write(self, session: Session | None) -> None:
+        if self.file is None or session is None:
+            return
+        try:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            save_session(session, self.file)
+        except OSError:  # it is a convenience: nobody is asked to do something about it
+            return

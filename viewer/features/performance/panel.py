@@ -1,0 +1,178 @@
+"""Performance page: frame times and their plots, memory, samples per ray."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui, implot
+
+from viewer.app.application import App
+from viewer.core import theme
+from viewer.core.theme import Fonts
+from viewer.core.widgets import card, coloured, figure, font, hint, label, px, switch, tip
+from viewer.features.performance.frame_stats import AVERAGED, KEPT, FrameStats
+from viewer.rendering.canvas import Canvas
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    summary, target = app.times.summary(), app.resolution.target_ms
+    with card("time", fonts, "Frame time"):
+        headline(app, fonts)
+        rolling(app.times, target, px(104))
+        figure("Frame to frame", f"{summary.mean:.1f} ms", fonts, dot=FRAME)
+        figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", fonts, dot=WALL)
+        gpu = canvas.picture_gpu_ms
+        figure("Whole picture, GPU clock", "not measured" if gpu is None else f"{gpu:.1f} ms", fonts, dot=GPU)
+        if canvas.clock_problem:
+            hint(f"{canvas.clock_problem}: its timer is not reliable.")
+        width, height = canvas.drawn_size
+        figure("Pixels drawn", f"{width} × {height}", fonts)
+        label("V-sync")
+        app.interface.v_sync = switch("v-sync", app.interface.v_sync)
+        tip("Limit the frame rate to that of the screen")
+    with card("spread", fonts, "Spread"):
+        histogram(app.times, target, px(96))
+        for name, value in (("Median", summary.median), ("95th percentile", summary.p95), ("Slowest", summary.slowest)):
+            figure(name, f"{value:.1f} ms", fonts)
+        hint(f"Of the last {len(app.times.frame_ms)} frames; the figures above are of the last {AVERAGED}.")
+    with card("rays", fonts, "Rays"):
+        _rays(app, fonts)
+    with card("card", fonts, "Graphics card"):
+        imgui.push_text_wrap_pos(0.0)
+        imgui.text_unformatted(canvas.card)
+        imgui.pop_text_wrap_pos()
+        for name, size in canvas.gpu_bytes_by_use.items():
+            figure(name, f"{size / 2**20:.0f} MiB", fonts)
+        figure("All textures", f"{canvas.gpu_bytes / 2**20:.0f} MiB", fonts)
+        if app.scene is not None:
+            pack = app.scene.pack
+            figure("Macroblocks", f"{int(pack.occupied.sum())} of {pack.occupied.size}", fonts)
+            figure("Block size", f"{pack.block_size}³ voxels", fonts)
+
+
+def _rays(app: App, fonts: Fonts) -> None:
+    label("Count at rest")
+    on = switch("rays", app.costs.enabled)
+    tip("Counts in a small picture of the view, once the camera rests")
+    if on != app.costs.enabled:
+        app.costs.switch(on)
+        app.touch()
+    costs = app.costs.costs
+    if not app.costs.enabled:
+        hint("How many voxels each ray fetches, and how often it jumps over empty space.")
+    elif costs is None:
+        hint("Waiting for the camera to rest.")
+    else:
+        figure("Samples, mean", f"{costs.samples_mean:.1f}", fonts)
+        figure("Samples, maximum", f"{costs.samples_max}", fonts)
+        figure("Jumps, mean", f"{costs.jumps_mean:.1f}", fonts)
+        figure("Jumps, maximum", f"{costs.jumps_max}", fonts)
+        width, height = costs.size
+        hint(f"Of the {100 * costs.hit:.0f} % of rays that hit something, counted at {width} × {height}.", theme.MUTED)
+
+
+# --- Frame times as ImPlot shows them ---
+
+FRAME, WALL, GPU = theme.ACCENT, theme.WARN, theme.BLUE
+BINS = 28
+
+
+def rolling(times: FrameStats, target_ms: float, height: float) -> None:
+    """The last frames, newest at the right: frame to frame, and of that the picture, by the wall's and the card's clock."""
+    frames = np.asarray(times.frame_ms, np.float64)
+    with _plot("##rolling", height, (-KEPT, 0.0), _top(times, target_ms), "") as shown:
+        if not shown or not len(frames):
+            return
+        _line("target", np.full(2, target_ms), theme.FAINT, 1.0, xs=np.array([-KEPT, 0.0]))
+        look = implot.Spec()
+        look.fill_color = theme.rgb(FRAME, 0.16)
+        implot.plot_shaded("frame shade", _ages(frames), frames, 0.0, look)
+        for name, values, colour in (("wall", times.scene_ms, WALL), ("gpu", times.gpu_ms, GPU)):
+            _line(name, np.asarray(values, np.float64), colour, 1.5)
+        _line("frame", frames, FRAME, 1.5)
+
+
+def histogram(times: FrameStats, target_ms: float, height: float) -> None:
+    """How often which time from frame to frame came up; slower ones than fit are in the last bar."""
+    values = np.asarray(times.frame_ms, np.float64)
+    top = _top(times, target_ms)
+    with _plot("##histogram", height, (0.0, top), 1.0, "%.0f ms") as shown:
+        if not shown:
+            return
+        counts, edges = np.histogram(np.minimum(values, top), bins=BINS, range=(0.0, top))
+        centres = 0.5 * (edges[1:] + edges[:-1])
+        look = implot.Spec()
+        look.fill_color = look.line_color = theme.rgb(FRAME)
+        implot.plot_bars("frames", centres, 0.92 * counts / max(int(counts.max()), 1), 0.85 * top / BINS, look)
+        _line("target", np.array([0.0, 1.0]), theme.FAINT, 1.0, xs=np.full(2, target_ms))
+
+
+def _top(times: FrameStats, target_ms: float) -> float:
+    """The longest time that is shown, ms: round, and beyond both the target and nearly all frames."""
+    slow = float(np.percentile(times.frame_ms, 98)) if times.frame_ms else 0.0
+    longest = max(1.5 * target_ms, 1.15 * slow)
+    step = 10.0 ** np.floor(np.log10(longest))
+    return float(next(step * m for m in (1, 2, 4, 8, 10) if step * m >= longest))
+
+
+@contextmanager
+def _plot(name: str, height: float, xs: tuple[float, float], top: float, x_format: str) -> Iterator[bool]:
+    """An empty plot over xs × 0 … top, with times (ms) at the left unless x has them. Nothing in it can be dragged.
+
+    Gives whether it is in view, and so to be filled.
+    """
+    colours = {
+        implot.Col_.plot_bg: theme.rgb(theme.BASE),
+        implot.Col_.frame_bg: theme.rgb(theme.CARD),
+        implot.Col_.plot_border: theme.rgb(theme.BASE),
+        implot.Col_.axis_text: theme.rgb(theme.MUTED),
+        implot.Col_.axis_grid: theme.rgb(theme.LINE),
+    }
+    for colour, value in colours.items():
+        implot.push_style_color(colour, value)
+    implot.push_style_var(implot.StyleVar_.plot_padding, ImVec2(0, px(4)))
+    implot.push_style_var(implot.StyleVar_.label_padding, ImVec2(px(4), px(4)))
+    bare, quiet = implot.AxisFlags_.no_decorations, implot.AxisFlags_.no_tick_marks | implot.AxisFlags_.no_label
+    with font(None, theme.SMALL - 1):
+        flags = implot.Flags_.canvas_only | implot.Flags_.no_inputs | implot.Flags_.no_frame
+        shown = implot.begin_plot(name, ImVec2(-1, height), flags)
+        if shown:
+            implot.setup_axes("", "", quiet if x_format else bare, bare if x_format else quiet)
+            axis = implot.ImAxis_.x1 if x_format else implot.ImAxis_.y1
+            implot.setup_axis_format(axis, x_format or "%.0f")
+            if x_format:  # none at the ends, where they would stick out
+                implot.setup_axis_ticks(axis, 0.25 * xs[1], 0.75 * xs[1], 3)
+            else:
+                implot.setup_axis_ticks(axis, 0.0, top, 3)
+            implot.setup_axes_limits(*xs, 0.0, top, imgui.Cond_.always)
+        yield shown
+        if shown:
+            implot.end_plot()
+    implot.pop_style_var(2)
+    implot.pop_style_color(len(colours))
+
+
+def _ages(values: Sequence[float] | np.ndarray) -> np.ndarray:
+    return np.arange(len(values), dtype=np.float64) - len(values) + 1
+
+
+def _line(name: str, values: np.ndarray, colour: str, width: float, xs: np.ndarray | None = None) -> None:
+    if len(values) == 0 or np.isnan(values).all():
+        return
+    look = implot.Spec()
+    look.line_color, look.line_weight = theme.rgb(colour), px(width)
+    implot.plot_line(name, _ages(values) if xs is None else xs.astype(np.float64), values, look)
+
+
+def headline(app: App, fonts: Fonts) -> None:
+    """The figures that matter: the mean time of a frame, and the frames per second that follow from it."""
+    summary = app.times.summary()
+    with font(fonts.bold, 26.0):
+        imgui.text_unformatted(f"{summary.mean:.1f}")
+    imgui.same_line(0, px(5))
+    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
+    with coloured(text=theme.MUTED):
+        imgui.text_unformatted(f"ms      {summary.fps:.0f} fps")

@@ -1,0 +1,302 @@
+"""Photographs page, and the cameras and pictures in the scene.
+
+What is near fades out, and nothing is drawn while a photograph is compared, so that the view stays free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core import theme
+from viewer.core.files import FileRequest, existing_folder
+from viewer.core.pose import FRUSTUM_EDGES, project
+from viewer.core.theme import Fonts
+from viewer.core.widgets import Box, card, coloured, font, hint, label, px, segments, switch, tip
+from viewer.features.comparison.panel import compare_controls
+from viewer.features.photographs.photographs import Photographs, Thumbnails
+from viewer.rendering.canvas import Canvas
+
+ROW, THUMBNAIL = 46.0, 54.0
+SMALLEST_LIST = 4.3  # rows
+FOLDER_HEIGHT, MORE_WORDS = 136.0, 32.0  # of what lies below the list; and where the photographs are elsewhere
+LOGARITHMIC = imgui.SliderFlags_.logarithmic
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    comparison, gallery = app.comparison, app.gallery
+    photographs = gallery.photographs
+    if photographs is None or not len(photographs):
+        with card("none", fonts, "Cameras"):
+            hint("This pack has no camera poses. Packs made by snerg-make have them.")
+        return
+    with card("cameras", fonts, "Cameras"):
+        label("Show in the scene")
+        on = switch("frusta", gallery.frusta)
+        if on != gallery.frusta:
+            gallery.frusta = on
+            app.touch()
+        if len(photographs.splits) > 1:
+            options = ["", *photographs.splits]
+            picked = segments("split", options, gallery.split_shown, {"": "all"})
+            if picked is not None:
+                gallery.split_shown, gallery.reveal = picked, True
+                app.touch()
+        if gallery.frusta and comparison.against != "photograph":
+            _look_of_frusta(app)
+    if comparison.against == "photograph":
+        compare_controls(app, fonts, "Compare with the photograph")
+    bottom = imgui.get_window_pos().y + imgui.get_window_height()
+    with card("list", fonts, _list_title(app)):
+        _list(app, canvas, photographs, bottom)
+    with card("folder", fonts, "Scene folder"):
+        hint(_where(photographs))
+        if gallery.thumbnails is not None and gallery.thumbnails.problem:
+            hint(gallery.thumbnails.problem, theme.WARN)
+        if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose…", ImVec2(-1, 0)):
+            start = existing_folder(photographs.folder) if photographs.folder else None
+            app.file_request = FileRequest("The folder of photographs", "folder", photographs.look_in, start=start)
+
+
+def _where(photographs: Photographs) -> str:
+    """Where the photographs come from, in words."""
+    if photographs.reachable:
+        return str(photographs.folder)
+    if photographs.any_pictures:
+        return "These copies came with the pack. Choose the folder of the scene to use its own files."
+    there = f" They were in {photographs.folder}." if photographs.folder else ""
+    return f"The photographs are not on this computer.{there} Choose their folder to see them here."
+
+
+def _look_of_frusta(app: App) -> None:
+    gallery = app.gallery
+    label("Size")
+    changed, value = imgui.slider_float("##size", 100 * gallery.frusta_size, 25.0, 400.0, "%.0f %%", LOGARITHMIC)
+    if changed:
+        gallery.frusta_size = value / 100
+        app.touch()
+    label("Opacity")
+    changed, value = imgui.slider_float("##opacity", 100 * gallery.frusta_opacity, 0.0, 100.0, "%.0f %%")
+    tip("Of the photographs in the scene; at 0 only their outlines are drawn")
+    if changed:
+        gallery.frusta_opacity = value / 100
+        app.touch()
+
+
+def _list_title(app: App) -> str:
+    visible, chosen = app.gallery.visible(), app.gallery.chosen
+    photographs = app.gallery.photographs
+    what = "photographs" if photographs is not None and photographs.any_pictures else "cameras"
+    return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} {what}"
+
+
+def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
+    """bottom: the page's lower edge, in window units."""
+    width = (imgui.get_content_region_avail().x - px(8)) / 2
+    if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Previous", ImVec2(width, 0)):
+        run(app, "last-photo")
+    tip("B")
+    imgui.same_line()
+    if imgui.button(f"Next  {fa.ICON_FA_ARROW_RIGHT}", ImVec2(width, 0)):
+        run(app, "next-photo")
+    tip("N")
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(4), px(4)))
+    imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(0, 0))
+    # As high as the page has room for, with the folder's card below it.
+    folder = FOLDER_HEIGHT if photographs.reachable else FOLDER_HEIGHT + MORE_WORDS
+    room = bottom - imgui.get_cursor_screen_pos().y - px(folder)
+    height = max(room, px(SMALLEST_LIST * ROW))
+    with coloured(child_bg=theme.BASE):
+        imgui.begin_child("##shots", ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
+    visible = app.gallery.visible()
+    _reveal(app, visible)
+    clipper = imgui.ListClipper()
+    clipper.begin(len(visible), px(ROW))
+    while clipper.step():
+        for place in range(clipper.display_start, clipper.display_end):
+            _row(app, canvas, photographs, visible[place])
+    imgui.end_child()
+    imgui.pop_style_var(2)
+
+
+def _reveal(app: App, visible: list[int]) -> None:
+    """Scrolls to the photograph that was chosen just now, unless all of it is in view already."""
+    gallery = app.gallery
+    if not gallery.reveal or gallery.chosen not in visible:
+        return
+    gallery.reveal = False
+    top = visible.index(gallery.chosen) * px(ROW)
+    height, scroll = imgui.get_window_height() - px(8), imgui.get_scroll_y()
+    if not scroll <= top <= scroll + height - px(ROW):
+        imgui.set_scroll_y(max(0.0, top - 0.5 * (height - px(ROW))))
+        app.touch()
+
+
+def _row(app: App, canvas: Canvas, photographs: Photographs, index: int) -> None:
+    shot, at = photographs.shots[index], imgui.get_cursor_screen_pos()
+    width = imgui.get_content_region_avail().x
+    if imgui.selectable(f"##{index}", index == app.gallery.chosen, 0, ImVec2(width, px(ROW)))[0]:
+        stand_in(app, index)
+    draw = imgui.get_window_draw_list()
+    low, high = ImVec2(at.x + px(5), at.y + px(3)), ImVec2(at.x + px(5 + THUMBNAIL), at.y + px(ROW - 3))
+    if not photographs.any_pictures:  # nothing is coming, nor is room kept for it
+        high = ImVec2(at.x + px(2), high.y)
+    elif not picture(canvas, app.gallery.thumbnails, index, low, high):
+        draw.add_rect_filled(low, high, theme.packed(theme.CARD), px(4))
+        icon = fa.ICON_FA_CAMERA
+        size = imgui.calc_text_size(icon)
+        middle = ImVec2(0.5 * (low.x + high.x - size.x), 0.5 * (low.y + high.y - size.y))
+        draw.add_text(middle, theme.packed(theme.FAINT), icon)
+    y = at.y + 0.5 * (px(ROW) - imgui.get_text_line_height())
+    draw.add_text(ImVec2(high.x + px(12), y), theme.packed(theme.TEXT), shot.name)
+    colour = theme.packed(theme.ACCENT_DEEP if shot.split == "train" else theme.WARN)
+    draw.add_circle_filled(ImVec2(at.x + width - px(14), at.y + 0.5 * px(ROW)), px(4), colour)
+
+
+def stand_in(app: App, index: int) -> None:
+    """Stands in a photograph; what cannot be read is a dialog."""
+    try:
+        app.gallery.stand_in(app, index)
+    except Exception as error:  # the camera is there all the same
+        app.messages.fail("The photograph cannot be shown", error)
+
+
+# --- In the scene ---
+DEPTH, DEPTH_BOUNDED = 0.16, 0.06  # length of a frustum: of the scene's radius, and in NDC units
+FADES_FROM, FADES_TO = 0.22, 0.45  # of the viewport's shorter side: a frustum larger than this is in the way
+PICK_RADIUS = 9.0
+PREVIEW = 150.0
+
+
+@dataclass(frozen=True)
+class _Frustum:
+    """Where one is drawn: float [5, 2] eye and corners in window units, its distance, and how much of it is seen."""
+
+    index: int
+    points: np.ndarray
+    distance: float
+    strength: float
+
+
+def draw(app: App, canvas: Canvas, box: Box) -> int | None:
+    """Draws them; the one under the mouse, if any."""
+    gallery = app.gallery
+    if not gallery.frusta or gallery.photographs is None or app.scene is None:
+        return None
+    if app.comparison.against == "photograph":
+        return None
+    placed = _placed(app, box)
+    mouse = np.array([imgui.get_io().mouse_pos.x, imgui.get_io().mouse_pos.y])
+    under = next((f for f in reversed(placed) if f.strength > 0.2 and _hit(f.points, mouse)), None)
+    if not imgui.is_item_hovered():
+        under = None
+    sheet = canvas.sheet(gallery.thumbnails) if gallery.thumbnails is not None else None
+    chosen = next((f for f in placed if f.index == gallery.chosen), None)
+    for frustum in placed:
+        if frustum is not under and frustum is not chosen:
+            _frustum(app, frustum, sheet, None)
+    if chosen is not None and chosen is not under:
+        _frustum(app, chosen, sheet, theme.ACCENT)
+    if under is not None:
+        _frustum(app, under, sheet, theme.TEXT)
+        _tooltip(app, under.index, sheet)
+    return under.index if under is not None else None
+
+
+def _placed(app: App, box: Box) -> list[_Frustum]:
+    """What of the frusta is to be seen, the farthest first."""
+    camera, gallery, scene = app.viewport.camera, app.gallery, app.scene
+    assert camera is not None and gallery.photographs is not None and scene is not None
+    visible = gallery.visible()
+    depth = gallery.frusta_size * (DEPTH_BOUNDED if scene.rig.bounded else DEPTH * scene.rig.radius)
+    points = gallery.photographs.frusta(depth)[visible]
+    pixels, before = project(camera, points.reshape(-1, 3))
+    places = pixels.reshape(-1, 5, 2) / app.viewport.pixels_per_unit + np.array(box[:2])
+    before = before.reshape(-1, 5).all(axis=1)
+    extent = np.ptp(places, axis=1).max(axis=1) / min(box[2], box[3])
+    strength = np.clip((FADES_TO - extent) / (FADES_TO - FADES_FROM), 0.0, 1.0) * before
+    distances = np.linalg.norm(points.mean(axis=1) - camera.position, axis=1)
+    return [
+        _Frustum(visible[i], places[i], float(distances[i]), float(strength[i]))
+        for i in np.argsort(-distances)
+        if strength[i] > 0.01
+    ]
+
+
+def _hit(points: np.ndarray, mouse: np.ndarray) -> bool:
+    """Whether the mouse is on the picture's quadrangle, or at the eye."""
+    corners = points[1:]
+    sides = np.roll(corners, -1, axis=0) - corners
+    to_mouse = mouse - corners
+    turns = sides[:, 0] * to_mouse[:, 1] - sides[:, 1] * to_mouse[:, 0]
+    inside = bool((turns > 0).all() or (turns < 0).all())
+    return inside or float(np.hypot(*(points[0] - mouse))) < px(PICK_RADIUS)
+
+
+def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None) -> None:
+    gallery, draw_list = app.gallery, imgui.get_window_draw_list()
+    assert gallery.photographs is not None
+    corners = [ImVec2(float(x), float(y)) for x, y in frustum.points]
+    opacity = frustum.strength * (1.0 if outline else gallery.frusta_opacity)
+    uv = _uv(gallery.thumbnails, frustum.index)
+    if sheet is not None and uv is not None and opacity > 0.01:
+        (u0, v0), (u1, v1) = uv
+        _, top_left, top_right, low_right, low_left = corners
+        uvs = ImVec2(u0, v0), ImVec2(u1, v0), ImVec2(u1, v1), ImVec2(u0, v1)
+        texture, tint = imgui.ImTextureRef(sheet), theme.packed("#ffffff", opacity)
+        draw_list.add_image_quad(
+            texture, top_left, top_right, low_right, low_left, uvs[0], uvs[1], uvs[2], uvs[3], tint
+        )
+    train = gallery.photographs.shots[frustum.index].split == "train"
+    code = outline or (theme.ACCENT_DEEP if train else theme.WARN)
+    colour = theme.packed(code, frustum.strength * (1.0 if outline else 0.8))
+    if outline:  # on a dark line, to be seen on any background
+        for a, b in FRUSTUM_EDGES:
+            draw_list.add_line(corners[a], corners[b], theme.packed(theme.BASE, 0.7 * frustum.strength), px(4.5))
+    for a, b in FRUSTUM_EDGES:
+        draw_list.add_line(corners[a], corners[b], colour, px(2.0 if outline else 1.2))
+
+
+def _uv(thumbnails: Thumbnails | None, index: int) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Where a shot's picture lies on the sheet, 0 … 1; None where it has none (yet)."""
+    place = thumbnails.boxes.get(index) if thumbnails is not None else None
+    if thumbnails is None or place is None:
+        return None
+    height, width = thumbnails.sheet.shape[:2]
+    x, y, w, h = place
+    return (x / width, y / height), ((x + w) / width, (y + h) / height)
+
+
+def picture(canvas: Canvas, thumbnails: Thumbnails | None, index: int, low: ImVec2, high: ImVec2) -> bool:
+    """Draws a shot's thumbnail in the middle of a rectangle (window units); False where there is none (yet)."""
+    uv = _uv(thumbnails, index)
+    if thumbnails is None or uv is None:
+        return False
+    _, _, w, h = thumbnails.boxes[index]
+    scale = min((high.x - low.x) / w, (high.y - low.y) / h)
+    x, y = 0.5 * (low.x + high.x - scale * w), 0.5 * (low.y + high.y - scale * h)
+    corner = ImVec2(x + scale * w, y + scale * h)
+    texture = imgui.ImTextureRef(canvas.sheet(thumbnails))
+    imgui.get_window_draw_list().add_image_rounded(texture, ImVec2(x, y), corner, *uv, theme.packed("#ffffff"), px(4))
+    return True
+
+
+def _tooltip(app: App, index: int, sheet: int | None) -> None:
+    assert app.gallery.photographs is not None
+    shot, uv = app.gallery.photographs.shots[index], _uv(app.gallery.thumbnails, index)
+    if not imgui.begin_tooltip():
+        return
+    if sheet is not None and uv is not None and app.gallery.thumbnails is not None:
+        _, _, w, h = app.gallery.thumbnails.boxes[index]
+        scale = px(PREVIEW) / max(w, h)
+        imgui.image(imgui.ImTextureRef(sheet), ImVec2(scale * w, scale * h), *uv)
+    imgui.text_unformatted(shot.name)
+    with font(None, theme.SMALL), coloured(text=theme.MUTED):
+        imgui.text_unformatted(f"{shot.split}   click to go there")
+    imgui.end_tooltip()

@@ -1,0 +1,350 @@
+"""Photographs that the open pack was made from: their cameras, pixels and thumbnails, and the state of their page.
+
+Poses come with the pack (metadata "cameras"); pictures are read from the scene folder that its provenance names, or
+from another that the user chooses. Where there is none on this computer, the small copies that a pack may bring along
+stand in for them (scenepack.pictures).
+
+Notation: the sheet is cut into square cells of `cell` pixels, `columns` a row; shot i has cell i. The cell is as large as
+lets the whole sheet fit into LARGEST_SHEET pixels a side, so that memory is bounded whatever the number of photographs.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image
+
+from console import UserError
+from console.streams import one_line
+from scenepack.pack import Pack
+from scenepack.pictures import has_picture, picture_of
+from training.scenes import load_scene
+from training.scenes.pictures import PictureLoader
+from training.scenes.scene import Camera, Photograph
+from viewer.core.pose import frustum_points
+from viewer.core.tasks import Task
+from viewer.rendering.camera import ViewCamera
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+FARTHEST = 1e9  # from the origin, and any other number of a camera: what is beyond makes no sense
+LONGEST_NAME = 200  # characters
+LONGEST_SIDE = 1600  # pixels; larger photographs are shown smaller
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One photograph's camera. camera: in the training frame. view: the same as the renderer wants it. entry: all that
+    the pack says of it.
+    """
+
+    name: str
+    split: str
+    camera: Camera
+    view: ViewCamera
+    entry: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def has_copy(self) -> bool:
+        """Whether the pack brings a small copy of it along."""
+        return has_picture(self.entry)
+
+
+class Photographs:
+    """Shots of a pack. folder: the scene's, None where it is not known. reachable: whether that is on this computer."""
+
+    def __init__(self, pack: Pack) -> None:
+        self.shots = shots_of(pack)
+        provenance = pack.metadata.get("provenance")
+        scene = provenance.get("scene") if isinstance(provenance, dict) else None
+        self.folder = Path(scene) if isinstance(scene, str) and Path(scene).is_absolute() else None
+        self.reachable = self.folder is not None and self.folder.is_dir()
+        self._copies = any(shot.has_copy for shot in self.shots)
+        self.background: tuple[float, ...] = (1.0, 1.0, 1.0)
+        spherify, masks = (
+            isinstance(provenance, dict) and provenance.get(key) is True for key in ("spherify", "masks")
+        )
+        self._options = {"spherify": spherify or None, "masks": masks}  # as the pack's maker read them
+        self._found: dict[tuple[str, str], Photograph] | None = None
+        self._reading = threading.Lock()  # thumbnails are read in a thread of their own
+        self._cache: dict[int, np.ndarray] = {}
+        self._frusta: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.shots)
+
+    @property
+    def found(self) -> bool:
+        """Whether the scene's folder was read already, and is one."""
+        return self._found is not None
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """Names of the splits, in the order of the shots."""
+        return tuple(dict.fromkeys(shot.split for shot in self.shots))
+
+    def named(self, name: str) -> int:
+        """The shot of that name, or the first that begins or ends so. UserError where there is none."""
+        for fits in (str.__eq__, str.startswith, str.endswith):
+            for index, shot in enumerate(self.shots):
+                if fits(shot.name, name):
+                    return index
+        known = ", ".join(shot.name for shot in self.shots[:3])
+        raise UserError("the pack has no such photograph", expected=f"one such as {known}", found=repr(name))
+
+    def frusta(self, depth: float) -> np.ndarray:
+        """float64 [n, 5, 3]: eye and corners of each shot's picture at `depth` (grid units); see FRUSTUM_EDGES."""
+        if self._frusta is None:
+            self._frusta = np.array([frustum_points(shot.view, 1.0) for shot in self.shots]).reshape(-1, 5, 3)
+        eyes = self._frusta[:, :1]
+        return eyes + depth * (self._frusta - eyes)
+
+    def look_in(self, folder: Path) -> None:
+        """Takes pictures from another folder from now on. UserError where it is no scene."""
+        with self._reading:
+            self._read(folder)
+            self.folder, self.reachable, self._cache = folder, True, {}
+
+    def has_picture(self, index: int) -> bool:
+        """Whether there is something to show of a shot: its file, as far as is known, or a small copy."""
+        return self.reachable or self.shots[index].has_copy
+
+    @property
+    def any_pictures(self) -> bool:
+        """Whether there is something to show of any."""
+        return self.reachable or self._copies
+
+    def copy(self, index: int) -> np.ndarray:
+        """The small copy of a shot, uint8 [h, w, 3]. UserError where there is none."""
+        picture = picture_of(self.shots[index].entry)
+        if picture is None:
+            raise UserError("the pack's copy of the photograph cannot be decoded", where=self.shots[index].name)
+        return picture
+
+    def photograph(self, index: int) -> Photograph:
+        """The file behind a shot. UserError where it is not there; any thread may ask."""
+        shot = self.shots[index]
+        with self._reading:
+            if self._found is None:
+                if self.folder is None:
+                    raise UserError("the pack does not say where its photographs are", remedy="choose the scene folder")
+                self._read(self.folder)
+            assert self._found is not None
+            photograph = self._found.get((shot.split, shot.name)) or self._found.get(("", shot.name))
+        if photograph is None:
+            raise UserError("has no such photograph", where=self.folder, expected=f"{shot.split} {shot.name}")
+        return photograph
+
+    def pixels(self, index: int) -> np.ndarray:
+        """The photograph over the scene's background, uint8 [h, w, 3], at most LONGEST_SIDE; the small copy of one that is not on
+        this computer. UserError where there is neither.
+        """
+        if index not in self._cache:
+            picture = Image.fromarray(self._pixels(index))
+            picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
+            if len(self._cache) > 32:
+                self._cache.pop(next(iter(self._cache)))
+            self._cache[index] = np.asarray(picture)
+        return self._cache[index]
+
+    def _pixels(self, index: int) -> np.ndarray:
+        if not self.reachable and self.shots[index].has_copy:
+            return self.copy(index)
+        rgba = self.photograph(index).load()
+        rgb = rgba[..., :3] * rgba[..., 3:] + np.asarray(self.background) * (1 - rgba[..., 3:])
+        return np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8)
+
+    def _read(self, folder: Path) -> None:
+        scene = load_scene(folder, **self._options)
+        found: dict[tuple[str, str], Photograph] = {}
+        for split, photographs in scene.splits.items():
+            for photograph in photographs:
+                name = _shown(photograph.name)
+                found[(split, name)] = photograph
+                found.setdefault(("", name), photograph)
+        self.background, self._found = scene.background, found
+
+
+def shots_of(pack: Pack) -> list[Shot]:
+    """The cameras in the pack's metadata; entries that make no sense are left out."""
+    entries = pack.metadata.get("cameras")
+    shots = []
+    for entry in entries if isinstance(entries, list) else []:
+        camera = _camera(entry)
+        if camera is not None:
+            view = ViewCamera.from_scene_camera(pack, camera)
+            shots.append(
+                Shot(_shown(entry.get("name", len(shots))), _shown(entry.get("split", "train")), camera, view, entry)
+            )
+    return shots
+
+
+def _shown(name: Any) -> str:
+    """A name from a pack or a scene, fit for labels."""
+    return one_line(str(name), LONGEST_NAME)
+
+
+def _camera(entry: Any) -> Camera | None:
+    try:
+        matrix = np.asarray(entry["world_T_camera"], np.float64)
+        numbers = [float(entry[name]) for name in ("fx", "fy", "cx", "cy")]
+        width, height = int(entry["width"]), int(entry["height"])
+        distortion = tuple(float(v) for v in entry.get("distortion") or (0.0,) * 4)
+        good = matrix.shape == (4, 4) and (np.abs(matrix) < FARTHEST).all() and abs(np.linalg.det(matrix)) > 1e-9
+        good = good and (np.abs([*numbers, *distortion]) < FARTHEST).all() and min(numbers[:2]) > 1 / FARTHEST
+        if not (good and 0 < width < FARTHEST and 0 < height < FARTHEST):
+            return None
+        k1, k2, p1, p2 = distortion
+        return Camera(matrix, width, height, *numbers, distortion=(k1, k2, p1, p2))
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    """Peak signal-to-noise ratio (dB) of two pictures of one shape, uint8; infinite where they are the same."""
+    error = float(np.mean((a.astype(np.float64) - b.astype(np.float64)) ** 2)) / 255.0**2
+    return float("inf") if error == 0 else float(-10.0 * np.log10(error))
+
+
+# --- All photographs of a pack ---
+
+LARGEST_SHEET = 2048  # pixels a side: 12 MiB in memory
+CELLS = (128, 64, 32)  # powers of two, so that the sheet can be halved for drawing without mixing neighbours
+Box = tuple[int, int, int, int]
+
+
+class Thumbnails(Task[None]):
+    """Small pictures of `photographs`, from the moment this is made. Poll `news` from the main thread.
+
+    sheet: uint8 [rows, columns, 3]. boxes: by shot, x, y, width, height of its picture on the sheet; a shot appears here
+    once its pixels are there. problem: why the first that failed did.
+    """
+
+    def __init__(self, photographs: Photographs) -> None:
+        self.photographs, self.folder = photographs, photographs.folder
+        count = len(photographs)
+        self.cell = next((cell for cell in CELLS if (LARGEST_SHEET // cell) ** 2 >= count), CELLS[-1])
+        self.columns = LARGEST_SHEET // self.cell
+        self.shown = min(count, self.columns**2)  # later ones get no picture
+        rows = max(1, ceil(self.shown / self.columns))
+        self.sheet = np.zeros((rows * self.cell, min(self.columns, max(count, 1)) * self.cell, 3), np.uint8)
+        self.boxes: dict[int, Box] = {}
+        self.problem = ""
+        self._cancelled = False
+        super().__init__(self._read)
+
+    def state(self) -> object:
+        return len(self.boxes)
+
+    def cancel(self) -> None:
+        """Gives up at the next photograph."""
+        self._cancelled = True
+
+    def _read(self) -> None:
+        for index in range(self.shown):
+            if self._cancelled:
+                return
+            try:
+                picture = self._small(index)
+            except Exception as error:  # one photograph that is gone or broken leaves its cell empty
+                self.problem = self.problem or (str(error) if isinstance(error, UserError) else "it cannot be read")
+                if self.photographs.reachable and not self.photographs.found:
+                    return  # the scene cannot be read, nor could the others
+                continue
+            height, width = picture.shape[:2]
+            x, y = index % self.columns * self.cell, index // self.columns * self.cell
+            self.sheet[y : y + height, x : x + width] = picture
+            self.boxes[index] = (x, y, width, height)
+
+    def _small(self, index: int) -> np.ndarray:
+        """uint8 [h, w, 3], over the scene's background, at most `cell` pixels a side."""
+        if not self.photographs.reachable:
+            picture = Image.fromarray(self.photographs.copy(index))
+            picture.thumbnail((self.cell, self.cell), Image.Resampling.BOX)
+            return np.asarray(picture)
+        photograph = self.photographs.photograph(index)
+        if isinstance(photograph.load, PictureLoader):
+            picture = photograph.load.thumbnail(self.cell)
+        else:
+            picture = Image.fromarray(np.round(255 * photograph.load()).astype(np.uint8))
+            picture.thumbnail((self.cell, self.cell), Image.Resampling.BOX)
+        colour = tuple(round(255 * v) for v in self.photographs.background)
+        behind = Image.new("RGBA", picture.size, (*colour, 255))
+        return np.asarray(Image.alpha_composite(behind, picture.convert("RGBA")).convert("RGB"))
+
+
+# --- Gallery ---
+
+
+@dataclass
+class Gallery:
+    """The state of the photographs page.
+
+    photographs: of the open pack. chosen: index into their shots, of the one chosen last; it stays chosen when the camera
+    moves away. reveal: the list has yet to scroll to it. split_shown: only shots of this split are listed; "" is all.
+    frusta: they are drawn in the scene. frusta_size: over the usual one. frusta_opacity: 0 … 1, of the pictures in them.
+    """
+
+    photographs: Photographs | None = None
+    chosen: int | None = None
+    reveal: bool = False
+    split_shown: str = ""
+    thumbnails: Thumbnails | None = None
+    frusta: bool = False
+    frusta_size: float = 1.0
+    frusta_opacity: float = 0.9
+
+    def scene_changed(self, pack: Pack) -> None:
+        """Takes over the photographs of another pack."""
+        self.photographs = Photographs(pack)
+        self.chosen, self.frusta, self.split_shown = None, False, ""
+
+    def visible(self) -> list[int]:
+        """The shots of the split that is shown."""
+        shots = self.photographs.shots if self.photographs is not None else []
+        return [index for index, shot in enumerate(shots) if self.split_shown in ("", shot.split)]
+
+    def stand_in(self, app: App, index: int) -> None:
+        """Moves the camera to a photograph's pose and compares with the photograph if it can be read."""
+        if app.scene is None or self.photographs is None:
+            return
+        shot = self.photographs.shots[index]
+        app.scene.rig.hold(shot.view, remember=True)
+        if self.split_shown not in ("", shot.split):
+            self.split_shown = ""
+        self.chosen, self.reveal = index, True
+        app.comparison.stop()
+        app.touch()
+        if self.photographs.has_picture(index):  # else its place is all there is to see
+            app.comparison.with_photograph(self.photographs.pixels(index))
+
+    def step(self, app: App, by: int) -> None:
+        """Chooses the next listed photograph, or the previous one."""
+        visible = self.visible()
+        if not visible:
+            return
+        first = 0 if by > 0 else -1
+        place = visible.index(self.chosen) + by if self.chosen in visible else first
+        self.stand_in(app, visible[place % len(visible)])
+
+    def tick(self, app: App) -> None:
+        """Reads thumbnails while they are visible and redraws when they arrive."""
+        thumbnails, photographs = self.thumbnails, self.photographs
+        if thumbnails is not None:
+            gone = app.scene is None or thumbnails.photographs is not photographs
+            if gone or thumbnails.folder != thumbnails.photographs.folder:
+                thumbnails.cancel()
+                self.thumbnails = thumbnails = None
+        if thumbnails is None:
+            wanted = self.frusta or app.interface.shows("photographs")
+            if wanted and app.scene is not None and photographs is not None and photographs.any_pictures:
+                self.thumbnails = Thumbnails(photographs)
+        elif thumbnails.news():
+            app.touch(1)

@@ -1,0 +1,82 @@
+"""Settings page and log page."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from viewer.app.application import App
+from viewer.app.commands import COMMANDS
+from viewer.core import theme
+from viewer.core.input import GAMEPAD_BUTTONS, MOUSE_BUTTONS
+from viewer.core.state import SCALES
+from viewer.core.theme import THEMES, Fonts
+from viewer.core.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch
+from viewer.rendering.canvas import Canvas
+
+STICKS = (
+    ("Left stick", "slide; move while flying"),
+    ("Right stick", "turn; look"),
+    ("Triggers", "away, closer; down, up"),
+)
+CAP = (("Push", "slide, closer"), ("Tilt, turn", "turn the scene"))
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page."""
+    interface = app.interface
+    with card("look", fonts, "Look"):
+        label("Theme")
+        picked = segments("theme", THEMES, interface.theme, {theme: theme.capitalize() for theme in THEMES})
+        if picked:
+            app.set_theme(picked)
+        label("Interface")
+        titles = {str(scale): f"{100 * scale:.0f} %" for scale in (*SCALES, interface.scale)}
+        picked = choice("scale", [str(scale) for scale in SCALES], str(interface.scale), titles)
+        if picked:
+            interface.scale = float(picked)
+            app.touch()
+        hint("Ctrl+Plus, Ctrl+Minus and Ctrl+0 do the same.")
+        label("Axes")
+        interface.axes_shown = switch("axes", interface.axes_shown)
+    with card("controllers", fonts, "Gamepad and 3D mouse"):
+        usable = [state for state in app.controllers.states if state.usable]
+        for state in usable:
+            figure(state.name, "gamepad" if state.gamepad else "3D mouse", fonts)
+        if not usable:
+            hint("None is connected. Gamepads and SpaceMouse devices are found when they are plugged in.")
+        label("Dead zone")
+        changed, value = imgui.slider_float("##dead zone", 100 * app.controllers.dead_zone, 0.0, 50.0, "%.0f %%")
+        if changed:
+            app.controllers.dead_zone = 0.01 * value
+        for rows, buttons, shown in (
+            (STICKS, GAMEPAD_BUTTONS, any(state.gamepad for state in usable)),
+            (CAP, MOUSE_BUTTONS, any(state.mouse for state in usable)),
+        ):
+            if shown:
+                for name, what in rows:
+                    figure(name, what, fonts)
+                for name, command in buttons.values():
+                    figure(name.capitalize(), COMMANDS[command].title, fonts)
+
+
+# --- What the program said ---
+
+COLOURS = {"info": theme.TEXT, "warning": theme.WARN, "error": theme.BAD}
+
+
+def show_log(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    """Draws the page, newest line first."""
+    lines = list(app.messages.lines)
+    if not lines:
+        hint("No messages yet.")
+        return
+    if imgui.button("Copy all", ImVec2(-1, 0)):
+        app.clipboard.set("\n".join(f"{line.clock} {line.level}: {line.text}" for line in lines))
+    for line in reversed(lines):
+        imgui.dummy(ImVec2(0, px(1)))
+        with font(fonts.mono, theme.SMALL), coloured(text=theme.FAINT):
+            imgui.text_unformatted(line.clock)
+        imgui.push_text_wrap_pos(0.0)
+        with font(None, theme.SMALL + 1), coloured(text=COLOURS[line.level]):
+            imgui.text_unformatted(line.text)
+        imgui.pop_text_wrap_pos()

@@ -1,0 +1,338 @@
+"""Preferences: recent packs and settings in one JSON file, applied at the start and saved while the program runs.
+
+The plain background goes through the view MLP, which knows only the one that it was trained with; a backdrop does not.
+
+A file that is missing, broken or from another version is no error: values that make no sense keep their defaults. Several
+viewers may be open at once: each writes only what changed in it, and the list of recent packs holds those of all.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import platformdirs
+
+from console import not_written
+from console.atomic import write_file
+from console.json_text import read_json_file
+from viewer.core.tasks import Task
+from viewer.rendering.settings import Backdrop
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+PLAIN = "plain"
+STYLES = ("gradient", "checker")
+TRAINED = (1.0, 1.0, 1.0)  # the background that packs are trained with, which a pack does not say
+GREYS: dict[tuple[str, str], tuple[float, float]] = {  # above and below, or of the squares
+    ("gradient", "dark"): (0.58, 0.38),
+    ("gradient", "light"): (0.95, 0.74),
+    ("checker", "dark"): (0.46, 0.38),
+    ("checker", "light"): (0.86, 0.74),
+}
+TINT = (0.94, 1.0, 1.07)  # a little blue, as the panels are
+
+
+def backdrop(style: str, theme: str) -> Backdrop | None:
+    """The backdrop of a style in a theme; None for a plain background, and for what is not known."""
+    greys = GREYS.get((style, theme)) or GREYS.get((style, "dark"))
+    if greys is None:
+        return None
+    first, second = (tuple(min(grey * tint, 1.0) for tint in TINT) for grey in greys)
+    return Backdrop("checker" if style == "checker" else "gradient", first, second)  # type: ignore[arg-type]
+
+
+# --- Preferences ---
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
+
+MOST_RECENT = 8
+LOCK_PATIENCE_S = 2.0
+WHITE = (1.0, 1.0, 1.0)
+LARGEST = 1 << 16  # units of the screen
+CHECK_EVERY_S = 0.4
+LONGEST_UNSAVED_S = 3.0  # for what keeps changing, such as an edge that is dragged
+
+
+def default_file() -> Path:
+    """Where the file lies on this machine."""
+    return platformdirs.user_config_path("snerg", appauthor=False) / "viewer.json"
+
+
+@dataclass
+class Preferences:
+    """What is kept from one start to the next. Fields without a comment are those of Interface and DynamicResolution."""
+
+    window: tuple[int, int] = (1280, 800)  # width, height, screen units
+    page: str = "view"
+    moved: list[str] = field(default_factory=list)
+    layout: str = ""
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)  # sRGB, 0 … 1
+    target_fps: float = 30.0
+    dynamic_resolution: bool = True
+    rest_scale: float = 1.0
+    theme: str = "dark"
+    interface_scale: float = 1.0
+    backdrop: str = "gradient"  # "plain" or one of viewer.features.preferences.preferences.STYLES
+    axes_shown: bool = True
+    surroundings: bool = True  # see RenderSettings
+    dead_zone: float = 0.15  # of controllers, 0 … 1
+    recent: list[str] = field(default_factory=list)  # paths, the last opened first
+
+    def opened(self, path: Path) -> None:
+        """Puts a pack first among the recent ones."""
+        self.recent = merged_recent([str(Path(path).resolve())], self.recent)
+
+    def recent_packs(self) -> list[Path]:
+        """The recent packs that still exist."""
+        return [
+            Path(name) for name in self.recent if os.path.exists(name)
+        ]  # Path.exists raises where a name is too long
+
+
+def load(file: Path) -> Preferences:
+    """The preferences in `file`, with defaults for what is missing or makes no sense."""
+    values = _read(file)
+    found = Preferences()
+    for entry in fields(Preferences):
+        if entry.name in values:
+            value = _like(values[entry.name], getattr(found, entry.name))
+            if value is not None:
+                setattr(found, entry.name, value)
+    found.target_fps = min(max(found.target_fps, 5.0), 240.0)
+    found.rest_scale = min(max(found.rest_scale, 0.1), 1.0)
+    found.interface_scale = min(max(found.interface_scale, 0.75), 2.0)
+    found.dead_zone = min(max(found.dead_zone, 0.0), 0.5)
+    if "backdrop" not in values and found.background != WHITE:
+        found.backdrop = "plain"  # a colour was chosen before there were others
+    return found
+
+
+def save(preferences: Preferences, file: Path, before: Preferences | None = None) -> str | None:
+    """Writes a new file and renames it. Returns what went wrong, or None.
+
+    before: what this program last read or wrote. Only what differs from it is changed, because another viewer may have
+    written since. `preferences.recent` becomes the merged list.
+    """
+    try:
+        file = file.resolve()  # what a link leads to
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with _locked(file):
+            there, wanted = _read(file), asdict(preferences)
+            if before is not None and there:
+                old = asdict(before)
+                opened = opened_since(before.recent, preferences.recent)
+                others = _like(there.get("recent"), []) or []
+                wanted["recent"] = merged_recent(opened, others)
+                wanted = {name: value for name, value in wanted.items() if value != old[name]}
+            write_file(file, json.dumps({**there, **wanted}, indent=1))
+        preferences.recent = list(wanted.get("recent", preferences.recent))
+    except OSError as error:
+        words, remedy = not_written(error)
+        return f"settings are not saved: {file.parent}: {words}; {remedy}"
+    return None
+
+
+def opened_since(before: list[str], after: list[str]) -> list[str]:
+    """The packs at the head of `after` that were opened since `before` was the list."""
+    tails = (after[i:] for i in range(len(after) + 1))
+    rest = next(tail for tail in tails if tail == [name for name in before if name in tail])
+    return after[: len(after) - len(rest)]
+
+
+def merged_recent(opened: list[str], others: list[str]) -> list[str]:
+    """`others` with the packs just `opened` first."""
+    return [*opened, *(name for name in others if name not in opened)][:MOST_RECENT]
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """The content of the file; empty if there is none or it is not valid."""
+    try:
+        values = read_json_file(file)
+    except (OSError, ValueError):
+        return {}
+    return values if isinstance(values, dict) else {}
+
+
+@contextmanager
+def _locked(file: Path) -> Iterator[None]:
+    """Holds a lock against other viewers; goes on without it after LOCK_PATIENCE_S, or where there are no locks."""
+    if fcntl is not None:
+        handle = os.open(file.parent, os.O_RDONLY)  # the folder: the file itself is another one after each save
+    else:
+        handle = os.open(file.with_name(f"{file.name}.lock"), os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        end = time.monotonic() + LOCK_PATIENCE_S
+        while not _lock(handle) and time.monotonic() < end:
+            time.sleep(0.02)
+        yield
+    finally:
+        os.close(handle)  # which ends the lock
+
+
+def _lock(handle: int) -> bool:
+    """Takes the lock; False if another process has it. True also on file systems without locks."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        elif sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _like(value: Any, default: Any) -> Any:
+    """`value` if it is of the kind of `default`, else None."""
+    if isinstance(default, bool | str):
+        return value if isinstance(value, type(default)) else None
+    if isinstance(default, float):
+        return float(value) if _is_number(value) else None
+    if isinstance(default, list):
+        good = isinstance(value, list) and all(isinstance(item, str) for item in value)
+        return value[:MOST_RECENT] if good else None
+    kind = type(default[0])
+    good = (
+        isinstance(value, list)
+        and len(value) == len(default)
+        and all(_is_number(v) and 0 <= v <= LARGEST for v in value)
+    )
+    return tuple(kind(v) for v in value) if good else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def apply_preferences(app: App, preferences: Preferences) -> None:
+    """Sets up the program as it was left."""
+    app.preferences = preferences
+    interface = app.interface
+    interface.page = preferences.page
+    interface.moved, interface.layout = list(preferences.moved), preferences.layout
+    interface.theme, interface.scale = preferences.theme, preferences.interface_scale
+    interface.axes_shown = preferences.axes_shown
+    app.controllers.dead_zone = preferences.dead_zone
+    app.settings = replace(app.settings, background=preferences.background, surroundings=preferences.surroundings)
+    if preferences.backdrop != PLAIN:
+        app.set_backdrop(preferences.backdrop)
+    app.resolution.target_fps, app.resolution.enabled = preferences.target_fps, preferences.dynamic_resolution
+    app.resolution.rest_scale = preferences.rest_scale
+
+
+def current_preferences(app: App) -> Preferences:
+    """The preferences as the program is set up now."""
+    interface, backdrop = app.interface, app.settings.backdrop
+    return replace(
+        app.preferences,
+        page=interface.page,
+        moved=list(interface.moved),
+        layout=interface.layout,
+        background=app.settings.background,
+        surroundings=app.settings.surroundings,
+        backdrop=backdrop.style if backdrop is not None else PLAIN,
+        theme=interface.theme,
+        interface_scale=interface.scale,
+        axes_shown=interface.axes_shown,
+        dead_zone=app.controllers.dead_zone,
+        target_fps=app.resolution.target_fps,
+        dynamic_resolution=app.resolution.enabled,
+        rest_scale=app.resolution.rest_scale,
+    )
+
+
+class PreferencesAutosave:
+    """Saves the preferences of `app` in a thread, soon after they change.
+
+    size: of the window, screen units. layout: where the pages are docked.
+    """
+
+    def __init__(self, app: App, file: Path, size: Callable[[], tuple[int, int]], layout: Callable[[], str]) -> None:
+        self.app, self.file, self._size, self._layout = app, file, size, layout
+        self._saved = self._copy()
+        self._seen = self._saved
+        self._changed_at = self._checked_at = time.monotonic()
+        self._refused: Preferences | None = None  # what could not be saved
+        self._problem: str | None = None
+        self._was_reported = False
+        self._writing: Task[str | None] | None = None
+        self._sent = self._written = self._saved
+
+    def _copy(self) -> Preferences:
+        """The preferences now; window size and layout as of the last poll."""
+        return replace(current_preferences(self.app), recent=list(self.app.preferences.recent))
+
+    def poll(self) -> None:
+        """Saves what changed and then stayed the same until the next check. Call it from the loop."""
+        now = time.monotonic()
+        if now - self._checked_at < CHECK_EVERY_S:
+            return
+        self._checked_at = now
+        if self._writing is not None:
+            if not self._writing.finished:
+                return
+            self._take_result()
+        self._read_window()
+        seen, self._seen = self._seen, self._copy()
+        if self._seen in (self._saved, self._refused):
+            self._changed_at = now
+        elif seen == self._seen or now - self._changed_at > LONGEST_UNSAVED_S:
+            self._write()
+
+    def finish(self, *, window: bool = True) -> str | None:
+        """Saves the last changes now. Returns a problem that was not reported before, or None.
+
+        window: False if the window is gone.
+        """
+        if self._writing is not None:
+            self._take_result()
+        if window:
+            self._read_window()
+        self._seen = self._copy()
+        if self._seen != self._saved:
+            self._write()
+            was_reported = self._was_reported
+            self._take_result()
+            return None if was_reported else self._problem
+        return None
+
+    def _read_window(self) -> None:
+        """Takes over the window's size and layout."""
+        self.app.preferences.window, self.app.interface.layout = self._size(), self._layout()
+
+    def _write(self) -> None:
+        self._sent, self._written = self._seen, replace(self._seen, recent=list(self._seen.recent))
+        before = self._saved
+        self._writing = Task(lambda: save(self._written, self.file, before), kept=True)
+
+    def _take_result(self) -> None:
+        """Takes over what the thread did, with packs that other viewers opened. Reports a failure once."""
+        assert self._writing is not None
+        self._problem, self._writing = self._writing.result(), None
+        if self._problem is not None:
+            self._refused = self._sent
+            if not self._was_reported:
+                self._was_reported = True
+                self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
+                self.app.touch()
+            return
+        recent = self.app.preferences.recent
+        self.app.preferences.recent = merged_recent(opened_since(self._sent.recent, recent), self._written.recent)
+        self._saved, self._refused = self._written, None

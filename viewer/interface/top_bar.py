@@ -1,0 +1,185 @@
+"""The bar on top: what is open, how fast it is drawn, and what is wanted often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core import theme
+from viewer.core.theme import Fonts
+from viewer.core.widgets import Box, Entry, coloured, elided, font, more_button, px
+from viewer.interface import layout
+from viewer.rendering.canvas import Canvas
+
+LEFT, MARK, WORD, NAME_GAP, GAP, EDGE = 12.0, 42.0, 52.0, 28.0, 12.0, 8.0  # units at 100 %
+BUTTON, STEP = 34.0, 38.0
+NAME = 220.0  # a longer name is cut short before anything else has to go
+PACKS = "##packs"
+SHORTEST_NAME, LEAST_BUTTONS = 72.0, 2
+FRAMES = "0000 fps"  # as wide as it gets
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the bar has room for. word: the program's name. name: width of the scene's name. details: its voxels.
+
+    speed: frames per second. buttons: how many stand there; the others are in a menu behind them.
+    """
+
+    word: bool
+    name: float
+    details: bool
+    speed: bool
+    buttons: int
+
+
+def plan(width: float, unit: float, widths: tuple[float, float, float], buttons: int) -> Plan:
+    """Divides a bar so that nothing overlaps.
+
+    width: of the bar. unit: window units of a unit at 100 %. widths: of the scene's name, its details and the speed, 0 for
+    what there is not. buttons: how many there are.
+    """
+    name, details, speed = widths
+
+    def room(word: bool, with_details: bool, with_speed: bool, shown: int) -> float:
+        fixed = MARK + WORD * word + NAME_GAP * (name > 0) + STEP * (shown + (shown < buttons)) + EDGE
+        fixed += GAP * (with_details and details > 0) + GAP * (1 + (with_speed and speed > 0))
+        return width - unit * fixed - details * with_details - speed * with_speed
+
+    wanted = min(name, unit * NAME)
+    for word, with_details, with_speed in ((1, 1, 1), (1, 0, 1), (0, 0, 1), (0, 0, 0)):
+        left = room(bool(word), bool(with_details), bool(with_speed), buttons)
+        if left >= wanted:
+            return Plan(bool(word), min(name, left), bool(with_details), bool(with_speed), buttons)
+    shown = buttons
+    while shown > LEAST_BUTTONS and room(False, False, False, shown) < min(wanted, unit * SHORTEST_NAME):
+        shown -= 1
+    return Plan(False, max(0.0, min(name, room(False, False, False, shown))), False, False, shown)
+
+
+def show(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
+    """Draws the bar."""
+    with coloured(window_bg=theme.BASE):
+        layout.begin("##top", box, (LEFT, EDGE))
+    entries = _entries(app)
+    texts = (app.scene.name, state_of(app)) if app.scene is not None else ("", "")
+    with font(None, theme.SMALL):
+        details = imgui.calc_text_size(texts[1]).x
+    with font(fonts.bold, theme.SMALL):
+        speed = imgui.calc_text_size(FRAMES).x if app.scene is not None and app.times.drawn else 0.0
+    where = plan(box[2], px(1), (imgui.calc_text_size(texts[0]).x, details, speed), len(entries))
+    _logo(fonts, where.word)
+    if where.name > 0:
+        _name(app, where)
+    menu = where.buttons < len(entries)
+    x = imgui.get_window_width() - px(EDGE - STEP + BUTTON) - px(STEP) * (where.buttons + menu)
+    if where.speed and speed:
+        _speed(app, x - px(GAP), fonts)
+    for i, entry in enumerate(entries[: where.buttons]):
+        imgui.set_cursor_pos(ImVec2(x + i * px(STEP), px(EDGE)))
+        entry.button()
+    if menu:
+        imgui.set_cursor_pos(ImVec2(x + where.buttons * px(STEP), px(EDGE)))
+        more_button("top more", entries[where.buttons :])
+    _packs(app)
+    imgui.end()
+
+
+def _entries(app: App) -> list[Entry]:
+    entries = [
+        (fa.ICON_FA_FOLDER_OPEN, "open", "Open", "Ctrl+O", True),
+        (fa.ICON_FA_CAMERA, "save", "Save the picture", "Ctrl+S", True),
+        (fa.ICON_FA_HOUSE, "home", "Back to the first view", "R", True),
+        (fa.ICON_FA_EXPAND, "frame", "Show the whole scene", "F", True),
+        (fa.ICON_FA_KEYBOARD, "help", "Keys and mouse", "?", False),
+        (fa.ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER, "full-screen", "Full screen", "F11", False),
+    ]
+    shown = [
+        Entry(f"top {command}", icon, title, partial(run, app, command), keys)
+        for icon, command, title, keys, needs_scene in entries
+        if app.scene is not None or not needs_scene
+    ]
+    if app.scene is not None and app.open_packs.packs:
+        title = f"{len(app.open_packs.packs) + 1} packs are open"
+        ask = partial(setattr, app.open_packs, "show_list", True)
+        shown.insert(0, Entry("top packs", fa.ICON_FA_LAYER_GROUP, title, ask, "Ctrl+Tab"))
+    return shown
+
+
+def _packs(app: App) -> None:
+    """The list of open packs, while it is wanted: a click shows one."""
+    if app.open_packs.show_list:
+        app.open_packs.show_list = False
+        imgui.open_popup(PACKS)
+    if not imgui.begin_popup(PACKS):
+        return
+    if app.scene is not None:
+        imgui.menu_item(f"{fa.ICON_FA_CUBE}   {app.scene.name}##shown", "", True)
+    for i, entry in enumerate(app.open_packs.packs):
+        if imgui.menu_item(f"{fa.ICON_FA_CUBE}   {entry.scene.name}##{i}", "", False)[0]:
+            app.open_packs.switch_to(app, entry)
+            break
+    imgui.separator()
+    if imgui.menu_item(f"{fa.ICON_FA_XMARK}   Close this one", "Ctrl+W", False)[0]:
+        run(app, "close")
+    imgui.end_popup()
+
+
+def _logo(fonts: Fonts, word: bool) -> None:
+    """The program's mark: a cube of voxels, one of them lit, and its name."""
+    at = imgui.get_cursor_screen_pos()
+    draw = imgui.get_window_draw_list()
+    x, y, s, gap = at.x + px(2), at.y + px(7), px(8), px(2)
+    shades = ((theme.ACCENT, 1.0), (theme.ACCENT, 0.45), (theme.ACCENT, 0.25), (theme.ACCENT, 0.7))
+    for i, (code, alpha) in enumerate(shades):
+        left, top = x + (i % 2) * (s + gap), y + (i // 2) * (s + gap)
+        draw.add_rect_filled(ImVec2(left, top), ImVec2(left + s, top + s), theme.packed(code, alpha), px(2))
+    if word:
+        imgui.set_cursor_pos(ImVec2(px(MARK), px(14)))
+        with font(fonts.bold, 17.0):
+            imgui.text_unformatted("snerg")
+
+
+def _name(app: App, where: Plan) -> None:
+    assert app.scene is not None
+    x = px(MARK + (WORD if where.word else 0.0))
+    corner, draw = imgui.get_window_pos(), imgui.get_window_draw_list()
+    line = corner.x + x + px(0.5 * NAME_GAP)
+    draw.add_line(ImVec2(line, corner.y + px(15)), ImVec2(line, corner.y + px(33)), theme.packed(theme.LINE), px(1))
+    imgui.set_cursor_pos(ImVec2(x + px(NAME_GAP), px(15)))
+    imgui.text_unformatted(elided(app.scene.name, where.name))
+    if imgui.is_item_hovered():
+        imgui.set_tooltip(f"{app.scene.name}\n{app.scene.path}\n{state_of(app)}")
+    if not where.details:
+        return
+    imgui.same_line(0, px(GAP))
+    imgui.set_cursor_pos_y(px(16))
+    with font(None, theme.SMALL), coloured(text=theme.FAINT if app.scene.whole else theme.WARN):
+        imgui.text_unformatted(state_of(app))
+
+
+def state_of(app: App) -> str:
+    """What the pack that is shown consists of, or how far it is read: a preview's voxels are not its own."""
+    if app.scene is None:
+        return ""
+    if not app.scene.whole:
+        images = app.loading.images if app.loading is not None else (0, 0)
+        return f"loading {images[0]} of {images[1]} images" if images[1] else "loading"
+    return " × ".join(str(side) for side in app.scene.pack.grid_size) + " voxels"
+
+
+def _speed(app: App, right: float, fonts: Fonts) -> None:
+    if app.scene is None or not app.times.drawn:
+        return
+    text = f"{app.times.summary().fps:.0f} fps"
+    with font(fonts.bold, theme.SMALL):
+        width = imgui.calc_text_size(text).x
+        imgui.same_line()
+        imgui.set_cursor_pos(ImVec2(right - width, px(16)))
+        with coloured(text=theme.ACCENT):
+            imgui.text_unformatted(text)

@@ -1,0 +1,234 @@
+"""The whole interface of one frame, in an imgui context of its own; drawn into a window or into any framebuffer.
+
+The renderer's and imgui's OpenGL calls share a context, so the caller binds the target framebuffer before `draw`.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+from imgui_bundle import ImVec2, imgui, implot
+
+from console.streams import printable
+from viewer.app.application import App
+from viewer.core import theme
+from viewer.core.input import Keyboard, KeyPress
+from viewer.core.state import Clipboard
+from viewer.core.system_fonts import FontSearch
+from viewer.core.theme import Fonts
+from viewer.features.camera.panel import AxisGizmo
+from viewer.features.crop.panel import CropGizmo
+from viewer.features.export import panel as export_panel
+from viewer.features.export.panel import PreviewPane
+from viewer.features.making import panel as making_panel
+from viewer.features.making import progress_panel
+from viewer.features.opening.panel import FileDialogs, OpenDialog
+from viewer.interface import dialogs, keys, layout, top_bar, viewport
+from viewer.rendering.canvas import Canvas
+
+GLSL_VERSION = "#version 330"
+MOST_ROUNDS = 32  # of reading input before a frame is drawn; see Ui.frame
+DOUBLE_CLICK_S = 0.45  # imgui's own 0.3 s is less than desktops grant, and a slow picture takes some of it
+
+
+class SystemClipboard(Clipboard):
+    """The clipboard of the system that the window is on."""
+
+    def get(self) -> str:
+        return imgui.get_clipboard_text() or ""
+
+    def set(self, text: str) -> None:
+        imgui.set_clipboard_text(text)
+
+
+class Ui:
+    """Dear ImGui and the panels. An OpenGL context must be current, now and whenever it is used.
+
+    window: address of a GLFW window whose events to listen to; None where the caller feeds `imgui.get_io()` itself.
+    system_fonts: take letters that our fonts lack from the system's; None where there is a window, so that pictures
+    without one are the same everywhere.
+    """
+
+    def __init__(self, window: int | None = None, *, system_fonts: bool | None = None) -> None:
+        self.context = imgui.create_context()
+        imgui.set_current_context(self.context)  # another may be there already
+        io = imgui.get_io()
+        io.mouse_double_click_time = DOUBLE_CLICK_S
+        io.set_ini_filename("")  # the layout is remembered by viewer.app
+        io.config_flags |= imgui.ConfigFlags_.docking_enable
+        self.context.config_nav_windowing_key_next = imgui.Key.none  # Ctrl+Tab is the packs'
+        self.context.config_nav_windowing_key_prev = imgui.Key.none
+        self._docking = layout.docking()
+        self._gizmo, self._axes, self._preview_pane = CropGizmo(), AxisGizmo(), PreviewPane()
+        self.fonts = Fonts()
+        self.keyboard = Keyboard()
+        self._presses = keys.Presses()
+        self.scale, self._theme = 0.0, ""
+        self._window = window
+        if window is not None:
+            imgui.backends.glfw_init_for_opengl(window, True)
+        imgui.backends.opengl3_init(GLSL_VERSION)
+        wanted = window is not None if system_fonts is None else system_fonts
+        self._font_search = FontSearch(self.fonts.missing) if wanted else None
+        self.plots = implot.create_context()
+        self.file_dialogs = FileDialogs(native=None if window is not None else False)
+        self.open_dialog = OpenDialog(self.file_dialogs.native)
+
+    def pressed(self, press: KeyPress) -> None:
+        """A key or a character; call before imgui hears of it."""
+        imgui.set_current_context(self.context)
+        self._presses.add(press)
+
+    def modifier_changes(self) -> None:
+        """Ctrl, Shift, Alt or Cmd goes down or up; call before imgui hears of it.
+
+        imgui would take a key and the modifier let go of after it in one round, and read Ctrl+V as V. A key that nobody
+        has, down and up, ends the round between them.
+        """
+        imgui.set_current_context(self.context)
+        for down in (True, False):
+            imgui.get_io().add_key_event(imgui.Key.f24, down)
+
+    def frame(self, app: App, canvas: Canvas, scale: float = 1.0) -> None:
+        """Draws the panels for this moment's state into imgui's lists, and hands the user's wishes to `app`.
+
+        imgui takes a change of one key or button from its queue at a time. Rounds that are not drawn take them all, so
+        that what was typed or clicked during a slow frame is not spread over as many slow frames.
+
+        scale: how many times denser than usual the window's units are. Without a window, set io.display_size,
+        io.display_framebuffer_scale and io.delta_time before.
+        """
+        imgui.set_current_context(self.context)
+        implot.set_current_context(self.plots)
+        app.keyboard = self.keyboard
+        for _ in range(MOST_ROUNDS):
+            self._round(app, canvas, scale)
+            if keys.queue_is_empty():
+                break
+
+    def _round(self, app: App, canvas: Canvas, scale: float) -> None:
+        """Once through all panels."""
+        if self.scale == 0:
+            self._docking.restore(app.interface.layout)
+        self._take_fonts(app)
+        scale *= app.interface.scale
+        if (scale, app.interface.theme) != (self.scale, self._theme):
+            if self.scale and scale != self.scale:
+                self._docking.rescale(scale / self.scale)
+            theme.use(app.interface.theme)
+            theme.apply(scale)
+            self.scale, self._theme = scale, app.interface.theme
+        imgui.backends.opengl3_new_frame()
+        if self._window is not None:
+            imgui.backends.glfw_new_frame()
+        moves = imgui.ConfigFlags_.nav_enable_keyboard  # among a dialog's widgets; else keys are the picture's
+        flags = imgui.get_io().config_flags & ~moves
+        imgui.get_io().config_flags = flags | moves if keys.busy(app) else flags
+        imgui.new_frame()
+        self._presses.dispatch(app)
+        size = imgui.get_io().display_size
+        regions = layout.regions(size.x, size.y, app)
+        picture = self._docking.space(app, regions.dock, regions.pages)
+        viewport.show(app, canvas, picture, self.fonts, self._gizmo, self._axes)
+        if app.interface.panels_shown:
+            top_bar.show(app, canvas, regions.top, self.fonts)
+            layout.show_rail(app, regions)
+        layout.show_pages(app, canvas, regions, self.fonts)
+        progress_panel.show_job(app, canvas, picture, self.fonts)
+        export_panel.show_card(app, picture, self.fonts)
+        progress_panel.show_review(app, canvas, picture, self.fonts)
+        keys.show(app, self.fonts)
+        self.open_dialog.show(app, size, self.fonts)
+        self.file_dialogs.show(app, size, self.fonts)
+        making_panel.show(app, canvas, ImVec2(size.x, size.y), self.fonts)
+        export_panel.show(app, canvas, ImVec2(size.x, size.y), self.fonts, self._preview_pane)
+        dialogs.show(app, canvas, ImVec2(size.x, size.y), self.fonts)
+        imgui.render()
+        self.keyboard.seen()
+
+    def _take_fonts(self, app: App) -> None:
+        """Adds what the search has found, one font a frame."""
+        search = self._font_search
+        if search is not None and search.finished:
+            if found := search.result():
+                self.fonts.add(found.pop(0))
+                app.touch()
+            else:
+                self._font_search = None
+
+    @property
+    def fonts_coming(self) -> bool:
+        """Whether there may be more letters soon."""
+        return self._font_search is not None
+
+    def draw(self) -> None:
+        """Draws what `frame` prepared into the framebuffer that is bound."""
+        imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+
+    @property
+    def clipboard(self) -> Clipboard:
+        """The system's."""
+        return SystemClipboard()
+
+    @property
+    def background(self) -> tuple[float, float, float]:
+        """The colour behind all, red, green, blue in 0 … 1."""
+        base = theme.rgb(theme.BASE)
+        return base.x, base.y, base.z
+
+    @property
+    def layout(self) -> str:
+        """Where the pages are docked, to be remembered."""
+        imgui.set_current_context(self.context)
+        return self._docking.text
+
+    @property
+    def typing(self) -> bool:
+        """Whether a text field has the keyboard, so that its cursor must blink."""
+        return imgui.get_io().want_text_input
+
+    @property
+    def hears(self) -> bool:
+        """Whether there is input that no frame has seen."""
+        imgui.set_current_context(self.context)
+        return not keys.queue_is_empty()
+
+    def release(self) -> None:
+        """Ends the imgui context."""
+        imgui.set_current_context(self.context)
+        implot.destroy_context(self.plots)
+        imgui.backends.opengl3_shutdown()
+        if self._window is not None:
+            imgui.backends.glfw_shutdown()
+        imgui.destroy_context(self.context)
+
+
+def take_any_text() -> None:
+    """From now on, functions of imgui that take text take any text of Python's."""
+    for place in (imgui, imgui.ImDrawList):
+        for name in dir(place):
+            function = getattr(place, name)
+            takes_text = type(function).__name__ in ("nb_func", "nb_method") and ": str" in (function.__doc__ or "")
+            if takes_text and not name.startswith("_"):
+                setattr(place, name, _with_any_text(function))
+
+
+def _with_any_text(function: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def call(*words: Any, **named: Any) -> Any:
+        try:
+            return function(*words, **named)
+        except TypeError:  # also of text that is not UTF-8
+            again = [printable(word) if isinstance(word, str) else word for word in words]
+            named_again = {name: printable(word) if isinstance(word, str) else word for name, word in named.items()}
+            if again == list(words) and named_again == named:
+                raise
+            return function(*again, **named_again)
+
+    return call
+
+
+# Dear ImGui takes UTF-8 only; names of files may be anything.
+take_any_text()

@@ -1,0 +1,275 @@
+"""The picture, and the mouse over it: turns drags, wheel and double clicks into movements of the camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from imgui_bundle import ImVec2, imgui
+
+from viewer.app.application import App
+from viewer.app.frame import draw_frame
+from viewer.core import screen, theme
+from viewer.core.state import Viewport
+from viewer.core.theme import Fonts
+from viewer.core.widgets import Box, chip, px
+from viewer.features.camera.panel import AxisGizmo
+from viewer.features.comparison import panel as comparison_panel
+from viewer.features.crop import crop
+from viewer.features.crop import panel as crop_panel
+from viewer.features.crop.panel import CropGizmo
+from viewer.features.display import panel as display_panel
+from viewer.features.film import panel as film_panel
+from viewer.features.measuring import panel as measuring_panel
+from viewer.features.opening import panel as opening_panel
+from viewer.features.photographs import panel as photographs_panel
+from viewer.interface import keys, layout
+from viewer.rendering.canvas import Canvas
+
+LEFT, RIGHT, MIDDLE = 0, 1, 2
+TOAST_WIDTH = 560.0
+WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
+
+
+def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
+    """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
+    io = imgui.get_io()
+    app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
+    app.viewport.camera = app.camera()
+    draw_frame(app, canvas)
+    flags = imgui.WindowFlags_.no_background  # the frame is cleared with that colour, and to fill it again takes time
+    if app.scene is not None:
+        flags |= imgui.WindowFlags_.no_scroll_with_mouse  # the wheel is the camera's
+    layout.begin("##viewport", box, (0, 0), flags)
+    if app.scene is None:
+        opening_panel.show_start_page(app, fonts)
+    else:
+        screen.draw_layers(canvas.layers, box)
+        comparison_panel.draw_comparison(app, canvas, box)
+        axes.show(app, box)
+        if not gizmo.over:
+            imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
+        else:
+            imgui.dummy(ImVec2(box[2], box[3]))  # never hovered, and so the gizmo's
+        over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
+        film_panel.draw_path(app, box)
+        shot, face = photographs_panel.draw(app, canvas, box), crop_panel.draw_crop(app, box)
+        mark = measuring_panel.draw(app, box, over)
+        if not gizmo.over:
+            _mouse(app, box, _Under(face, shot, mark) if over else NOTHING)
+        gizmo.show(app, box)
+        _corner(app, box)
+        display_panel.show_legend(app, box)
+    _toast(app, box)
+    _progress(app, box, fonts)
+    imgui.end()
+
+
+def _buttons() -> int:
+    flags = imgui.ButtonFlags_
+    return flags.mouse_button_left | flags.mouse_button_right | flags.mouse_button_middle
+
+
+class _Under(NamedTuple):
+    """What is under the mouse: a handle of the crop box, a photograph's frustum, a measured point."""
+
+    face: int | None = None
+    shot: int | None = None
+    mark: measuring_panel.Handle | None = None
+
+
+NOTHING = _Under()
+
+
+@dataclass
+class _Hands:
+    """What the mouse holds since its `button` went down: "" the camera, "wipe" the edge, a crop face, a measured point.
+
+    travelled: window units since then, to tell a click from a drag. walking: keys move the camera.
+    """
+
+    holds: str = ""
+    button: int = LEFT
+    under: _Under = NOTHING
+    travelled: float = 0.0
+    walking: bool = False
+
+
+_hands = _Hands()  # one mouse
+
+
+def _mouse(app: App, box: Box, under: _Under) -> None:
+    assert app.scene is not None
+    io, rig = imgui.get_io(), app.scene.rig
+    hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
+    if imgui.is_item_activated():
+        _hands.under, _hands.travelled = under, 0.0
+        _hands.button = next((b for b in (LEFT, RIGHT, MIDDLE) if imgui.is_mouse_clicked(b)), LEFT)
+        _hands.holds = _held(app, box)
+        if _hands.holds != "wipe":
+            rig.remember()
+    dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
+    if imgui.is_item_activated():
+        dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
+    if (active or imgui.is_item_deactivated()) and (dx or dy):  # the last way and the release may come in one frame
+        _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
+        _drag(app, box, dx, dy)
+        app.touch()
+    if hovered and imgui.is_mouse_double_clicked(LEFT):
+        if app.measure_tool.finish(app):
+            _hands.travelled = math.inf  # it is no click any more
+        elif not app.measure_tool.tool:
+            app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+    if imgui.is_item_deactivated() and _hands.travelled < px(4):
+        _click(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+    if hovered and io.mouse_wheel:
+        if rig.flying:
+            rig.faster(io.mouse_wheel)
+            app.messages.say(f"Speed {rig.speed:.3g} units per second")
+        else:
+            x, y = 2.0 * (io.mouse_pos.x - box[0]) - box[2], 2.0 * (io.mouse_pos.y - box[1]) - box[3]
+            rig.remember()
+            rig.dolly(io.mouse_wheel, (x / box[3], -y / box[3]))
+        app.touch()
+    if not io.want_text_input and not io.key_ctrl and not keys.busy(app) and not app.interface.help_shown:
+        _walk(app)
+
+
+def _held(app: App, box: Box) -> str:
+    """What the mouse takes hold of."""
+    if _hands.under.face is not None:
+        return "face"
+    if _hands.under.mark is not None and _hands.button == LEFT:
+        return "mark"
+    return "wipe" if comparison_panel.wipe_edge_hovered(app, box) else ""
+
+
+def _click(app: App, x: float, y: float) -> None:
+    """A button went down and up at one place (window units from the picture's corner)."""
+    review = app.making.review
+    if review is not None and review.picking and _hands.button == LEFT:
+        app.making.pick_ground(app, x, y)
+    elif _hands.holds == "mark" and _hands.under.mark is not None:
+        app.measure_tool.click_point(app, *_hands.under.mark)
+    elif app.measure_tool.tool and _hands.button == LEFT:
+        app.measure_tool.click(app, x, y)
+    elif _hands.under.shot is not None:
+        photographs_panel.stand_in(app, _hands.under.shot)
+
+
+def _drag(app: App, box: Box, dx: float, dy: float) -> None:
+    """The mouse moved by dx, dy (picture heights) while it holds something."""
+    assert app.scene is not None
+    rig, io = app.scene.rig, imgui.get_io()
+    camera = app.camera()
+    if _hands.holds == "wipe":
+        app.comparison.split = min(max((io.mouse_pos.x - box[0]) / box[2], 0.02), 0.98)
+    elif _hands.holds == "face":
+        face = _hands.under.face
+        if app.settings.crop is not None and camera is not None and face is not None:
+            moved = (dx * camera.height, dy * camera.height)
+            app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, face, camera, moved))
+    elif _hands.holds == "mark":
+        if _hands.under.mark is not None and _hands.travelled >= px(4):
+            app.measure_tool.move_point(app, *_hands.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+    else:
+        sides = (LEFT, MIDDLE) if rig.bounded else (RIGHT, MIDDLE)
+        if _hands.button in sides or (_hands.button == LEFT and io.key_shift):
+            rig.pan(dx, dy)
+        else:
+            rig.orbit(dx, dy)
+
+
+def _walk(app: App) -> None:
+    """What the keys that are held do: W A S D Q E (their places) and the arrows while flying, else the arrows alone."""
+    assert app.scene is not None
+    rig, keyboard, io = app.scene.rig, app.keyboard, imgui.get_io()
+    seconds = min(io.delta_time, 0.1)
+    across, along = keyboard.axis("Right", "Left"), keyboard.axis("Up", "Down")
+    up = 0.0
+    if rig.flying:
+        across, along = across + keyboard.axis("D", "A"), along + keyboard.axis("W", "S")
+        up = keyboard.axis("E", "Q")
+    if not (across or along or up):
+        _hands.walking = False
+        return
+    if not _hands.walking:  # the whole way is one step to be undone
+        rig.remember()
+    _hands.walking = True
+    if rig.flying:
+        pace = 3.0 if io.key_shift else 1.0
+        rig.fly(pace * min(max(across, -1.0), 1.0), pace * up, pace * min(max(along, -1.0), 1.0), seconds)
+    else:  # the camera goes where the arrow points, so that the scene moves the other way
+        dx, dy = -WALK_HEIGHTS_PER_S * seconds * across, WALK_HEIGHTS_PER_S * seconds * along
+        rig.pan(dx, dy) if io.key_shift != rig.bounded else rig.orbit(dx, dy)
+    app.touch()
+
+
+def _corner(app: App, box: Box) -> None:
+    """Names what is shown where it is not the usual picture."""
+    notes = []
+    if app.settings.mode != "normal":
+        notes.append(app.settings.mode.replace("-", " "))
+    if app.scene is not None and app.scene.rig.flying:
+        notes.append("flying")
+    if app.scene is not None and app.scene.rig.orthographic and app.scene.rig.held is None:
+        notes.append("orthographic")
+    comparison, gallery = app.comparison, app.gallery
+    if comparison.against == "photograph" and gallery.photographs is not None and gallery.chosen is not None:
+        name = gallery.photographs.shots[gallery.chosen].name
+        known = comparison.psnr_db is not None
+        notes.append(f"{name}   {comparison.psnr_db:.2f} dB" if known else name)
+    sides = comparison.sides(app)
+    if sides is not None and comparison.how == "flip":
+        notes.append(sides[comparison.other_side])
+    x = box[0] + px(14)
+    for note in notes:
+        x = chip(note, x, box[1] + px(14)) + px(8)
+    if sides is not None and comparison.how == "wipe":
+        comparison_panel.draw_sides(sides, comparison.split, box, box[1] + px(52 if notes else 14))
+
+
+def _toast(app: App, box: Box) -> None:
+    """What was said just now, at the foot of the picture, in as many lines as it takes; a stripe marks a warning."""
+    text, warning = app.messages.toast, app.messages.toast_level != "info"
+    if app.messages.toast_left <= 0:
+        return
+    draw, room = imgui.get_window_draw_list(), min(px(TOAST_WIDTH), box[2] - px(64))
+    size = imgui.calc_text_size(text, wrap_width=room)
+    x, y = box[0] + 0.5 * (box[2] - size.x), box[1] + box[3] - px(36) - size.y
+    low, high = ImVec2(x - px(14), y - px(8)), ImVec2(x + size.x + px(14), y + size.y + px(8))
+    draw.add_rect_filled(low, high, theme.packed(theme.BASE, 0.88), px(10))
+    if warning:
+        draw.add_rect_filled(
+            ImVec2(low.x + px(4), low.y + px(7)), ImVec2(low.x + px(7), high.y - px(7)), theme.packed(theme.WARN)
+        )
+    draw.add_text(
+        imgui.get_font(), imgui.get_font_size(), ImVec2(x, y), theme.packed(theme.TEXT), text, wrap_width=room
+    )
+
+
+def _progress(app: App, box: Box, fonts: Fonts) -> None:
+    """A card at the foot of the picture while a pack is being read or something is being exported."""
+    export = app.filming.export
+    if app.loading is not None:
+        title, share = f"Opening {app.loading.path.name}", app.loading.share
+    elif export is not None:
+        left = export.seconds_left
+        title = f"Writing {export.target.name}" + (f", {left:.0f} s left" if left is not None else "")
+        share = export.share
+    else:
+        return
+    width, height = min(px(380), box[2] - px(24)), px(84)
+    x, y = box[0] + 0.5 * (box[2] - width), box[1] + box[3] - height - px(20)
+    imgui.set_cursor_screen_pos(ImVec2(x, y))
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(12)))
+    imgui.begin_child("##progress", ImVec2(width, height), imgui.ChildFlags_.always_use_window_padding)
+    imgui.pop_style_var()
+    imgui.align_text_to_frame_padding()
+    imgui.text_unformatted(title)
+    imgui.same_line(width - px(16) - px(70))
+    if imgui.button("Cancel", ImVec2(px(70), 0)):
+        app.cancel_loading() if app.loading is not None else app.filming.cancel(app)
+    imgui.progress_bar(share, ImVec2(-1, px(6)), "")
+    imgui.end_child()
