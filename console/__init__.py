@@ -1,6 +1,6 @@
 """How every command talks to a person: one clear line for bad input, exit status, progress.
 
-A leaf room: it imports nothing of ours, so that the pack, the trainer and the viewer, which may not import
+It imports no other package of ours, so that the pack, the trainer and the viewer, which may not import
 one another, still fail and report in the same voice.
 """
 

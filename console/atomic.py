@@ -313,7 +313,7 @@ def _is_held(path: Path) -> bool:
     with suppress(FileNotFoundError):
         try:
             handle = os.open(path, _lock_flags(path))
-        except PermissionError:  # another person's, and at work for all that can be told
+        except PermissionError:  # another user's, and possibly at work
             return _process_exists(int(path.name.rsplit("-", 2)[1]))
         try:
             fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)

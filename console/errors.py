@@ -125,7 +125,7 @@ LONGEST_NOTICE = 600  # characters
 
 
 class Notice(UserWarning):
-    """A warning meant for the user of a command: something was mended or left out, and work goes on. One line, as errors are."""
+    """A warning for the user of a command, in one line: something was repaired or left out, and work goes on."""
 
     def __init__(self, text: object) -> None:
         super().__init__(one_line(str(text), LONGEST_NOTICE))

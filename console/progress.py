@@ -1,4 +1,4 @@
-"""Progress of long work: a live bar on a terminal, plain lines elsewhere, both with the time left once it can be told."""
+"""Progress of long work: a live bar on a terminal, plain lines elsewhere, both with the time left once it is known."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ class _Live(Progress):
 
 
 class _TimeLeft(ProgressColumn):
-    """Of each bar, where it can be told."""
+    """Of each bar, where it is known."""
 
     def render(self, task: Task) -> Text:
         left = task.fields["work"].seconds_left

@@ -103,7 +103,7 @@ class Reporter:
         now = time.monotonic()
         if self._file is None or (not at_once and now - self._written < WRITTEN_EVERY_S):
             return
-        if not at_once:  # what comes soon after a beginning is told as well
+        if not at_once:  # what follows a first report at once is written as well
             self._written = now
         with contextlib.suppress(OSError), replacing(self._file, durable=False) as new:
             new.write_text(json.dumps(asdict(report)), encoding="utf-8")

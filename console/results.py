@@ -1,6 +1,6 @@
 """Files that a command writes where an option names them: figures as JSON, tables as text.
 
-Commands ask `check_results` before work that takes minutes, so that a place where nothing can be written is told first.
+Commands ask `check_results` before work that takes minutes, so that a place where nothing can be written is reported first.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ def _parse(
     """The call that `words` ask for, not yet made; or the exit status where there is nothing to call.
 
     tyro makes the call itself, and draws a box around complaints about arguments. So it is handed functions
-    that only remember their arguments, and its box is read and told as one line.
+    that only remember their arguments, and its box becomes one line.
     """
 
     def parse() -> Callable[[], Any]:

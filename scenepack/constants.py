@@ -1,4 +1,4 @@
-"""Numbers that Python and GLSL share, and numbers that rooms share which may import nothing else of one another.
+"""Numbers that Python and GLSL share, and numbers of packages that may import nothing else of one another.
 
 Python owns them; shaders receive them as #define (see viewer.rendering.shader_source).
 Source: docs/rendering.md and docs/format.md; SNeRG paper sections 5.1-5.5 and appendices A and C.3.

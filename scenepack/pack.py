@@ -162,7 +162,7 @@ def cached_per_pack(compute: Callable[[Pack], T]) -> Callable[[Pack], T]:
 
 
 class PackWarning(Notice):
-    """An untidy pack was opened all the same; the message says what was mended or left out."""
+    """An untidy pack was opened all the same; the message says what was repaired or left out."""
 
 
 def warn(message: str) -> None:

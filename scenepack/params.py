@@ -52,7 +52,7 @@ class Params:
 def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> Params:
     """Checks the JSON text `data`; UserError naming `where` and the key for whatever cannot be used.
 
-    note(line) is called for whatever was mended.
+    note(line) is called for whatever was repaired.
     """
     try:
         raw = parse_json(data)

@@ -36,7 +36,7 @@ def picture_uri(pixels: np.ndarray, side: int) -> str:
 
 
 def has_picture(camera: Any) -> bool:
-    """Whether an entry of "cameras" brings its photograph along, as far as can be told without decoding it."""
+    """Whether an entry of "cameras" brings its photograph along, as far as is known without decoding it."""
     text = camera.get(PICTURE) if isinstance(camera, Mapping) else None
     return isinstance(text, str) and text.startswith("data:image/") and len(text) <= LARGEST_TEXT
 

@@ -4,7 +4,7 @@ What follows is for the published layout, PNG; other codecs store pieces (see sc
 part holds the atlas's z-planes 4k … 4k + 3, stacked vertically (see scenepack.codecs.png). Opening checks the JSON, the
 indirection grid and the header of every image, so that nothing large is allocated on the word of one file alone;
 decoding then runs in threads, straight into the atlas arrays.
-Untidy packs (docs/format.md) are mended with one PackWarning each; the rest is refused with a UserError.
+Untidy packs (docs/format.md) are repaired with one PackWarning each; the rest is refused with a UserError.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class PackReader:
 
     def __init__(self, files: PackFiles) -> None:
         self.files = files
-        self._notes: list[str] = []  # told only once it is clear that the pack opens
+        self._notes: list[str] = []  # given only once it is clear that the pack opens
         try:
             text = files.read(PARAMS_NAME, MOST_BYTES)
             self.params: Params = parse_params(text, self._where(PARAMS_NAME), self._notes.append)
@@ -318,8 +318,8 @@ class PackReader:
         fits = [size // (self.params.block_size + 2) for size in self.params.atlas_size]
         blocks = [raw.get(f"atlas_blocks_{axis}", "missing") for axis in "xyz"]
         if blocks != fits:
-            told = f"{where}: atlas_blocks_x/y/z are {_triple(blocks)}"
-            self._notes.append(f"{told}, the atlas holds {_triple(fits)}; its size is trusted")
+            problem = f"{where}: atlas_blocks_x/y/z are {_triple(blocks)}"
+            self._notes.append(f"{problem}, the atlas holds {_triple(fits)}; its size is trusted")
 
     def _check_images(self, codec: PngCodec, part: str) -> list[int]:
         """Groups of `part` to decode, their headers checked; [] where there are no (complete) features."""
@@ -328,8 +328,8 @@ class PackReader:
         if missing and part == FEATURE:
             # A diffuse pack has no use for features and may leave them out.
             if self.params.view_mlp is not None or len(missing) < len(names):
-                told = f"{self._where(missing[0])} is missing ({len(missing)} in all)"
-                self._notes.append(f"{told}; the pack is shown as diffuse")
+                problem = f"{self._where(missing[0])} is missing ({len(missing)} in all)"
+                self._notes.append(f"{problem}; the pack is shown as diffuse")
             return []
         if missing:
             raise UserError(
@@ -340,10 +340,10 @@ class PackReader:
                 remedy="copy the pack again, or bake it again",
             )
         channels = {group[0]: self._check_header(codec, group[0]) for group in names}
-        mended = [name for name, layout in channels.items() if layout != "RGBA"]
-        if mended:
-            told = f"{self._where(mended[0])} is {channels[mended[0]]}, not RGBA ({len(mended)} in all)"
-            self._notes.append(f"{told}; read as the PNG standard has it, with alpha 255 where there is none")
+        other = [name for name, layout in channels.items() if layout != "RGBA"]
+        if other:
+            problem = f"{self._where(other[0])} is {channels[other[0]]}, not RGBA ({len(other)} in all)"
+            self._notes.append(f"{problem}; read as the PNG standard has it, with alpha 255 where there is none")
         return list(range(self._groups))
 
     def _check_header(self, codec: PngCodec, name: str) -> str:

@@ -37,9 +37,9 @@ def decoding(file: str) -> Iterator[None]:
     except MemoryError:
         raise
     except Exception as error:
-        told = CodecError(" ".join(str(error).split())[:200] or type(error).__name__)
-        told.file = file
-        raise told from error
+        refused = CodecError(" ".join(str(error).split())[:200] or type(error).__name__)
+        refused.file = file
+        raise refused from error
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from console import UserError
-from console.contents import told
+from console.file_signature import sniff_type
 from scenepack.codecs.base import CodecError, Layout, Shape
 from scenepack.codecs.streams import StreamCodec
 
@@ -194,7 +194,7 @@ class H264Codec(StreamCodec):
 
     def check_film(self, head: bytes, shape: Shape) -> None:
         if head[4:8] != b"ftyp":
-            raise CodecError(f"it is not an MP4 but {told(head)}")
+            raise CodecError(f"it is not an MP4 but {sniff_type(head)}")
 
 
 def _av() -> ModuleType:

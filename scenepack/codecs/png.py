@@ -15,7 +15,7 @@ import imagecodecs
 import numpy as np
 from PIL import Image
 
-from console.contents import told
+from console.file_signature import sniff_type
 from scenepack.codecs.base import CodecError, ImageInfo
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -53,7 +53,7 @@ def probe_png(head: bytes) -> ImageInfo:
     if len(head) < len(PNG_SIGNATURE):
         raise CodecError("the file is empty" if not head else f"the file ends after {len(head)} bytes")
     if not head.startswith(PNG_SIGNATURE):
-        raise CodecError(f"it is not a PNG but {told(head)}")
+        raise CodecError(f"it is not a PNG but {sniff_type(head)}")
     if len(head) < PNG_HEADER_BYTES or head[12:16] != b"IHDR":
         raise CodecError("the PNG header is cut off")
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])

@@ -11,7 +11,7 @@ from scenepack.exports.file_formats import voxels_of
 from scenepack.exports.scene import (
     LEAST_OPACITY,
     Export,
-    Told,
+    OnProgress,
     check_export,
     divisors,
     placed,
@@ -37,8 +37,8 @@ class PreviewGeometry:
     coarser: int  # voxels per side that were merged into one
 
 
-def preview_geometry(pack: Pack, export: Export, tell: Told = lambda share, note: None) -> PreviewGeometry:
-    """The geometry that `export` would write, in the grid frame. tell: as for export_scene; may raise.
+def preview_geometry(pack: Pack, export: Export, on_progress: OnProgress = lambda share, note: None) -> PreviewGeometry:
+    """The geometry that `export` would write, in the grid frame. on_progress: as for export_scene; may raise.
 
     UserError if it would be empty.
     """
@@ -57,7 +57,7 @@ def preview_geometry(pack: Pack, export: Export, tell: Told = lambda share, note
         colours = np.rint(255.0 * straight).astype(np.uint8)
         return PreviewGeometry(points, np.zeros_like(points), colours, no_faces, coarser * pack.voxel_size, coarser)
     alike = replace(export, smooth=-(-export.smooth // coarser))  # smooths about as far
-    surface = surface_of(field, alike, export_frame, tell)
+    surface = surface_of(field, alike, export_frame, on_progress)
     if export.kind == "points":
         spacing = max(export.spacing, float(coarser))
         points, normals, colours = scattered(surface, replace(export, spacing=spacing), export_frame)
@@ -65,7 +65,7 @@ def preview_geometry(pack: Pack, export: Export, tell: Told = lambda share, note
             points.astype(np.float32), normals.astype(np.float32), colours, no_faces, spacing * pack.voxel_size, coarser
         )
     if export.faces is not None:
-        tell(0.8, "removing triangles")
+        on_progress(0.8, "removing triangles")
         surface = decimated(surface, export.faces)
     there = placed(surface, export_frame)
     return PreviewGeometry(there.vertices, vertex_normals(there), there.colours, there.faces, 0.0, coarser)

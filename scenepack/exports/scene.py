@@ -33,7 +33,7 @@ LEAST_OPACITY = 0.02  # of a voxel that becomes a Gaussian
 MOST_FACES, MOST_GAUSSIANS = 16_000_000, 6_000_000  # made before anything is thinned: 3 GB and 2 GB at their peak
 MOST_POINTS = 50_000_000
 FACES_A_CROSSING = 6.0  # of a surface, triangles for each time that a row along x passes through it
-Told = Callable[[float, str], None]
+OnProgress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -116,28 +116,28 @@ def divisors(number: int) -> list[int]:
     return [i for i in range(1, number + 1) if number % i == 0]
 
 
-def export_scene(pack: Pack, file: Path, export: Export, tell: Told = lambda share, note: None) -> Written:
-    """Writes `file` in one step. tell: called with the share that is done and what is being done.
+def export_scene(pack: Pack, file: Path, export: Export, on_progress: OnProgress = lambda share, note: None) -> Written:
+    """Writes `file` in one step. on_progress: called with the share that is done and what is being done.
 
     UserError where nothing would be in it, or it cannot be written.
     """
     check_export(export, pack)
     export_frame = ExportFrame(pack, export.frame, export.scale)
     field = Field(pack, 1, export.crop)
-    tell(0.0, "counting")
+    on_progress(0.0, "counting")
     field = Field(pack, export.coarser or _coarseness(field, export), export.crop)
     if export.kind == "gaussians":
-        parts, written = _gaussians(field, export, export_frame, tell)
+        parts, written = _gaussians(field, export, export_frame, on_progress)
     else:
-        parts, written = _surface(field, export, export_frame, file, tell)
-    tell(0.95, "writing")
+        parts, written = _surface(field, export, export_frame, file, on_progress)
+    on_progress(0.95, "writing")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_file(file, parts)
     except OSError as error:
         words, remedy = not_written(error)
         raise UserError(f"cannot be written: {words}", where=file, remedy=remedy) from error
-    tell(1.0, "")
+    on_progress(1.0, "")
     return written
 
 
@@ -153,22 +153,24 @@ def _coarseness(field: Field, export: Export) -> int:
     return next((f for f in divisors(field.pack.block_size) if amount <= most * f**power), field.pack.block_size)
 
 
-def _gaussians(field: Field, export: Export, export_frame: ExportFrame, tell: Told) -> tuple[list[bytes], Written]:
+def _gaussians(
+    field: Field, export: Export, export_frame: ExportFrame, on_progress: OnProgress
+) -> tuple[list[bytes], Written]:
     positions, rgba = voxels_of(field, LEAST_OPACITY)
     near = export_frame.near_enough(positions)
     positions, rgba = positions[near], rgba[near]
     require_some(len(positions), export)
-    tell(0.5, f"{len(positions):,} Gaussians")
+    on_progress(0.5, f"{len(positions):,} Gaussians")
     values = gaussian_values(positions, rgba, field, export_frame)
     return ply_parts(COLUMNS, values), Written(len(positions), 0, field.coarser)
 
 
 def surface_of(
-    field: Field, export: Export, export_frame: ExportFrame, tell: Told = lambda share, note: None
+    field: Field, export: Export, export_frame: ExportFrame, on_progress: OnProgress = lambda share, note: None
 ) -> Surface:
     """The surface without floaters, smoothed, in voxels of the pack's grid. UserError where nothing would be in it."""
-    surface = extract(field, export.level, lambda share: tell(0.6 * share, "finding the surface"))
-    tell(0.6, "removing floaters")
+    surface = extract(field, export.level, lambda share: on_progress(0.6 * share, "finding the surface"))
+    on_progress(0.6, "removing floaters")
     surface = without_floaters(surface, export.keep)
     near = export_frame.near_enough(surface.vertices)
     if export.kind == "mesh":
@@ -176,22 +178,22 @@ def surface_of(
     if not near.all():
         surface = surface.only(np.all(near[surface.faces], axis=1))
     require_some(len(surface.faces), export)
-    tell(0.7, "smoothing")
+    on_progress(0.7, "smoothing")
     return smoothed(surface, export.smooth)
 
 
 def _surface(
-    field: Field, export: Export, export_frame: ExportFrame, file: Path, tell: Told
+    field: Field, export: Export, export_frame: ExportFrame, file: Path, on_progress: OnProgress
 ) -> tuple[list[bytes], Written]:
-    surface = surface_of(field, export, export_frame, tell)
+    surface = surface_of(field, export, export_frame, on_progress)
     said = [f"frame {export.frame}, lengths times {export.scale:g}", "colours are diffuse, sRGB"]
     if export.kind == "points":
         points, normals, colours = scattered(surface, export, export_frame)
         return ply_parts(POINT, [points, normals, colours], comments=said), Written(len(points), 0, field.coarser)
     if export.faces is not None:
-        tell(0.8, "removing triangles")
+        on_progress(0.8, "removing triangles")
         surface = decimated(surface, export.faces)
-    tell(0.9, f"{len(surface.faces):,} triangles")
+    on_progress(0.9, f"{len(surface.faces):,} triangles")
     surface = placed(surface, export_frame)
     normals = vertex_normals(surface)
     written = Written(len(surface.vertices), len(surface.faces), field.coarser)

@@ -105,8 +105,8 @@ def card_facts(renderer: str) -> dict[str, Any]:
     return facts
 
 
-def _text(told: Any) -> str:
-    return told.decode(errors="replace") if isinstance(told, bytes) else str(told)
+def _text(value: Any) -> str:
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
 def _version(name: str) -> str:

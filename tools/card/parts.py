@@ -75,7 +75,6 @@ def _outcome(part: Part, budget: Budget) -> Facts:
     except Skipped as reason:
         return {"status": "skipped", "why": str(reason)}
     except Exception as error:  # the next parts may still succeed, and the card may be at hand only once
-        told = str(error) or type(error).__name__
-        return {"status": "failed", "why": told, "traceback": traceback.format_exc()}
+        return {"status": "failed", "why": str(error) or type(error).__name__, "traceback": traceback.format_exc()}
     problems = facts.pop("problems", [])
     return {"status": "failed" if problems else "done", "why": "; ".join(problems), **facts}

@@ -147,15 +147,15 @@ class Training:
         """A part: PSNR of photographs held out over minutes of training."""
         words = ["--minutes", str(minutes), "--validate-views", "8", "--validate-every", "1000"]
         facts = self._trained(preset, "curve", words, budget, 60.0 * minutes + PAPER_S)
-        told = [] if facts["curve"] else ["no photograph was compared"]
-        return facts | {"problems": [*facts.get("problems", []), *told]}
+        missing = [] if facts["curve"] else ["no photograph was compared"]
+        return facts | {"problems": [*facts.get("problems", []), *missing]}
 
     def step_of(self, preset: str, budget: Budget) -> Facts:
         """A part: what a step takes."""
         words = ["--steps", "100", "--minutes", "2", "--log-every", "10", "--validate-every", "0"]
         facts = self._trained(preset, "step", words, budget, PAPER_S)
-        told = [] if facts["step_ms"] else ["no step was timed"]
-        return facts | {"problems": [*facts.get("problems", []), *told]}
+        missing = [] if facts["step_ms"] else ["no step was timed"]
+        return facts | {"problems": [*facts.get("problems", []), *missing]}
 
     def parts_of_step(self, preset: str, budget: Budget) -> Facts:
         """A part: the shares of a step of the run that curve_of left."""

@@ -31,7 +31,7 @@ from av.stream import Disposition
 from PIL import Image
 
 from console import UserError
-from console.contents import HEAD_BYTES, told
+from console.file_signature import HEAD_BYTES, sniff_type
 from training.posing.photograph import PREVIEW_SIDE, same_view, sharpness, thumbnail, write_picture
 from training.scenes.deep_pictures import linear_to_srgb
 from training.scenes.sources import DEMUXERS, FILM_NAMES, container_of
@@ -324,7 +324,7 @@ def _demuxed(film: Path) -> Iterator[Any]:
     found = container_of(film)
     if found is None:
         with film.open("rb") as file:
-            head = told(file.read(HEAD_BYTES))
+            head = sniff_type(file.read(HEAD_BYTES))
         raise UserError("not a film that can be read", where=film, expected=FILM_NAMES, found=head)
     with (
         film.open("rb") as file,

@@ -127,7 +127,7 @@ def _placed(
     P, points = found.world_T_camera, PointCloud(found.points, found.tracks, found.seen)
     if points.suffices and not options.spherify and faces_forward(P):
         if options.up is not None:
-            raise UserError("what is up cannot be told of a forward-facing scene", where=UP, found=str(path),
+            raise UserError("which way is up is not asked of a forward-facing scene", where=UP, found=str(path),
                             remedy="leave it out, or use --spherify")  # fmt: skip
         placed = moved(photographs, frame_forward(P, depth_ranges(P, points).min()))
         try:

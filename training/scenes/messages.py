@@ -1,4 +1,4 @@
-"""Messages about scenes: what was left out or mended, names, sizes."""
+"""Messages about scenes: what was left out or repaired, names, sizes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NAMED = 8  # names in a message
 
 
 def notice(where: Path | str | None, text: str, names: Sequence[str] | None = None) -> None:
-    """Tells the user what was left out or mended, and the first of the `names` that it concerns; nothing where there are none."""
+    """Warns of what was left out or repaired, with the first of the `names` that it concerns; not where there are none."""
     if names is not None and not names:
         return
     words = text if where is None else f"{where}: {text}"

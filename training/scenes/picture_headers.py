@@ -19,7 +19,7 @@ from PIL import Image, UnidentifiedImageError, features
 from PIL.JpegImagePlugin import JpegImageFile
 
 from console import UserError
-from console.contents import HEAD_BYTES, told
+from console.file_signature import HEAD_BYTES, sniff_type
 from training.scenes.deep_pictures import ORIENTATION, ExrHeader, TiffTags, exr_header, tiff_tags
 from training.scenes.files import READ_PICTURES, UNREAD_FORMATS
 from training.scenes.messages import times
@@ -70,7 +70,7 @@ def read_header(path: Path) -> Header:
         )
     try:
         with _Bounded(io.FileIO(path)) as file:
-            kind = told(file.read(HEAD_BYTES))
+            kind = sniff_type(file.read(HEAD_BYTES))
             file.seek(0)
             tags = tiff_tags(path, file) if kind == "a TIFF" else None
         if kind == "an OpenEXR":
@@ -125,7 +125,7 @@ def weigh(path: Path, size: tuple[int, int], words: float = 1) -> None:
 
 def formats_of(path: Path) -> tuple[str, ...]:
     """Which of Pillow's formats may be in a file, by its first bytes. UserError where what reads them is not installed."""
-    kind = told(_head(path))
+    kind = sniff_type(_head(path))
     if kind == "an AVIF":
         if not features.check("avif"):
             raise UserError("this Pillow reads no AVIF", where=path, remedy="pip install --upgrade pillow")

@@ -1,4 +1,4 @@
-"""A scene: posed photographs, as every reader returns them and as every other room sees them. No JAX here.
+"""A scene: posed photographs, as every reader returns them and as every other package sees them. No JAX here.
 
 Frames: OpenGL camera-to-world (x right, y up, z back) from the reader on. Pixel centres lie at +0.5.
 """

@@ -19,7 +19,7 @@ from training.scenes.scene import Box, Camera, Direction, Scene
 
 AABB, UP = "--aabb", "--up"
 PROBES = 17  # pixels along each side of a picture whose rays are tried
-FEWEST_MEETING = 0.5  # share of the photographs that see the box, else a user is told
+FEWEST_MEETING = 0.5  # share of the photographs that see the box, else the user is warned
 SHORTEST = 1e-6  # of a direction
 
 
@@ -88,7 +88,7 @@ def box_line(scene: Scene, given: bool, contracted: bool = False) -> str | None:
         )
     eyes = np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in scene.splits["train"]])
     distance = np.linalg.norm(eyes, axis=-1).mean()
-    whose = "as told by --aabb" if given else "another one: --aabb x0,y0,z0,x1,y1,z1"
+    whose = "as given by --aabb" if given else "another one: --aabb x0,y0,z0,x1,y1,z1"
     return f"box of the content: {box_text(scene.aabb)} where cameras stand {distance:.3g} from the origin; {whose}"
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from console import UserError
-from console.contents import HEAD_BYTES, told
+from console.file_signature import HEAD_BYTES, sniff_type
 from training.scenes.files import PICTURE_SUFFIXES, READ_PICTURES, UNREAD_FORMATS, find_masks, is_hidden, visible_files
 from training.scenes.messages import few
 
@@ -78,7 +78,7 @@ class Source:
 
     @property
     def folder(self) -> Path:
-        """What the names of `files` are told relative to."""
+        """What the names of `files` are relative to."""
         return self.path if self.path.is_dir() else self.path.parent
 
     @property
@@ -141,7 +141,7 @@ def require_source(path: Path) -> Source:
     file = path if source is None else source.files[0]
     if os.path.isfile(file):
         with file.open("rb") as opened:
-            found = told(opened.read(HEAD_BYTES))
+            found = sniff_type(opened.read(HEAD_BYTES))
         of_scene = file.suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_FORMATS, ".json", ".npy", ".bin")
         raise UserError("not a film that can be read", where=file, expected=READ, found=found,
                         remedy="name the folder that it is in" if of_scene else None)  # fmt: skip

@@ -1,9 +1,9 @@
-"""What a file is, told from its first bytes, for the "found" of an error. Names of files prove nothing."""
+"""File signatures: the type of a file from its first bytes, for the "found" of an error. Names of files prove nothing."""
 
 from __future__ import annotations
 
-HEAD_BYTES = 64  # enough for `told`
-# Where a signature stands, the signature, and what it tells.
+HEAD_BYTES = 64  # enough for sniff_type
+# Where a signature stands, the signature, and the type.
 _SIGNATURES = (
     (0, b"\x89PNG\r\n\x1a\n", "a PNG"),
     (0, b"\xff\xd8\xff", "a JPEG"),
@@ -40,8 +40,8 @@ _SIGNATURES = (
 _SHOWN = 24  # characters of text
 
 
-def told(head: bytes) -> str:
-    """What the first HEAD_BYTES of a file tell that it is: "a PNG", "text that begins 'v=0 o=-'", "unknown data"."""
+def sniff_type(head: bytes) -> str:
+    """The type of a file by its first HEAD_BYTES: "a PNG", "text that begins 'v=0 o=-'", "unknown data"."""
     if not head:
         return "an empty file"
     if head[4:12] in (b"ftypmif1", b"ftypmsf1") and b"avif" in head[12:]:  # one container, and two codecs
