@@ -24,6 +24,7 @@ from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
 from viewer.features.comparison.comparison import Comparison
 from viewer.features.crop import crop
+from viewer.features.display.display import TRAINED, backdrop
 from viewer.features.export.exporting import Exporting
 from viewer.features.film.camera_path import CameraPath
 from viewer.features.film.filming import Filming
@@ -36,7 +37,7 @@ from viewer.features.opening.opening import Loading, Opening, OpenPack, OpenPack
 from viewer.features.opening.session import Sessions
 from viewer.features.performance.frame_stats import CostMeter, FrameStats
 from viewer.features.photographs.photographs import Gallery
-from viewer.features.preferences.preferences import TRAINED, Preferences, backdrop
+from viewer.features.preferences.preferences import Preferences
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import DynamicResolution
@@ -88,18 +89,18 @@ class App:
         """
         scene = OpenScene(path, name or name_of(path), pack, self.undoable(orbit_camera_for(pack)), whole)
         left = self.left_now()
-        self.turn_to(OpenPack(scene, None, 0.0, CameraPath()), told=whole)
+        self.turn_to(OpenPack(scene, None, 0.0, CameraPath()), dialog=whole)
         self.open_packs.drop(path)
         if left is not None and left.scene.path != path:
             self.open_packs.keep(self, left)
         if whole:
             self.opened()
 
-    def turn_to(self, entry: OpenPack, *, told: bool = True) -> None:
+    def turn_to(self, entry: OpenPack, *, dialog: bool = True) -> None:
         """Shows a pack with its camera, crop and camera path. UserError, with nothing changed, if it does not fit on the GPU."""
         pack = entry.scene.pack
         if self.canvas is not None:
-            with self.messages.noting_warnings(told=told):
+            with self.messages.noting_warnings(dialog=dialog):
                 self.canvas.show(pack)
         self.scene = entry.scene
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
@@ -141,7 +142,7 @@ class App:
             if self.filming.export is not None:
                 return  # a film is of one scene; the next state may be shown
             if self.canvas is not None:
-                with self.messages.noting_warnings(told=False):
+                with self.messages.noting_warnings(dialog=False):
                     self.canvas.refine(training_preview.pack)
             before.pack, before.name = training_preview.pack, name
             before.rig.follow(orbit_camera_for(training_preview.pack))

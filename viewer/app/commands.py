@@ -1,19 +1,16 @@
 """Everything that a key, a button or a menu can ask for, by name.
 
-Keys are told as imgui names them ("R", "Home", "F11"), with "Ctrl+" (Cmd on macOS) and "Shift+" before.
+Keys have the names that imgui gives them ("R", "Home", "F11"), with "Ctrl+" (Cmd on macOS) and "Shift+" before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal
 
 from viewer.app.application import App
-from viewer.core.files import SESSION_SUFFIX, FileRequest, pack_in
-from viewer.features.opening.open_prompt import OPENABLE, OpenPrompt
-from viewer.rendering.settings import MODES
+from viewer.features.display.display import next_mode
+from viewer.features.opening.open_prompt import ask_to_open, browse
 
 STEP_DEGREES = 15.0  # of a key that turns
 
@@ -37,19 +34,6 @@ def _rig(action: Callable) -> Callable[[App], object]:
     return lambda app: action(app.scene.rig) if app.scene is not None else None
 
 
-def _next_mode(app: App, step: int) -> None:
-    modes = modes_for(app)
-    now = modes.index(app.settings.mode) if app.settings.mode in modes else 0
-    app.set(mode=modes[(now + step) % len(modes)])
-
-
-def modes_for(app: App) -> tuple[str, ...]:
-    """Display modes that show something for the pack that is open."""
-    if app.scene is not None and app.scene.pack.view_mlp is None:
-        return tuple(mode for mode in MODES if mode not in ("features", "view-dependent"))
-    return MODES
-
-
 def _toggle(name: str) -> Callable[[App], object]:
     def toggle(app: App) -> None:
         setattr(app.interface, name, not getattr(app.interface, name))
@@ -67,75 +51,10 @@ def _fly(app: App) -> None:
         app.messages.say(flying if rig.flying else "Orbiting the pivot")
 
 
-def ask_to_open(app: App, *, other: bool = False) -> None:
-    """Asks what to open. other: for a pack to compare with."""
-    app.open_prompt = OpenPrompt(app.preferences.recent_packs(), other)
-
-
-def choose(app: App, line: int | None = None) -> None:
-    """Takes what is chosen in that question: the line given, or what Enter takes."""
-    assert app.open_prompt is not None
-    path, other = app.open_prompt.take(line), app.open_prompt.other
-    if path is not None:
-        app.open_prompt = None
-        _open(app, path, other)
-    app.touch()
-
-
-def browse(app: App, kind: Literal["open", "folder"], *, other: bool = False) -> None:
-    """Goes on with a file dialog: for a file, or for a folder."""
-    app.open_prompt = None
-    title = "Compare with a pack" if other else "Open a pack, photographs, a film or a training run"
-    suffixes = () if kind == "folder" else (".zip",) if other else OPENABLE
-    app.file_request = FileRequest(title, kind, lambda path: _open(app, path, other), suffixes)
-
-
-def _open(app: App, path: Path, other: bool) -> None:
-    app.open(pack_in(path), other=True) if other else app.drop([path])
-
-
-def ask_to_make(app: App) -> None:
-    """Asks for photographs, or for a run."""
-    app.file_request = FileRequest("A scene's photographs, or a training run", "folder", lambda path: app.drop([path]))
-
-
-def ask_for_still(app: App) -> None:
-    """Asks where to save the present view."""
-    name = f"{app.scene.name}.png" if app.scene is not None else "picture.png"
-    app.file_request = FileRequest(
-        "Save the picture", "save", lambda path: app.filming.still(app, path), (".png", ".exr"), name
-    )
-
-
-def ask_for_table(app: App) -> None:
-    """Asks where to save the measurements."""
-    name = f"{app.scene.name}-measurements.csv" if app.scene is not None else "measurements.csv"
-    app.file_request = FileRequest(
-        "Save the measurements", "save", lambda path: app.measure_tool.save_table(app, path), (".csv",), name
-    )
-
-
-def ask_for_session(app: App) -> None:
-    """Asks where to save what is open, and from where it is seen."""
-    name = f"{app.scene.name}{SESSION_SUFFIX}" if app.scene is not None else f"scene{SESSION_SUFFIX}"
-    start = app.scene.path.resolve().parent if app.scene is not None and app.scene.path.exists() else None
-    app.file_request = FileRequest(
-        "Save the session", "save", lambda path: app.sessions.save(app, path), (SESSION_SUFFIX,), name, start
-    )
-
-
-def _ask_to_export(app: App) -> None:
-    app.exporting.ask(app, app.annotations.current.scale.factor)
-
-
 def _escape(app: App) -> None:
     """Closes what lies on top."""
     if app.interface.help_shown:
         app.interface.help_shown = False
-    elif app.exporting.asking:
-        app.exporting.dismiss()
-    elif app.making.plan is not None:
-        app.making.dismiss(app)
     elif app.filming.export is not None:
         app.filming.cancel(app)
     elif app.loading is not None:
@@ -202,13 +121,13 @@ COMMANDS: dict[str, Command] = {
         Command("turn-right", "Turn by 15° to the right", "Views", _turn(1, 0), ("Num6",)),
         Command("turn-up", "Turn by 15° upwards", "Views", _turn(0, 1), ("Num8",)),
         Command("turn-down", "Turn by 15° downwards", "Views", _turn(0, -1), ("Num2",)),
-        Command("next-mode", "Next display mode", "Picture", lambda app: _next_mode(app, 1), ("Space",)),
-        Command("last-mode", "Previous display mode", "Picture", lambda app: _next_mode(app, -1), ("Shift+Space",)),
+        Command("next-mode", "Next display mode", "Picture", lambda app: next_mode(app, 1), ("Space",)),
+        Command("last-mode", "Previous display mode", "Picture", lambda app: next_mode(app, -1), ("Shift+Space",)),
         Command("next-photo", "Next photograph", "Picture", lambda app: app.gallery.step(app, 1), ("N",)),
         Command("last-photo", "Previous photograph", "Picture", lambda app: app.gallery.step(app, -1), ("B",)),
-        Command("save", "Save the picture", "Picture", ask_for_still, ("Ctrl+S",)),
+        Command("save", "Save the picture", "Picture", lambda app: app.filming.ask_for_still(app), ("Ctrl+S",)),
         Command("copy-picture", "Copy the picture", "Picture", lambda app: app.filming.copy(app), ("Ctrl+I",)),
-        Command("export-scene", "Export the scene", "Picture", _ask_to_export, ("Ctrl+E",)),
+        Command("export-scene", "Export the scene", "Picture", lambda app: app.exporting.ask(app), ("Ctrl+E",)),
         Command("measure", "Measure", "Ruler", lambda app: app.measure_tool.toggle(app), ("M",)),
         Command("finish-line", "End the line", "Ruler", lambda app: app.measure_tool.finish(app), ("Enter",)),
         Command(
@@ -239,7 +158,14 @@ COMMANDS: dict[str, Command] = {
         Command(
             "last-pack", "Previous open pack", "Window", lambda app: app.open_packs.switch(app, -1), ("Ctrl+Shift+Tab",)
         ),
-        Command("make", "Make a scene from photographs", "Window", ask_to_make, ("Ctrl+M",), False),
+        Command(
+            "make",
+            "Make a scene from photographs",
+            "Window",
+            lambda app: app.making.ask_for_photographs(app),
+            ("Ctrl+M",),
+            False,
+        ),
         Command("close", "Close the scene", "Window", lambda app: app.close(), ("Ctrl+W",)),
         Command("panels", "Show or hide the panels", "Window", _toggle("panels_shown"), ("Tab",), False),
         Command("layout", "Reset the layout", "Window", lambda app: app.interface.reset_layout(), ("Ctrl+L",), False),
@@ -253,7 +179,13 @@ COMMANDS: dict[str, Command] = {
         Command("help", "Keys and mouse", "Window", _toggle("help_shown"), ("?", "F1"), False),
         Command("escape", "Close the top dialog", "Window", _escape, ("Escape",), False),
         Command("quit", "Quit", "Window", lambda app: app.making.ask_to_quit(app), ("Ctrl+Q",), False),
-        Command("save-session", "Save the session", "Window", ask_for_session, ("Ctrl+Shift+S",)),
+        Command(
+            "save-session",
+            "Save the session",
+            "Window",
+            lambda app: app.sessions.ask_where_to_save(app),
+            ("Ctrl+Shift+S",),
+        ),
         Command(
             "last-session",
             "Continue the last session",
@@ -261,7 +193,7 @@ COMMANDS: dict[str, Command] = {
             lambda app: app.sessions.open_last(app),
             needs_scene=False,
         ),
-        Command("save-measurements", "Save the measurements", "Ruler", ask_for_table),
+        Command("save-measurements", "Save the measurements", "Ruler", lambda app: app.measure_tool.ask_for_table(app)),
         Command("film-bookmarks", "Film through the bookmarks", "Bookmarks", lambda app: app.bookmarks.film(app)),
         Command("set-scale", "Set the scale", "Ruler", lambda app: app.measure_tool.set_scale(app)),
         # answers to dialogs; no keys

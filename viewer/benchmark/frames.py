@@ -24,7 +24,7 @@ EVERY_S = 0.05
 
 
 class PowerMeter:
-    """Averages the card's power while the `with` block runs. watts: None where it cannot be told."""
+    """Averages the card's power while the `with` block runs. watts: None where it is unknown."""
 
     def __init__(self, renderer: str) -> None:
         """renderer: GL_RENDERER; on a software rasteriser no card is asked."""

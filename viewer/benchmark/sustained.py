@@ -17,8 +17,8 @@ from viewer.rendering.settings import RenderSettings
 def sustained(
     renderer: OffscreenRenderer, cameras: Sequence[ViewCamera], settings: RenderSettings, seconds: float
 ) -> dict[str, Any]:
-    """frames, fps, watts and fps_per_watt while `cameras` are drawn over and over for so many seconds. watts: None where they
-    cannot be told."""
+    """frames, fps, watts and fps_per_watt while `cameras` are drawn over and over for so many seconds. watts: None where
+    unknown."""
     framebuffer = renderer.framebuffer(cameras[0].width, cameras[0].height)
 
     def draw(camera: ViewCamera) -> None:

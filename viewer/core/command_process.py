@@ -26,8 +26,10 @@ def temporary_folder(prefix: str) -> Path:
         return Path(tempfile.mkdtemp(prefix=prefix))
     except OSError as error:
         words, remedy = not_written(error)
-        told = isinstance(error, FileNotFoundError) and refusal(error)
-        raise UserError(told or f"no temporary folder can be made: {words}", remedy=None if told else remedy) from error
+        known = isinstance(error, FileNotFoundError) and refusal(error)
+        raise UserError(
+            known or f"no temporary folder can be made: {words}", remedy=None if known else remedy
+        ) from error
 
 
 class CommandProcess:

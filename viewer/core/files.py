@@ -48,7 +48,7 @@ class FileRequest:
 
 
 def kind_of(path: Path) -> Kind:
-    """What is at `path`, told by names alone. pictures: photographs without poses, or a film."""
+    """What is at `path`, by names alone. pictures: photographs without poses, or a film."""
     if path.is_file():
         if path.suffix.lower() == SESSION_SUFFIX:
             return "session"

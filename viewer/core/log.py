@@ -72,7 +72,7 @@ class Messages:
     toast_level: str = "info"
     toast_until: float = 0.0  # time.monotonic()
     crash_log: Callable[[str], object] = lambda text: None  # writes messages and commands to the crash log at once
-    _toast_told: str = ""
+    _toast_seen: str = ""
 
     def log(self, text: str, level: str = "info") -> None:
         """Adds a line to the log."""
@@ -92,8 +92,8 @@ class Messages:
 
     def toast_changed(self) -> bool:
         """Whether a toast has come or gone since this was asked last, so that it must be drawn or taken away."""
-        told, self._toast_told = self._toast_told, self.toast if self.toast_left > 0 else ""
-        return self._toast_told != told
+        before, self._toast_seen = self._toast_seen, self.toast if self.toast_left > 0 else ""
+        return self._toast_seen != before
 
     def fail(
         self,
@@ -103,7 +103,7 @@ class Messages:
         buttons: tuple[tuple[str, str], ...] = (("OK", ""),),
         rejected: RejectedPhotographs | None = None,
     ) -> None:
-        """Opens a dialog, and logs it. A bug of ours is told as one, with its traceback in the log."""
+        """Opens a dialog, and logs it. A bug of ours is called one, with its traceback in the log."""
         text = error if isinstance(error, str) else in_plain_words(error)
         self.log(f"{title}: {text}", "error")
         if isinstance(error, BaseException) and text.startswith(BUG):
@@ -112,8 +112,8 @@ class Messages:
         self.dialogs.append(Dialog(title, text, details, buttons, rejected=rejected))
 
     @contextmanager
-    def noting_warnings(self, *, told: bool = True) -> Iterator[None]:
-        """What the `with` block warns of, that a card has no room for the whole pack, is logged; and told where `told`."""
+    def noting_warnings(self, *, dialog: bool = True) -> Iterator[None]:
+        """Logs the notices of the `with` block, such as a pack too large for the GPU; dialog: shows them as well."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", Notice)
             yield
@@ -121,7 +121,7 @@ class Messages:
             if issubclass(warning.category, Notice):
                 text = str(warning.message)
                 self.log(text, "warning")
-                if told:
+                if dialog:
                     self.dialogs.append(Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False))
 
     @property
@@ -134,10 +134,10 @@ def in_plain_words(error: BaseException) -> str:
     """What went wrong, for a dialog."""
     if isinstance(error, UserError | ValueError) and str(error):
         return str(error)
-    told = refusal(error)
-    if told is None and isinstance(error, OSError) and error.strerror:
-        told = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    return told or f"{BUG}. The log page has its traceback ({type(error).__name__}: {error})."
+    text = refusal(error)
+    if text is None and isinstance(error, OSError) and error.strerror:
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return text or f"{BUG}. The log page has its traceback ({type(error).__name__}: {error})."
 
 
 # --- Crash log ---

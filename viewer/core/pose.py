@@ -149,7 +149,7 @@ def ortho_height_of(text: str) -> float | None:
 def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
     """grid_T_camera (float64 [4, 4], not mirrored) and fov of a pose written by pose_to_text.
 
-    `up` may be missing (y). Also taken: six bare numbers, eye and target. ValueError, told plainly, for the rest.
+    `up` may be missing (y). Also taken: six bare numbers, eye and target. ValueError, in plain words, for the rest.
     """
     try:
         values = parse_json(text)
@@ -246,7 +246,7 @@ Moment = tuple[Any, ...]  # one value for each part
 
 
 class History:
-    """Moments to come back to. parts: each reads a value (told apart by ==) and puts it back."""
+    """Moments to come back to. parts: each reads a value (compared by ==) and puts it back."""
 
     def __init__(self) -> None:
         self._parts: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []

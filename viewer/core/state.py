@@ -13,14 +13,6 @@ if TYPE_CHECKING:
     from viewer.features.camera.orbit_camera import OrbitCamera
 
 FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
-BACKGROUNDS: dict[str, tuple[float, float, float]] = {
-    "White": (1.0, 1.0, 1.0),
-    "Light": (0.82, 0.85, 0.89),
-    "Dark": (0.09, 0.11, 0.14),
-    "Black": (0.0, 0.0, 0.0),
-}
-
-
 SCALES = (0.75, 0.85, 1.0, 1.15, 1.3, 1.5, 1.75, 2.0)  # of the interface
 
 

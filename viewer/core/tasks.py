@@ -21,7 +21,7 @@ class Task(Generic[T]):
 
     def __init__(self, function: Callable[[], T], *, kept: bool = False) -> None:
         self._future: Future[T] = Future()
-        self._told: object = None
+        self._seen: object = None
         threading.Thread(target=self._run, args=(function,), daemon=not kept).start()
 
     @property
@@ -34,8 +34,8 @@ class Task(Generic[T]):
 
     def news(self) -> bool:
         """Whether state() or `finished` has changed since this was asked last."""
-        told, self._told = self._told, (self.state(), self.finished)
-        return told != self._told
+        before, self._seen = self._seen, (self.state(), self.finished)
+        return before != self._seen
 
     def state(self) -> object:
         """A summary of what has been collected so far."""
@@ -46,7 +46,7 @@ class Task(Generic[T]):
             self._future.set_result(function())
         except BaseException as error:
             self._future.set_exception(error)
-            raise  # told like any exception of a thread, whoever takes the result
+            raise  # reported like any exception of a thread, whoever takes the result
 
 
 class JsonTask(Task[None]):

@@ -41,7 +41,7 @@ class Presses:
         self._waiting: deque[tuple[int, KeyPress]] = deque()  # imgui's number of the same event, and the press
 
     def add(self, press: KeyPress) -> None:
-        """Call just before imgui is told of the same event; its context must be current."""
+        """Call just before imgui gets the same event; its context must be current."""
         self._waiting.append((imgui.get_current_context().input_events_next_event_id, press))
 
     def dispatch(self, app: App) -> None:
@@ -73,7 +73,7 @@ def queue_is_empty() -> bool:
 # --- All keys, and what the mouse does, over everything else ---
 
 NAME = "##help"
-COLUMN = 330.0  # width of a column; as many as the window has room for
+COLUMN = 330.0  # width of a column; as many as the window has space for
 MOST_COLUMNS = 3
 PADDING = (28.0, 20.0)
 SCROLL_PER_S = 600.0  # by the arrow keys
@@ -177,6 +177,6 @@ def _group(group: _Group, fonts: Fonts) -> None:
         with coloured(text=theme.MUTED):
             imgui.text_unformatted(title[:1].upper() + title[1:])
         imgui.same_line()
-        room = imgui.get_content_region_avail().x - imgui.calc_text_size(keys).x
-        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(0.0, room))
+        space = imgui.get_content_region_avail().x - imgui.calc_text_size(keys).x
+        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(0.0, space))
         imgui.text_unformatted(keys)

@@ -148,7 +148,7 @@ class Docking:
 TOP, RAIL, SIDE = 48.0, 50.0, 318.0
 ICON_STEP = 40.0  # from one icon of the rail to the next
 SMALLEST_PAGE = 250.0
-NARROW = 620.0  # a window narrower than this has no room for a page beside the picture
+NARROW = 620.0  # a window narrower than this has no space for a page beside the picture
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ PAGES = (
 class Regions:
     """Boxes of the parts; width 0 where a part is not shown. dock: for the pages and the picture between them.
 
-    pages: whether there is room for pages beside the picture.
+    pages: whether there is space for pages beside the picture.
     """
 
     top: Box
@@ -223,7 +223,7 @@ def begin(name: str, box: Box, padding: tuple[float, float], extra: int = 0) -> 
 
 
 def show_rail(app: App, where: Regions) -> None:
-    """The icons that open and close pages; those that there is no room for are in a menu below them."""
+    """The icons that open and close pages; those that there is no space for are in a menu below them."""
     if where.rail[2] <= 0:
         return
     with coloured(window_bg=theme.BASE):
@@ -236,8 +236,8 @@ def show_rail(app: App, where: Regions) -> None:
     if interface.moved:
         reset = partial(run, app, "layout")
         entries.append(Entry("layout", fa.ICON_FA_TABLE_COLUMNS, "Reset the layout", reset, "Ctrl+L"))
-    room = int((where.rail[3] - px(20) + px(8)) / px(ICON_STEP))
-    shown = len(entries) if room >= len(entries) else max(room - 1, 0)
+    space = int((where.rail[3] - px(20) + px(8)) / px(ICON_STEP))
+    shown = len(entries) if space >= len(entries) else max(space - 1, 0)
     for entry in entries[:shown]:
         entry.button()
     if shown < len(entries):
@@ -250,7 +250,7 @@ def _open(app: App, page: str, where: Regions) -> bool:
 
 
 def _turn(app: App, page: str, docked: bool) -> None:
-    """Opens or closes a page; over the picture where there is no room beside it."""
+    """Opens or closes a page; over the picture where there is no space beside it."""
     interface = app.interface
     if not docked:
         interface.over = "" if interface.over == page else page

@@ -46,20 +46,20 @@ def plan(width: float, unit: float, widths: tuple[float, float, float], buttons:
     """
     name, details, speed = widths
 
-    def room(word: bool, with_details: bool, with_speed: bool, shown: int) -> float:
+    def free_width(word: bool, with_details: bool, with_speed: bool, shown: int) -> float:
         fixed = MARK + WORD * word + NAME_GAP * (name > 0) + STEP * (shown + (shown < buttons)) + EDGE
         fixed += GAP * (with_details and details > 0) + GAP * (1 + (with_speed and speed > 0))
         return width - unit * fixed - details * with_details - speed * with_speed
 
     wanted = min(name, unit * NAME)
     for word, with_details, with_speed in ((1, 1, 1), (1, 0, 1), (0, 0, 1), (0, 0, 0)):
-        left = room(bool(word), bool(with_details), bool(with_speed), buttons)
+        left = free_width(bool(word), bool(with_details), bool(with_speed), buttons)
         if left >= wanted:
             return Plan(bool(word), min(name, left), bool(with_details), bool(with_speed), buttons)
     shown = buttons
-    while shown > LEAST_BUTTONS and room(False, False, False, shown) < min(wanted, unit * SHORTEST_NAME):
+    while shown > LEAST_BUTTONS and free_width(False, False, False, shown) < min(wanted, unit * SHORTEST_NAME):
         shown -= 1
-    return Plan(False, max(0.0, min(name, room(False, False, False, shown))), False, False, shown)
+    return Plan(False, max(0.0, min(name, free_width(False, False, False, shown))), False, False, shown)
 
 
 def show(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:

@@ -45,7 +45,7 @@ PACKAGES = "apt-get install libgl1 libegl1 libgl1-mesa-dri, or dnf install mesa-
 
 
 def version_at(get_string: int | None) -> str:
-    """The version and the renderer of the context that is current; "" where they are not told.
+    """The version and the renderer of the context that is current; "" where they are unknown.
 
     get_string: address of glGetString, None where there is none.
     """
@@ -58,7 +58,7 @@ def version_at(get_string: int | None) -> str:
 
 
 def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -> UserError:
-    """What to tell where there is no OpenGL 3.3.
+    """The message where there is no OpenGL 3.3.
 
     version: as version_at gives it, "" where there is no OpenGL at all. complaint: the driver's own words. window: it was
     for a window, which some displays refuse where drawing into files works.
@@ -208,7 +208,7 @@ class Drawing(Program):
         self.vertices = ctx.vertex_array(self.linked, list(content))
 
     def draw(self, vertices: int = -1) -> None:
-        """Draws triangles from the first `vertices`; from all of them unless told."""
+        """Draws triangles from the first `vertices`; from all of them by default."""
         self.vertices.render(moderngl.TRIANGLES, vertices=vertices)
 
     def release(self) -> None:

@@ -31,7 +31,7 @@ ERROR_AT = re.compile(
 
 
 class ShaderError(Exception):
-    """A shader that does not compile or link: a bug of ours, told with the file and line it is in."""
+    """A shader that does not compile or link: a bug of ours, with the file and line it is in."""
 
 
 @dataclass(frozen=True)

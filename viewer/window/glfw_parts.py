@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from types import ModuleType
 from typing import Any
 
 from viewer.core.input import ControllerState
 
 
-def controllers_now(glfw: Any) -> list[ControllerState]:
+def controllers_now(glfw: ModuleType) -> list[ControllerState]:
     """What the gamepads and other joysticks of this computer say at this moment. glfw: the library, once it is initialised."""
     found = []
     for number in range(glfw.JOYSTICK_1, glfw.JOYSTICK_LAST + 1):
@@ -26,15 +27,15 @@ def controllers_now(glfw: Any) -> list[ControllerState]:
     return found
 
 
-def _values(told: Any) -> tuple[float, ...]:
+def _values(value: Any) -> tuple[float, ...]:
     """Numbers that GLFW gives as an array and how many they are."""
-    values, count = told
+    values, count = value
     return tuple(float(values[i]) for i in range(count))
 
 
-def text_of(told: Any) -> str:
+def text_of(value: Any) -> str:
     """A string of GLFW's, which its bindings give as bytes at times."""
-    return told.decode(errors="replace") if isinstance(told, bytes) else str(told)
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
 # --- A second OpenGL context beside the window's ---
@@ -46,7 +47,7 @@ class SecondContext:
     glfw: the library that `window` is of. Nothing is made before it is asked for.
     """
 
-    def __init__(self, glfw: Any, window: Any) -> None:
+    def __init__(self, glfw: ModuleType, window: Any) -> None:
         self._glfw, self._window = glfw, window
         self._handle: Any = None
 

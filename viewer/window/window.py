@@ -65,7 +65,7 @@ class NoDisplay(Exception):
 
 
 def display_problem() -> str | None:
-    """Why no window can be opened, as far as can be told beforehand; None where nothing speaks against it.
+    """Why no window can be opened, as far as is known beforehand; None where nothing speaks against it.
 
     UserError on a desktop with Wayland alone, where imgui_bundle's GLFW knows X11 only: somebody waits for a window there.
     """

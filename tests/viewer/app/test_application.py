@@ -9,7 +9,8 @@ from console import UserError
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
 from viewer.app.application import App
-from viewer.app.commands import COMMANDS, modes_for, run
+from viewer.app.commands import COMMANDS, run
+from viewer.features.display.display import modes_for
 from viewer.features.opening import opening as loading_module
 from viewer.rendering.settings import MODES
 

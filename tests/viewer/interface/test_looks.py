@@ -12,11 +12,10 @@ from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.scenes import photographed
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.features.display.display import STYLES, backdrop
 from viewer.features.preferences.preferences import (
-    STYLES,
     Preferences,
     apply_preferences,
-    backdrop,
     current_preferences,
     load,
     save,
@@ -80,10 +79,8 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
     assert app.interface.scale == 2.0
 
 
-def test_settings_of_an_earlier_version_keep_the_colour_that_was_chosen(tmp_path):
+def test_settings_that_make_no_sense_keep_their_defaults(tmp_path):
     file = tmp_path / "viewer.json"
-    file.write_text('{"background": [0, 0, 0]}')
-    assert load(file).backdrop == "plain"
     file.write_text('{"background": [1, 1, 1], "interface_scale": 99, "theme": "mauve"}')
     found = load(file)
     assert (found.backdrop, found.interface_scale) == ("gradient", 2.0) == (Preferences().backdrop, 2.0)

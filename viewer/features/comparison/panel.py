@@ -6,12 +6,12 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import ask_to_open
 from viewer.app.frame import other_layers
 from viewer.core import theme
 from viewer.core.screen import draw_layers
 from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, card, chip, chip_size, coloured, elided, figure, font, hint, label, px, segments
+from viewer.features.opening.open_prompt import ask_to_open
 from viewer.rendering.canvas import Canvas
 
 HOW = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}

@@ -8,13 +8,11 @@ from itertools import pairwise
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.app.commands import modes_for
 from viewer.core import theme
-from viewer.core.state import BACKGROUNDS
 from viewer.core.theme import Fonts
 from viewer.core.widgets import card, choice, figure, font, hint, label, px, segments, switch, tip
+from viewer.features.display.display import BACKGROUNDS, PLAIN, modes_for
 from viewer.features.performance import panel as performance_panel
-from viewer.features.preferences.preferences import PLAIN
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.shader_source import colour_stops
@@ -163,8 +161,8 @@ def legend_of(app: App) -> Legend | None:
 
 def show_legend(app: App, box: tuple[float, float, float, float]) -> None:
     """Draws it over the picture's box (x, y, width, height; window units), where it has room."""
-    told = legend_of(app)
-    if told is None:
+    legend = legend_of(app)
+    if legend is None:
         return
     draw = imgui.get_window_draw_list()
     with font(None, theme.SMALL):
@@ -177,11 +175,11 @@ def show_legend(app: App, box: tuple[float, float, float, float]) -> None:
             return
         low, high = ImVec2(left - pad, top - pad), ImVec2(left + width + pad, top + height + pad)
         draw.add_rect_filled(low, high, theme.packed(theme.BASE, 0.82), px(10))
-        draw.add_text(ImVec2(left, top), theme.packed(theme.MUTED), told.unit)
+        draw.add_text(ImVec2(left, top), theme.packed(theme.MUTED), legend.unit)
         y = top + line + px(4)
-        _bar(draw, told.stops, ImVec2(left, y), width, px(BAR[1]))
+        _bar(draw, legend.stops, ImVec2(left, y), width, px(BAR[1]))
         y += px(BAR[1]) + px(4)
-        for text, place in ((told.low, 0.0), (told.middle, 0.5), (told.high, 1.0)):
+        for text, place in ((legend.low, 0.0), (legend.middle, 0.5), (legend.high, 1.0)):
             wide = imgui.calc_text_size(text).x
             draw.add_text(ImVec2(left + place * (width - wide), y), theme.packed(theme.TEXT), text)
 

@@ -105,18 +105,15 @@ class Exporting:
     writing: Writing | None = None
     _looked: float = 0.0
 
-    def ask(self, app: App, scale: float = 1.0) -> None:
-        """Opens the dialog. scale: units that were set, per unit of the grid.
-
-        UserError where the scene is no pack on disk, or something is being written.
-        """
+    def ask(self, app: App) -> None:
+        """Opens the dialog. UserError where the scene is no pack on disk, or something is being written."""
         if self.writing is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
         if app.scene is None:
             return
         if kind_of(app.scene.path) != "pack":
             raise UserError("is not a pack on disk", where=app.scene.path, remedy="open a pack, then export it")
-        self.plan = replace(self.plan, crop=True, scale=scale)
+        self.plan = replace(self.plan, crop=True, scale=app.annotations.current.scale.factor)
         self.asking, self.preview = True, ExportPreview()
 
     def dismiss(self) -> None:
@@ -213,7 +210,7 @@ class ExportPreview:
         self._changed, self._begun = 0.0, True
         self._task: Task[None] | None = None
         self._share = 0.0
-        self._told: object = None
+        self._seen: object = None
 
     @property
     def working(self) -> bool:
@@ -242,8 +239,8 @@ class ExportPreview:
     def news(self) -> bool:
         """Whether there is something else to show since this was asked last."""
         state = (self.geometry, self.error, self.working, round(50 * self._share))
-        told, self._told = self._told, state
-        return told != state
+        before, self._seen = self._seen, state
+        return before != state
 
     def close(self) -> None:
         """Nothing is wanted any more."""
@@ -252,14 +249,14 @@ class ExportPreview:
     def _make(self, pack: Pack, wanted: tuple[int, Export]) -> None:
         from scenepack.exports.export_preview import preview_geometry
 
-        def tell(share: float, note: str) -> None:
+        def on_progress(share: float, note: str) -> None:
             if self._wanted != wanted:
                 raise _Superseded
             self._share = share
 
         try:
-            made = preview_geometry(pack, wanted[1], tell)
-            tell(1.0, "")
+            made = preview_geometry(pack, wanted[1], on_progress)
+            on_progress(1.0, "")
             self.geometry, self.error = made, ""
         except _Superseded:
             pass

@@ -134,10 +134,10 @@ def show_card(app: App, box: Box, fonts: Fonts) -> None:
             app.exporting.cancel()
         report = writing.report
         imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
-        hint(_told(writing.child.stopping, report))
+        hint(_status_text(writing.child.stopping, report))
 
 
-def _told(stopping: bool, report) -> str:
+def _status_text(stopping: bool, report) -> str:
     if stopping or report is None:
         return "Stopping…" if stopping else "Starting…"
     words = report.note or report.title

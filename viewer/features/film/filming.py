@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from console import UserError
+from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, view_camera
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.film_export import Export, Layers, ToClipboard
@@ -165,6 +166,13 @@ class Filming:
             camera = _reshaped(seen, self.size)
         if camera is not None:
             self._start(app, [camera], target, still=True)
+
+    def ask_for_still(self, app: App) -> None:
+        """Asks where to save the present view."""
+        name = f"{app.scene.name}.png" if app.scene is not None else "picture.png"
+        app.file_request = FileRequest(
+            "Save the picture", "save", lambda path: app.filming.still(app, path), (".png", ".exr"), name
+        )
 
     def copy(self, app: App) -> None:
         """Starts to put the picture of this moment, at the viewport's size, on the clipboard."""

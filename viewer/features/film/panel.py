@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import ask_for_still, run
+from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.files import FileRequest
 from viewer.core.pose import FRUSTUM_EDGES, frustum_points, view_camera
@@ -137,7 +137,7 @@ def _still(app: App, filming: Filming) -> None:
             filming.besides = tuple(m for m in STILL_MODES if (m in filming.besides) != (m == mode))
     imgui.begin_disabled(filming.export is not None)
     if main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", -1):
-        ask_for_still(app)
+        filming.ask_for_still(app)
     if imgui.button(f"{fa.ICON_FA_COPY}  Copy the picture", ImVec2(-1, 0)):
         run(app, "copy-picture")
     imgui.end_disabled()

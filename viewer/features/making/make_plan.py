@@ -176,8 +176,8 @@ class Plan:
 
     def command(self) -> list[str]:
         """Program and arguments that make it; `typed` is the same for a person."""
-        room = "baker.commands.make" if self.subject == "scene" else "baker.commands.bake"
-        return module_command(room, *self._arguments())
+        module = "baker.commands.make" if self.subject == "scene" else "baker.commands.bake"
+        return module_command(module, *self._arguments())
 
     def typed(self) -> str:
         """The command line, to be typed on another machine, say."""

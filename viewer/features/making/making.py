@@ -66,7 +66,7 @@ class Making:
     _training_preview_offered: bool = False  # whether it was shown once without being asked for
     _looked: float = 0.0
     _surveyed: bool = False
-    _left_told: int | None = None
+    _left_shown: int | None = None
     _rejected: RejectedPhotographs | None = None  # whose thumbnails are being read
 
     def offer(self, app: App, subject: Subject, path: Path) -> None:
@@ -106,6 +106,12 @@ class Making:
         """Closes the question."""
         self._forget()
         app.touch()
+
+    def ask_for_photographs(self, app: App) -> None:
+        """Asks for photographs, or for a run."""
+        app.file_request = FileRequest(
+            "A scene's photographs, or a training run", "folder", lambda path: app.drop([path])
+        )
 
     def ask_where(self, app: App) -> None:
         """Asks for another folder for the results."""
@@ -240,7 +246,7 @@ class Making:
             self._training_preview_offered = True
             try:
                 self.show_training_preview(app)
-            except UserError as error:  # the card has no room for it
+            except UserError as error:  # it does not fit on the GPU
                 app.messages.log(f"the preview cannot be shown: {error}", "warning")
         app.touch()
 
@@ -251,8 +257,8 @@ class Making:
             self._take_sparse_preview(app, reading)
         elif review is not None and review.due:
             self.train(app)
-        elif review is not None and review.seconds_left != self._left_told:
-            self._left_told = review.seconds_left
+        elif review is not None and review.seconds_left != self._left_shown:
+            self._left_shown = review.seconds_left
             app.touch(1)
 
     def _take_sparse_preview(self, app: App, reading: SparsePreviewJob) -> None:

@@ -53,7 +53,7 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
             imgui.text_unformatted(problem)
             imgui.pop_text_wrap_pos()
     if problem is None or plan.attempt is not None:
-        _where(app, plan, told=problem is None)
+        _where(app, plan, remarks=problem is None)
     imgui.dummy(ImVec2(0, px(8)))
     _answer(app, plan, problem is None and plan.place_problem is None and not surveying)
     imgui.end_popup()
@@ -126,12 +126,12 @@ def what_it_needs(plan: Plan, side: int) -> str:
     disk = estimate.disk(plan.preset, side) if estimate is not None else None
     if estimate is None or disk is None:
         return ""
-    room = f"up to {survey.memory(plan.preset, side) / 1e9:.1f} GB of memory and {disk / 1e9:.1f} GB on the disk"
+    needs = f"up to {survey.memory(plan.preset, side) / 1e9:.1f} GB of memory and {disk / 1e9:.1f} GB on the disk"
     seconds = estimate.seconds(plan.preset, side)
     if seconds is None:
-        told = "Measuring how long it takes on this computer… " if not estimate.finished else ""
-        return f"{told}It needs {room}."
-    return f"Takes about {strips_panel.roughly(seconds)} as measured on this computer, {room}."
+        measuring = "Measuring how long it takes on this computer… " if not estimate.finished else ""
+        return f"{measuring}It needs {needs}."
+    return f"Takes about {strips_panel.roughly(seconds)} as measured on this computer, {needs}."
 
 
 def _label(text: str) -> None:
@@ -145,7 +145,7 @@ def _indented(text: str, colour: str = theme.FAINT) -> None:
         imgui.unindent(px(LABELS) - px(PADDING))
 
 
-def _where(app: App, plan: Plan, told: bool) -> None:
+def _where(app: App, plan: Plan, remarks: bool) -> None:
     imgui.dummy(ImVec2(0, px(2)))
     _label("Where")
     width = imgui.get_content_region_avail().x - px(92)
@@ -161,7 +161,7 @@ def _where(app: App, plan: Plan, told: bool) -> None:
     remark = plan.attempt_text()
     if not remark and plan.pack.exists():
         remark = "The folder has a pack. The new pack replaces it when it is complete."
-    if told:
+    if remarks:
         _indented(plan.place_problem or remark, theme.WARN if plan.place_problem else theme.FAINT)
 
 
@@ -185,5 +185,5 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
     elif wanted:
         try:
             app.making.start(app)
-        except Exception as error:  # nothing can be written there, say: told, and asked again
+        except Exception as error:  # nothing can be written there, say
             app.messages.fail("It cannot start", error)

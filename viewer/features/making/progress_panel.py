@@ -40,7 +40,7 @@ def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
         _stages(job)
         report = job.report
         imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
-        hint(_told(job))
+        hint(_status_text(job))
 
 
 def _job_head(app: App, job: MakeJob, fonts: Fonts) -> None:
@@ -122,7 +122,7 @@ def _stages(job: MakeJob) -> None:
             imgui.text_unformatted(f"{fa.ICON_FA_CHECK}  {name}" if done else name)
 
 
-def _told(job: MakeJob) -> str:
+def _status_text(job: MakeJob) -> str:
     """How far it is, in words."""
     if job.stopping:
         saving = (

@@ -75,7 +75,7 @@ class Review:
         self.kind = kind
 
     def up_at(self, camera: ViewCamera, x: float, y: float) -> Direction | str:
-        """What is up (for the plan), where the ground is clicked on at a pixel; in words, why nothing is told by that."""
+        """What is up (for the plan), where the ground is clicked on at a pixel; or in words, why that is impossible."""
         index = point_under(camera, self.sparse_preview.places_in_grid(), x, y)
         if index is None:
             return "There is no point. Click on points of the ground."

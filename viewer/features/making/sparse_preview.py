@@ -133,8 +133,8 @@ def points_pack(scene: Scene, points: SparsePoints) -> Pack:
         box = np.stack([np.minimum(box[0], far[0]), np.maximum(box[1], far[1])])
     corners = (box @ grid_T_training[:3, :3].T) + grid_T_training[:3, 3]
     low, high = corners.min(0), corners.max(0)
-    room = 0.5 * (AROUND - 1) * (high - low)
-    low, high = low - room, high + room
+    margin = 0.5 * (AROUND - 1) * (high - low)
+    low, high = low - margin, high + margin
     voxel_size = float((high - low).max()) / SIDE
     blocks = np.ceil((high - low) / (voxel_size * BLOCK_SIZE)).astype(int)
     places = points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]

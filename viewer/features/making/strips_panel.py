@@ -23,7 +23,7 @@ def show_preview(canvas: Canvas, preview: BarePreview) -> None:
     imgui.begin_child("##strip", ImVec2(0, px(HEIGHT + BAR)), 0, flags)
     _pictures(canvas, preview)
     imgui.end_child()
-    for text, colour in _told(preview):
+    for text, colour in _status_lines(preview):
         hint(text, colour)
 
 
@@ -64,7 +64,7 @@ def roughly(seconds: float) -> str:
     return duration(max(round(seconds / step), 1) * step).removesuffix(" 00 s")
 
 
-def _told(preview: BarePreview) -> list[tuple[str, str]]:
+def _status_lines(preview: BarePreview) -> list[tuple[str, str]]:
     """Lines about the pictures and the time, with their colours."""
     lines: list[tuple[str, str]] = []
     aside = preview.aside or {}
@@ -98,8 +98,8 @@ def show_rejected(canvas: Canvas, rejected: RejectedPhotographs) -> None:
     names = list(rejected.why)
     count = "1 photograph is left out" if len(names) == 1 else f"{len(names)} photographs are left out"
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    told = ", ".join(f"{name} ({rejected.why[name]})" for name in names[:NAMED])
-    hint(f"{count}: {told}{more}.", theme.WARN)
+    named = ", ".join(f"{name} ({rejected.why[name]})" for name in names[:NAMED])
+    hint(f"{count}: {named}{more}.", theme.WARN)
     if rejected.sheet is None:
         return
     texture = imgui.ImTextureRef(canvas.image(IMAGE, rejected.sheet))

@@ -128,7 +128,7 @@ class TimeNeeded(JsonTask):
         super().__init__(SPEED_MODULE, words, self._hear)
 
     def before(self) -> None:
-        with contextlib.suppress(Exception):  # what went wrong there is told there
+        with contextlib.suppress(Exception):  # it reports what went wrong itself
             self._after()
 
     def state(self) -> object:
@@ -202,7 +202,7 @@ class Survey(Task[None]):
         self.masks = False
         self.masked: set[int] = set()
         self._closed = False
-        with contextlib.suppress(UserError):  # several films: told by the thread
+        with contextlib.suppress(UserError):  # several films: reported by the thread
             self.bare = None if has_poses(path) else find_source(path)
         if self.bare is None:
             self.masks = any(path.glob("masks*"))
@@ -268,7 +268,7 @@ class Survey(Task[None]):
             kind = KINDS.get(scene.kind, scene.kind)
             self.text = f"{count} photographs of {width} × {height}, {seen}  ({kind})"
             self._begin_time()
-        except Exception as error:  # told in the dialog
+        except Exception as error:  # shown in the dialog
             self.error = error
 
     def _look_at_bare(self, source: Source) -> None:
@@ -282,7 +282,7 @@ class Survey(Task[None]):
             raise UserError("too few photographs to find camera poses", where=self.path, expected=f"at least {FEWEST}",
                             found=count)  # fmt: skip
         self._begin_preview(source)
-        with contextlib.suppress(UserError):  # HEIC, say: what cannot be read is told by whoever finds the poses
+        with contextlib.suppress(UserError):  # HEIC, say: what cannot be read is reported when poses are found
             size = picture_size(source.files[0])
         if size is None:
             self.text = f"{count} photographs. {POSES_FIRST}"

@@ -26,6 +26,7 @@ from viewer.core.annotations import (
     Scale,
     Unit,
 )
+from viewer.core.files import FileRequest
 from viewer.core.pose import triple
 from viewer.features.measuring.surface import Hit, surface_at
 
@@ -313,6 +314,13 @@ class MeasureTool:
             app.clipboard.set(as_text(app.scene.pack, annotations))
             count = len(annotations.measurements)
             app.messages.say(f"{count} measurement{'s' * (count > 1)} on the clipboard")
+
+    def ask_for_table(self, app: App) -> None:
+        """Asks where to save the measurements."""
+        name = f"{app.scene.name}-measurements.csv" if app.scene is not None else "measurements.csv"
+        app.file_request = FileRequest(
+            "Save the measurements", "save", lambda path: self.save_table(app, path), (".csv",), name
+        )
 
     def save_table(self, app: App, file: Path) -> None:
         """Writes all measurements as CSV. OSError where it cannot."""

@@ -6,10 +6,14 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 from urllib.parse import unquote, urlsplit
 
 from training.scenes.sources import FILMS
-from viewer.core.files import SESSION_SUFFIX, Kind, kind_of
+from viewer.core.files import SESSION_SUFFIX, FileRequest, Kind, kind_of, pack_in
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 SHOWN = 8
 MOST_ENTRIES = 5000  # of a folder that are looked at
@@ -134,3 +138,30 @@ def _entries(text: str) -> list[Path]:
     except (OSError, ValueError):
         return []
     return [folder / name for _, name in sorted(found, key=lambda item: (item[0], item[1].lower()))[:SHOWN]]
+
+
+def ask_to_open(app: App, *, other: bool = False) -> None:
+    """Asks what to open. other: for a pack to compare with."""
+    app.open_prompt = OpenPrompt(app.preferences.recent_packs(), other)
+
+
+def choose(app: App, line: int | None = None) -> None:
+    """Takes what is chosen in that question: the line given, or what Enter takes."""
+    assert app.open_prompt is not None
+    path, other = app.open_prompt.take(line), app.open_prompt.other
+    if path is not None:
+        app.open_prompt = None
+        _open(app, path, other)
+    app.touch()
+
+
+def browse(app: App, kind: Literal["open", "folder"], *, other: bool = False) -> None:
+    """Goes on with a file dialog: for a file, or for a folder."""
+    app.open_prompt = None
+    title = "Compare with a pack" if other else "Open a pack, photographs, a film or a training run"
+    suffixes = () if kind == "folder" else (".zip",) if other else OPENABLE
+    app.file_request = FileRequest(title, kind, lambda path: _open(app, path, other), suffixes)
+
+
+def _open(app: App, path: Path, other: bool) -> None:
+    app.open(pack_in(path), other=True) if other else app.drop([path])

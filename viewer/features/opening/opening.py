@@ -41,8 +41,8 @@ class Loading(Task[None]):
 
     share: 0 … 1 of its images are decoded. images: how many are, and of how many; 0 of 0 at first. preview: what can be
     shown of it already, another object whenever there is more to see; None at first. begun: the pack before its images are
-    decoded, to make room for; None at first. error: a UserError or a bug's exception, None where all went well or it was
-    cancelled. notes: what was mended while it was read.
+    decoded, to preallocate; None at first. error: a UserError or a bug's exception, None where all went well or it was
+    cancelled. notes: what was repaired while it was read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -100,14 +100,14 @@ Then = Callable[[], None]
 @dataclass
 class Opening:
     """loading: the pack that is being read. other: it shall be compared with, not shown instead. then: called once it is
-    shown. told: what was said of which pack.
+    shown. noted: which notes of which pack were shown.
     """
 
     loading: Loading | None = None
     other: bool = False
     then: Then | None = None
-    told: set[tuple[Path, str]] = field(default_factory=set)
-    _share_told: float = -1.0
+    noted: set[tuple[Path, str]] = field(default_factory=set)
+    _share_shown: float = -1.0
     _preallocated_for: Loading | None = None
 
     def start(self, app: App, path: Path, *, other: bool = False, then: Then | None = None) -> None:
@@ -130,8 +130,8 @@ class Opening:
         loading = self.loading
         if loading is None:
             return
-        if loading.share != self._share_told:
-            self._share_told = loading.share
+        if loading.share != self._share_shown:
+            self._share_shown = loading.share
             app.touch(1)
         try:
             if not loading.finished:
@@ -157,8 +157,8 @@ class Opening:
 
     def _tell_notes(self, app: App, loading: Loading) -> None:
         """Reports repairs of an untidy pack once, however often it is opened."""
-        notes = [note for note in dict.fromkeys(loading.notes) if (loading.path, note) not in self.told]
-        self.told |= {(loading.path, note) for note in notes}
+        notes = [note for note in dict.fromkeys(loading.notes) if (loading.path, note) not in self.noted]
+        self.noted |= {(loading.path, note) for note in notes}
         if notes:
             more = len(notes) - SHOWN_NOTES
             shown = [note.removeprefix(f"{loading.path}: ") for note in notes[:SHOWN_NOTES]]
@@ -184,7 +184,7 @@ class Opening:
         if app.scene is None:
             app.show(pack, loading.path, whole=False)
         elif not app.scene.whole and app.scene.pack is not pack:
-            self._refine(app, pack, told=False)
+            self._refine(app, pack, dialog=False)
 
     def _show_whole(self, app: App, pack: Pack, path: Path) -> None:
         if self.other and app.scene is not None:
@@ -200,9 +200,9 @@ class Opening:
             self.then()
 
     @staticmethod
-    def _refine(app: App, pack: Pack, *, told: bool = True) -> None:
+    def _refine(app: App, pack: Pack, *, dialog: bool = True) -> None:
         if app.canvas is not None and app.scene is not None:
-            with app.messages.noting_warnings(told=told):
+            with app.messages.noting_warnings(dialog=dialog):
                 app.canvas.refine(pack)
             app.scene.pack = pack
             app.touch()

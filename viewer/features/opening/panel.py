@@ -14,7 +14,7 @@ from imgui_bundle import portable_file_dialogs as pfd
 from scenepack.files import PARAMS_NAME
 from training.scenes.sources import FILMS
 from viewer.app.application import App
-from viewer.app.commands import browse, choose, run
+from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.files import SESSION_SUFFIX, FileRequest
 from viewer.core.theme import Fonts
@@ -30,7 +30,7 @@ from viewer.core.widgets import (
     main_button,
     px,
 )
-from viewer.features.opening.open_prompt import OpenPrompt, expanded
+from viewer.features.opening.open_prompt import OpenPrompt, browse, choose, expanded
 
 TITLE = "##path"
 HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
@@ -337,7 +337,7 @@ def _recent(app: App, path: Path, width: float) -> None:
 
 
 def icon_of(path: Path) -> str:
-    """What stands before a recent path, told by its name alone: this is drawn in every frame."""
+    """The icon of a recent path, by its name alone: this is drawn in every frame."""
     if path.suffix.lower() == ".zip" or (path / PARAMS_NAME).is_file() or (path / "pack").is_dir():
         return fa.ICON_FA_CUBE
     if path.suffix.lower() == SESSION_SUFFIX:

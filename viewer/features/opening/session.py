@@ -27,7 +27,7 @@ from viewer.core.annotations import (
     number_from_json,
     point_from_json,
 )
-from viewer.core.files import SESSION_SUFFIX
+from viewer.core.files import SESSION_SUFFIX, FileRequest
 from viewer.core.pose import FARTHEST
 from viewer.core.state import OpenScene
 from viewer.core.tasks import Autosave
@@ -275,6 +275,14 @@ class Sessions:
         """Goes on where the program was left."""
         if self.last is not None:
             restore(app, self.last)
+
+    def ask_where_to_save(self, app: App) -> None:
+        """Asks where to save what is open, and from where it is seen."""
+        name = f"{app.scene.name}{SESSION_SUFFIX}" if app.scene is not None else f"scene{SESSION_SUFFIX}"
+        start = app.scene.path.resolve().parent if app.scene is not None and app.scene.path.exists() else None
+        app.file_request = FileRequest(
+            "Save the session", "save", lambda path: self.save(app, path), (SESSION_SUFFIX,), name, start
+        )
 
     def save(self, app: App, file: Path) -> None:
         """Writes what is open now. UserError where that is nothing, OSError where it cannot."""

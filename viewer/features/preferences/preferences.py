@@ -1,7 +1,5 @@
 """Preferences: recent packs and settings in one JSON file, applied at the start and saved while the program runs.
 
-The plain background goes through the view MLP, which knows only the one that it was trained with; a backdrop does not.
-
 A file that is missing, broken or from another version is no error: values that make no sense keep their defaults. Several
 viewers may be open at once: each writes only what changed in it, and the list of recent packs holds those of all.
 """
@@ -25,33 +23,10 @@ from console import not_written
 from console.atomic import write_file
 from console.json_text import read_json_file
 from viewer.core.tasks import Task
-from viewer.rendering.settings import Backdrop
+from viewer.features.display.display import PLAIN
 
 if TYPE_CHECKING:
     from viewer.app.application import App
-
-PLAIN = "plain"
-STYLES = ("gradient", "checker")
-TRAINED = (1.0, 1.0, 1.0)  # the background that packs are trained with, which a pack does not say
-GREYS: dict[tuple[str, str], tuple[float, float]] = {  # above and below, or of the squares
-    ("gradient", "dark"): (0.58, 0.38),
-    ("gradient", "light"): (0.95, 0.74),
-    ("checker", "dark"): (0.46, 0.38),
-    ("checker", "light"): (0.86, 0.74),
-}
-TINT = (0.94, 1.0, 1.07)  # a little blue, as the panels are
-
-
-def backdrop(style: str, theme: str) -> Backdrop | None:
-    """The backdrop of a style in a theme; None for a plain background, and for what is not known."""
-    greys = GREYS.get((style, theme)) or GREYS.get((style, "dark"))
-    if greys is None:
-        return None
-    first, second = (tuple(min(grey * tint, 1.0) for tint in TINT) for grey in greys)
-    return Backdrop("checker" if style == "checker" else "gradient", first, second)  # type: ignore[arg-type]
-
-
-# --- Preferences ---
 
 try:
     import fcntl
@@ -61,7 +36,6 @@ except ImportError:  # Windows
 
 MOST_RECENT = 8
 LOCK_PATIENCE_S = 2.0
-WHITE = (1.0, 1.0, 1.0)
 LARGEST = 1 << 16  # units of the screen
 CHECK_EVERY_S = 0.4
 LONGEST_UNSAVED_S = 3.0  # for what keeps changing, such as an edge that is dragged
@@ -86,7 +60,7 @@ class Preferences:
     rest_scale: float = 1.0
     theme: str = "dark"
     interface_scale: float = 1.0
-    backdrop: str = "gradient"  # "plain" or one of viewer.features.preferences.preferences.STYLES
+    backdrop: str = "gradient"  # "plain" or one of viewer.features.display.display.STYLES
     axes_shown: bool = True
     surroundings: bool = True  # see RenderSettings
     dead_zone: float = 0.15  # of controllers, 0 … 1
@@ -116,8 +90,6 @@ def load(file: Path) -> Preferences:
     found.rest_scale = min(max(found.rest_scale, 0.1), 1.0)
     found.interface_scale = min(max(found.interface_scale, 0.75), 2.0)
     found.dead_zone = min(max(found.dead_zone, 0.0), 0.5)
-    if "backdrop" not in values and found.background != WHITE:
-        found.backdrop = "plain"  # a colour was chosen before there were others
     return found
 
 

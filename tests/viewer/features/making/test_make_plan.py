@@ -17,7 +17,6 @@ from tests.viewer.waiting import until
 from training.posing import find
 from training.scenes.presets import BakeablePreset
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core.files import POSED, REPORT
 from viewer.features.making import survey
 from viewer.features.making.make_job import MakeJob
@@ -37,7 +36,7 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
     app.making.copy_command(app)
     assert app.clipboard.get() == f"snerg-make {scene} --out {plan.out} --preset full --downscale 2"
     assert "--no-view" in plan.command()
-    run(app, "escape")
+    app.making.dismiss(app)
     assert app.making.plan is None and not app.messages.dialogs
 
 
@@ -144,7 +143,7 @@ def test_photographs_of_which_too_few_can_be_used_and_masks_beside_them_are_told
     app.drop([folder])
     until(lambda: app.making.plan.survey.finished)
     assert app.making.plan.cut_out and "--masks" in app.making.plan.command()
-    run(app, "escape")
+    app.making.dismiss(app)
     until(lambda: plan.survey.preview.finished)
 
 
@@ -236,7 +235,7 @@ def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped
     assert plan.has_points and ("camera poses in this folder are used" in plan.attempt_text()) == there
     app.drop([out / "scene"])
     assert app.making.plan.source == out / "scene", "a scene like any other"
-    run(app, "escape")
+    app.making.dismiss(app)
 
 
 @pytest.mark.parametrize("text", ["{}", '{"scene": 3, "config": 4}', '{"scene": "", "config": {}}', "[1]", "{"])

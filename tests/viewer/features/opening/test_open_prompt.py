@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from console import UserError
-from viewer.app.commands import COMMANDS, choose, run
-from viewer.features.opening.open_prompt import SHOWN, OpenPrompt, path_in, suggestions
+from viewer.app.commands import COMMANDS, run
+from viewer.features.opening.open_prompt import SHOWN, OpenPrompt, choose, path_in, suggestions
 
 
 @pytest.fixture
