@@ -32,16 +32,16 @@ def grid_block_counts(grid_size: Triple, block_size: int) -> Triple:
     return x, y, z
 
 
-def choose_atlas_blocks(count: int, block_size: int, *, max_slice_side: int = MAX_SLICE_SIDE) -> Triple:
+def choose_atlas_blocks(count: int, block_size: int) -> Triple:
     """The atlas layout (x, y, z), in macroblocks, that holds `count` of them.
 
-    As few layers along z as slices of `max_slice_side`² voxels allow, then the squarest slice; never more
+    As few layers along z as slices of MAX_SLICE_SIDE² voxels allow, then the squarest slice; never more
     than 255 along an axis, for a byte must hold the index and 255 means empty. ValueError where no layout is
     large enough.
     """
-    side = min(max_slice_side // (block_size + 2), MAX_BLOCK_INDEX + 1)
+    side = min(MAX_SLICE_SIDE // (block_size + 2), MAX_BLOCK_INDEX + 1)
     if side < 1:
-        raise ValueError(f"a macroblock of {block_size} voxels does not fit in a slice of {max_slice_side}")
+        raise ValueError(f"a macroblock of {block_size} voxels does not fit in a slice of {MAX_SLICE_SIDE}")
     count = max(count, 1)
     layers = ceil(count / side**2)
     if layers > MAX_BLOCK_INDEX + 1:
@@ -57,21 +57,11 @@ def atlas_shape(atlas_blocks: Triple, block_size: int) -> Triple:
     return -(-z // PLANES_PER_IMAGE) * PLANES_PER_IMAGE, y, x
 
 
-def occupied_blocks(alpha: np.ndarray, block_size: int, *, halo: bool = False) -> np.ndarray:
-    """bool [blocks z, blocks y, blocks x]: macroblocks with any `alpha` [z, y, x] above zero.
-
-    halo: count a macroblock too when only the voxels next to it hold content. Its samples within half a
-    voxel of the border then interpolate towards that content instead of being skipped.
-    """
+def occupied_blocks(alpha: np.ndarray, block_size: int) -> np.ndarray:
+    """bool [blocks z, blocks y, blocks x]: macroblocks with any `alpha` [z, y, x] above zero."""
     counts = grid_block_counts((alpha.shape[2], alpha.shape[1], alpha.shape[0]), block_size)[::-1]
     full = np.zeros([n * block_size for n in counts], bool)
     full[: alpha.shape[0], : alpha.shape[1], : alpha.shape[2]] = alpha > 0
-    for axis in range(3) if halo else ():  # a box of one voxel's reach is one step along each axis in turn
-        line = np.moveaxis(full, axis, 0)
-        spread = line.copy()
-        spread[1:] |= line[:-1]
-        spread[:-1] |= line[1:]
-        full = np.moveaxis(spread, 0, axis)
     nz, ny, nx = counts
     return np.any(full.reshape(nz, block_size, ny, block_size, nx, block_size), axis=(1, 3, 5))
 

@@ -132,7 +132,6 @@ def follows_grid(pack: Pack, atlas: np.ndarray) -> bool:
 SETTINGS, STEPS = "codec_settings", "steps"
 LIKED_PLANES = 128  # more than any codec of ours asks for, however shallow the atlas
 NOTICED_S = 0.2  # how long Ctrl-C may wait
-OnDone = Callable[[int], None]
 
 
 def settings_for(pack: Pack, codec: PieceCodec, quality: int | None) -> dict[str, Any]:

@@ -16,7 +16,6 @@ from scenepack.blocks import (
     choose_atlas_blocks,
     dense_from_pack,
     grid_block_counts,
-    occupied_blocks,
 )
 from scenepack.pack import Pack
 from tests.scenepack.helpers import small_pack
@@ -108,16 +107,6 @@ def test_layouts_that_cannot_be_are_refused() -> None:
         choose_atlas_blocks(1, 4000)
     with pytest.raises(ValueError):
         atlas_from_dense(np.ones((4, 4, 4, 4), np.uint8), None, 2, atlas_blocks=(1, 1, 1))
-
-
-def test_halo_also_counts_macroblocks_beside_content() -> None:
-    alpha = np.zeros((6, 6, 6), np.uint8)
-    alpha[2, 1, 1] = 1  # the last layer of the first macroblock along z only
-    plain, halo = occupied_blocks(alpha, 3), occupied_blocks(alpha, 3, halo=True)
-    assert np.argwhere(plain).tolist() == [[0, 0, 0]]
-    assert np.argwhere(halo).tolist() == [[0, 0, 0], [1, 0, 0]]
-    alpha[2, 2, 2] = 1
-    assert occupied_blocks(alpha, 3, halo=True).all()
 
 
 def test_a_dense_array_that_is_too_large_is_not_tried() -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, isfinite, radians, sin
-from typing import Literal
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from viewer.rendering.camera import (
     orbit_path,
 )
 
-ProtocolName = Literal["synthetic", "forward-facing", "real360"]
 FITTED = "content"  # the word of --distance for the orbit that shows all of the content
 
 

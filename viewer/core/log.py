@@ -49,14 +49,13 @@ class LogLine:
 
 @dataclass(frozen=True)
 class Dialog:
-    """A message to be answered. details: the whole story, for those who want it. buttons: labels and command ids.
+    """A message to be answered. buttons: labels and command ids.
 
     failed: what was wanted did not come about; False where it is only good to know. rejected: photographs that are shown with it.
     """
 
     title: str
     text: str
-    details: str = ""
     buttons: tuple[tuple[str, str], ...] = (("OK", ""),)
     failed: bool = True
     rejected: RejectedPhotographs | None = None
@@ -99,7 +98,6 @@ class Messages:
         self,
         title: str,
         error: BaseException | str,
-        details: str = "",
         buttons: tuple[tuple[str, str], ...] = (("OK", ""),),
         rejected: RejectedPhotographs | None = None,
     ) -> None:
@@ -109,7 +107,7 @@ class Messages:
         if isinstance(error, BaseException) and text.startswith(BUG):
             for line in traceback.format_exception(error):
                 self.log(line, "error")
-        self.dialogs.append(Dialog(title, text, details, buttons, rejected=rejected))
+        self.dialogs.append(Dialog(title, text, buttons, rejected=rejected))
 
     @contextmanager
     def noting_warnings(self, *, dialog: bool = True) -> Iterator[None]:

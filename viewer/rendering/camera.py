@@ -53,7 +53,6 @@ class ViewCamera:
         fov_degrees: float = 39.0,
         size: tuple[int, int] = (800, 800),
         *,
-        near: float = 0.0,
         mirrored: bool = False,
     ) -> ViewCamera:
         """A camera at `eye` that looks at `target`; all three vectors in the grid frame.
@@ -77,14 +76,14 @@ class ViewCamera:
         grid_T_camera[:3, 3] = eye
         width, height = size
         focal = 0.5 * height / tan(0.5 * radians(fov_degrees))
-        return cls(grid_T_camera, focal, focal, 0.5 * width, 0.5 * height, width, height, near)
+        return cls(grid_T_camera, focal, focal, 0.5 * width, 0.5 * height, width, height)
 
     @classmethod
-    def from_scene_camera(cls, pack: Pack, camera: Camera, near: float = 0.0) -> ViewCamera:
+    def from_scene_camera(cls, pack: Pack, camera: Camera) -> ViewCamera:
         """The view of a photograph's camera, distorted as its lens did; its rays begin where those of training did."""
         grid_T_camera = np.linalg.inv(pack.worldspace_T_opengl) @ np.asarray(camera.world_T_camera, np.float64)
         size = int(camera.width), int(camera.height)
-        return cls(grid_T_camera, camera.fx, camera.fy, camera.cx, camera.cy, *size, near, camera.distortion, pack.near)
+        return cls(grid_T_camera, camera.fx, camera.fy, camera.cx, camera.cy, *size, 0.0, camera.distortion, pack.near)
 
     @classmethod
     def orbit(
@@ -165,11 +164,7 @@ def content_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
 
 
 def orbit_path(
-    pack: Pack,
-    frames: int,
-    fov_degrees: float = 39.0,
-    size: tuple[int, int] = (800, 800),
-    elevation: float = ORBIT_ELEVATION,
+    pack: Pack, frames: int, fov_degrees: float = 39.0, size: tuple[int, int] = (800, 800)
 ) -> list[ViewCamera]:
     """One turn around a ball around all content, as benchmarks fly; forward-facing packs are flown along a circle in the
     camera plane instead.
@@ -177,7 +172,7 @@ def orbit_path(
     if pack.ndc:
         return forward_facing_path(pack, frames, fov_degrees, size)
     azimuths = [360.0 * i / frames for i in range(frames)]
-    return [ViewCamera.orbit(pack, azimuth, elevation, None, fov_degrees, size) for azimuth in azimuths]
+    return [ViewCamera.orbit(pack, azimuth, fov_degrees=fov_degrees, size=size) for azimuth in azimuths]
 
 
 def forward_facing_path(

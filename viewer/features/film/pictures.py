@@ -43,7 +43,7 @@ class Pass:
         return np.zeros((height, width, 4), np.float32) if self.floats else np.zeros((height, width, 3), np.uint8)
 
 
-def parse_modes(text: str, where: str = "--mode") -> tuple[Mode, ...]:
+def parse_modes(text: str) -> tuple[Mode, ...]:
     """Display modes named with commas between; rgb is the picture, and beside it `normal` is normals. UserError for others."""
     words = [word.strip() for word in text.split(",")]
     if PICTURE in words:
@@ -52,9 +52,9 @@ def parse_modes(text: str, where: str = "--mode") -> tuple[Mode, ...]:
     for mode, word in zip(modes, words, strict=True):
         if mode not in MODES:
             expected = ", ".join((PICTURE, *MODES[1:]))
-            raise UserError("is no display mode", where=where, expected=expected, found=repr(word))
+            raise UserError("is no display mode", where="--mode", expected=expected, found=repr(word))
     if len(set(modes)) < len(modes):
-        raise UserError("names a mode twice", where=where, found=repr(text))
+        raise UserError("names a mode twice", where="--mode", found=repr(text))
     return cast("tuple[Mode, ...]", tuple(modes))
 
 
@@ -80,23 +80,19 @@ def passes_for(
     return passes
 
 
-def write_pngs(
-    path: Path, passes: Sequence[Pass], pictures: Sequence[np.ndarray], compress_level: int = 6
-) -> list[Path]:
-    """Writes what was drawn: one pass to `path`, several beside one another as NAME_MODE.png. Returns the files."""
+def write_pngs(path: Path, passes: Sequence[Pass], pictures: Sequence[np.ndarray]) -> list[Path]:
+    """Writes pictures, uint8 [h, w, 3] or raw (viewer.rendering.layers): one pass to `path`, several as NAME_MODE.png.
+
+    Returns the files.
+    """
     written = []
     for each, pixels in zip(passes, pictures, strict=True):
         file = path if len(passes) == 1 else path.with_name(f"{path.stem}_{each.name}{path.suffix or PNG}")
         with replacing(file) as new:
-            save_png(new, pixels, compress_level)
+            picture = straight_rgba(pixels) if pixels.dtype == np.float32 else pixels
+            Image.fromarray(picture).save(new, format="PNG")
         written.append(file)
     return written
-
-
-def save_png(file: Path, pixels: np.ndarray, compress_level: int = 6) -> None:
-    """Writes uint8 [h, w, 3], or a raw picture (viewer.rendering.layers) as RGBA with straight alpha."""
-    picture = straight_rgba(pixels) if pixels.dtype == np.float32 else pixels
-    Image.fromarray(picture).save(file, format="PNG", compress_level=compress_level)
 
 
 def exr_possible() -> bool:

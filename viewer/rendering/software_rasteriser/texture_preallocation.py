@@ -97,7 +97,7 @@ class PreallocatedTexture:
 
 
 def preallocate(
-    ctx: moderngl.Context, pack: Pack, shared_context: AbstractContextManager[None], limits: Limits | None = None
+    ctx: moderngl.Context, pack: Pack, shared_context: AbstractContextManager[None]
 ) -> PreallocatedTexture | None:
     """Begins to allocate the texture of layout "exact" in a thread, for a pack that is still being read.
 
@@ -108,7 +108,7 @@ def preallocate(
     if not software_draws(ctx) or parts * count * block**3 * 4 < WORTH_A_THREAD:
         return None
     try:
-        slots = tightest_atlas(count, block, (limits or Limits.of(ctx)).max_side, parts)
+        slots = tightest_atlas(count, block, Limits.of(ctx).max_side, parts)
     except NoRoomError:  # the upload reports it
         return None
     return PreallocatedTexture(ctx, atlas_size(slots, block, parts), shared_context)
