@@ -35,10 +35,12 @@ class NerfConfig:
     """Stratified samples per ray for the coarse MLP. The sparsity loss uses these samples."""
     fine_samples: int = 384
     """Samples per ray drawn from the coarse weights. The fine MLP is evaluated at both sets."""
-    last_interval: float = 1e10
-    """Length of the last interval of a ray, in world units. A large value makes any density there opaque, as in NeRF."""
+    last_interval: float | None = None
+    """Length of the last interval of a ray, in units of t. None: endless, so that any density there is opaque, as in NeRF; in
+    forward-facing scenes what is left up to the far plane, where the baked grid ends, too."""
     density_noise: float = 0.0
-    """Standard deviation of the noise on raw density during training. The published code uses 1.0 for real scenes."""
+    """Standard deviation of the noise on raw density during training. The sparsity loss is without it. The published code
+    uses 1.0 for photographs; the paper names none."""
     first_rate: float = 2e-3
     """Adam's learning rate at the start, before the warm-up factor."""
     last_rate: float = 2e-5
@@ -78,8 +80,8 @@ class TrainConfig:
     accelerator. A run keeps the engine that it began with."""
     steps: int = 250_000
     """Total number of training steps. The learning-rate schedule ends here."""
-    batch_size: int = 8192
-    """Rays per step (the paper: 8,192 for synthetic scenes, 16,384 for real ones).
+    batch_size: int | None = None
+    """Rays per step of method nerf. None: as in the paper, 8,192 for synthetic scenes (Blender) and 16,384 for photographs.
     Method multires draws as many as fill its samples."""
     seed: int = 0
     """Random seed. The same seed repeats the same run."""
@@ -87,8 +89,10 @@ class TrainConfig:
     """Weight of the sparsity loss (lambda_s, section 4.3 of the paper); 0 for none."""
     sparsity_scale: float = 0.5
     """Scale c of the sparsity loss."""
-    sparsity_over_samples: Literal["sum", "mean"] = "sum"
-    """How the sparsity loss reduces the samples of a ray. The paper sums, the published code averages."""
+    sparsity_over_samples: Literal["sum", "release"] = "sum"
+    """How the sparsity loss of method nerf weighs against the colours. sum: over the samples of a ray, as the paper writes.
+    release: the mean over samples beside the mean over channels, as in the published code; with the paper's 192 samples, 64
+    times less."""
     exposure: Exposure = "auto"
     """Fit exposure and white balance of each photograph, so that the scene has their average look (method multires). auto: for
     what cameras took, where exposures differ; never for rendered scenes (Blender)."""
@@ -109,6 +113,7 @@ class TrainConfig:
 
 
 PAPER = TrainConfig(nerf=NerfConfig(gradient_rays=1024))
+SYNTHETIC_BATCH, REAL_BATCH = 8192, 16_384  # rays per step (section 6)
 
 
 def ablation(view: Literal["deferred", "tiny", "nerf", "none"], sparsity_weight: float = 1e-4) -> TrainConfig:

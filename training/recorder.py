@@ -79,7 +79,7 @@ class Recorder:
         before, self._last_record = self._last_record, (self.run.step, self.training_seconds)
         if before is not None and self.run.step > before[0]:  # the first stretch holds the compilation
             steps = (self.run.step - before[0]) / max(self._last_record[1] - before[1], 1e-9)
-            rays = metrics.get("rays", float(self.run.config.batch_size)) * steps
+            rays = metrics["rays"] * steps
             record |= {"steps_per_second": round(steps, 3), "rays_per_second": round(rays, 1)}
             if "samples" in metrics:
                 record["samples_per_second"] = round(metrics["samples"] * steps, 1)

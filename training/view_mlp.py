@@ -2,7 +2,7 @@
 
 Input, 34 channels: encoded view direction (27, see training.encoding), accumulated diffuse colour with the background (3),
 accumulated features (4). Two hidden layers of 16 with ReLU; the output goes through a sigmoid and is the residual that is
-added to the diffuse colour (equation 8). Weights are input-major: x @ W + b.
+added to the diffuse colour (equation 7). Weights are input-major: x @ W + b.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Volume rendering by quadrature (SNeRG equations 1-3, after Max 1995), and the deferred shading of section 4.2.
+"""Volume rendering by quadrature (SNeRG equations 1 and 2, after Max 1995), and the deferred shading of section 4.2.
 
 Notation, per ray, samples k along the last axis but channels:
     t      [..., K]      positions along the ray, point(t) = origin + t direction
@@ -22,9 +22,9 @@ from training.view_mlp import apply_view_mlp
 LAST_INTERVAL = 1e10  # NeRF lets the last sample stand for the rest of the ray
 
 
-def intervals(t: jax.Array, directions: jax.Array, last: float = LAST_INTERVAL) -> jax.Array:
-    """delta [..., K] of sorted t [..., K] along directions [..., 3], which need not be unit (NDC)."""
-    gaps = jnp.concatenate([jnp.diff(t, axis=-1), jnp.full_like(t[..., :1], last)], axis=-1)
+def intervals(t: jax.Array, directions: jax.Array, last: jax.Array | float = LAST_INTERVAL) -> jax.Array:
+    """delta [..., K] of sorted t [..., K] along directions [..., 3], not always unit (NDC). last [..., 1] is in units of t."""
+    gaps = jnp.concatenate([jnp.diff(t, axis=-1), jnp.broadcast_to(last, t[..., :1].shape)], axis=-1)
     return gaps * jnp.linalg.norm(directions, axis=-1, keepdims=True)
 
 
@@ -63,7 +63,7 @@ def shade(
     viewdirs: jax.Array,
     background: Sequence[float] = (1.0, 1.0, 1.0),
 ) -> RenderOutput:
-    """The deferred end of a ray: background, view MLP, sum (equation 8).
+    """The deferred end of a ray: background, view MLP, sum (equation 7).
 
     diffuse [..., 3] and features [..., 4] are accumulated and premultiplied, alpha and depth [...], viewdirs [..., 3]. The
     residual is added at every pixel and nothing is clamped, as in the release's training. No view MLP: diffuse.

@@ -21,7 +21,7 @@ from console.child_process import module_command
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
 from training.posing.find import FRAMES, SCENE, posed_scene
-from training.scenes.presets import PRESETS, BakeablePreset, names_with_about
+from training.scenes.presets import BAKED_AS_THE_PAPER, PRESETS, BakeablePreset, names_with_about
 from training.scenes.sources import FEWEST
 
 DESCRIPTION = (
@@ -58,9 +58,9 @@ def snerg_make(
         scene: Folder of photographs, or a film. If the folder has no camera poses, they are found first. docs/scenes.md lists
             the layouts of folders with poses.
         out: Folder for the results: DIR/run and DIR/pack; and DIR/scene, where poses had to be found.
-        downscale: Divide width and height of the photographs by this whole number. The default is 1; for the presets cpu and
-            full, the smallest number that gives a longer side of at most 256 or 1024 pixels. LLFF scenes count from their
-            full-size pictures.
+        downscale: Divide width and height of the photographs by this whole number. The default is 1; for the presets quick,
+            normal and full, the smallest number that gives a longer side of at most 256, 512 or 1024 pixels. LLFF scenes count
+            from their full-size pictures.
         spherify: Read an LLFF or COLMAP scene as a 360 degree scene although its cameras look forward.
         masks: Cut the object out with the masks next to the pictures.
         aabb: Box of the content, x0,y0,z0,x1,y1,z1 in the training frame. The default is the box that is printed when training
@@ -71,7 +71,8 @@ def snerg_make(
         resolution: Voxels along the longest side of the content. The default is that of snerg-bake.
         codec: Codec of the pack: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
         quality: draft (nothing is tuned), compact (tuned, and stored in coarser steps where these cost little: half the bytes),
-            or full (tuned, 8 bits). compact is full where the codec is lossy. The preset paper tunes the view MLP alone.
+            or full (tuned, 8 bits). compact is full where the codec is lossy. The presets paper, deferred, diffuse and
+            no-sparsity are baked as the paper does, where the view MLP alone is tuned.
         exposure: Fit exposure and white balance of each photograph, so that the scene has their average look. auto: for
             photographs whose exposures differ, never for rendered scenes (Blender).
         seed: Random seed of the training, and of finding poses.
@@ -101,7 +102,7 @@ def snerg_make(
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
     require_valid(config)
-    baking = BakeConfig(preset="paper" if preset == "paper" else "snerg", quality=quality)
+    baking = BakeConfig(preset="paper" if preset in BAKED_AS_THE_PAPER else "snerg", quality=quality)
     if resolution is None:
         resolution = PRESETS[preset].resolution
     if resolution is not None:

@@ -10,17 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from training.config import PAPER, NerfConfig, TrainConfig
+from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, NerfConfig, TrainConfig
 from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, squared_error
 from training.nerf.method import learning_rate, make_optimizer, sparsity_of
 
 
-def test_the_photometric_term_sums_channels_and_averages_rays():
+def test_the_photometric_term_is_jaxnerfs_mean_over_rays_and_channels():
     rgb, target = (
         jnp.asarray([[0.1, 0.2, 0.3], [1.0, 1.0, 1.0]]),
         jnp.asarray([[0.0, 0.0, 0.0], [1.0, 0.5, 1.0]]),
     )
-    assert float(squared_error(rgb, target)) == pytest.approx((0.01 + 0.04 + 0.09 + 0.25) / 2)
+    assert float(squared_error(rgb, target)) == pytest.approx((0.01 + 0.04 + 0.09 + 0.25) / 6)
 
 
 def test_the_sparsity_term_is_log_1_plus_2_sigma_squared_summed_over_a_rays_samples():
@@ -34,9 +34,16 @@ def test_sparsity_counts_the_coarse_samples_alone_of_both_fields():
     coarse = jnp.asarray([[1.0, 0.0]])
     fine = jnp.asarray([[2.0, 0.0, 0.0, 0.0, 0.0]])  # fine samples are masked with 0
     expected = math.log(3) + math.log(9)
-    assert float(sparsity_of(coarse, fine, PAPER)) == pytest.approx(expected)
-    mean = dataclasses.replace(PAPER, sparsity_over_samples="mean")
-    assert float(sparsity_of(coarse, fine, mean)) == pytest.approx(expected / 2)
+    # beside a photometric term that is a third of the paper's
+    assert float(sparsity_of(coarse, fine, PAPER)) == pytest.approx(expected / 3)
+    release = dataclasses.replace(PAPER, sparsity_over_samples="release")
+    assert float(sparsity_of(coarse, fine, release)) == pytest.approx(expected / 2), "the mean over the coarse samples"
+
+
+def test_with_the_papers_192_samples_the_release_weighs_sparsity_64_times_less():
+    coarse, fine = jnp.ones((2, 192)), jnp.pad(jnp.ones((2, 192)), ((0, 0), (0, 384)))
+    release = dataclasses.replace(PAPER, sparsity_over_samples="release")
+    assert float(sparsity_of(coarse, fine, PAPER) / sparsity_of(coarse, fine, release)) == pytest.approx(64)
 
 
 def test_psnr_of_a_tenth_off_everywhere_is_20_db_and_colours_beyond_1_count_as_1():
@@ -78,12 +85,8 @@ def test_gradients_are_clipped_by_value_then_by_norm():
 
 
 def test_the_paper_preset_holds_the_papers_numbers():
-    assert (PAPER.steps, PAPER.batch_size, PAPER.sparsity_weight, PAPER.sparsity_scale) == (
-        250_000,
-        8192,
-        1e-4,
-        0.5,
-    )
+    assert (PAPER.steps, PAPER.sparsity_weight, PAPER.sparsity_scale) == (250_000, 1e-4, 0.5)
+    assert (SYNTHETIC_BATCH, REAL_BATCH, PAPER.batch_size) == (8192, 16_384, None)
     nerf = PAPER.nerf
     assert (nerf.depth, nerf.width, nerf.coarse_samples, nerf.fine_samples) == (8, 512, 192, 384)
     assert (nerf.first_rate, nerf.last_rate, nerf.warmup_steps, nerf.warmup_factor) == (2e-3, 2e-5, 2500, 0.1)

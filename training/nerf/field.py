@@ -1,4 +1,4 @@
-"""MLP_Theta: a point in space to density, diffuse colour and features (SNeRG equation 5, sections 4.2 and 6); and the heads
+"""MLP_Theta: a point in space to density, diffuse colour and features (SNeRG equation 4, sections 4.2 and 6); and the heads
 of the paper's baselines.
 
 Notation: p [..., 3] points of the training frame; gamma(p) [..., 63] their encoding; D layers of W channels with ReLU. The

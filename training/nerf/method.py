@@ -1,6 +1,6 @@
 """The paper's method (training.method.Method): the loss of section 4.3, the optimiser of section 6.
 
-    L = |C_coarse - C|^2 + |C_fine - C|^2 + lambda_s (S(sigma_coarse) + S(sigma_fine)),  S at the coarse samples
+    L = (|C_coarse - C|^2 + |C_fine - C|^2 + lambda_s (S(sigma_coarse) + S(sigma_fine))) / 3,  S at the coarse samples
 
 Gradients are clipped by value, then by norm, and go to Adam. Compiled once: shapes never change between steps. Rays are spread
 over the devices of the dataset's mesh (training.devices), parameters are whole on each.
@@ -19,10 +19,10 @@ from jax.sharding import NamedSharding
 
 from console import UserError
 from training.checkpoints import from_arrays, to_arrays
-from training.config import NerfConfig, TrainConfig
+from training.config import REAL_BATCH, SYNTHETIC_BATCH, NerfConfig, TrainConfig
 from training.dataset import RayDataset
 from training.devices import SPLIT, WHOLE, here, put_whole, split
-from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, squared_error
+from training.losses import CHANNELS, cauchy_sparsity, mean_squared_error, psnr_of, squared_error
 from training.method import FieldOutput, Method, Rays, RenderOutput, ViewMlpParams
 from training.nerf.field import apply_field
 from training.nerf.render import NerfParams, Perturbation, draw_perturbation, init_nerf, render_rays
@@ -44,7 +44,8 @@ class NerfMethod(Method):
             config = dataclasses.replace(config, nerf=dataclasses.replace(config.nerf, matmul=matmul))
         nerf, mesh = config.nerf, dataset.mesh
         self.config, self.dataset, self.mesh = config, dataset, mesh
-        self._slices = batch_slices(config.batch_size, nerf.gradient_rays, mesh.size)
+        self.batch_size = config.batch_size or (SYNTHETIC_BATCH if dataset.facts.rendered else REAL_BATCH)
+        self._slices = batch_slices(self.batch_size, nerf.gradient_rays, mesh.size)
         self._optimizer: Any = make_optimizer(nerf, config.steps)
         whole = NamedSharding(mesh, WHOLE)
         inputs = dataclasses.replace(jax.tree.map(lambda _: whole, dataset), pixels=NamedSharding(mesh, SPLIT))
@@ -97,14 +98,15 @@ class NerfMethod(Method):
         """One update. ahead: how much further down the rate is than it would be by steps alone."""
         key = jax.random.fold_in(jax.random.PRNGKey(self.config.seed), step)
         key_batch, key_render = jax.random.split(key)
-        rays, target = dataset.batch(key_batch, self.config.batch_size)
-        perturbation = draw_perturbation(key_render, self.config.batch_size, self.config.nerf)
+        rays, target = dataset.batch(key_batch, self.batch_size)
+        perturbation = draw_perturbation(key_render, self.batch_size, self.config.nerf)
         gradient, metrics = self._gradient(state.params, *split((rays, target, perturbation), self.mesh))
         updates, optimizer = self._optimizer.update(gradient, state.optimizer, state.params)
         further = (self.config.nerf.last_rate / self.config.nerf.first_rate) ** ahead  # the decay is log-linear
         updates = jax.tree.map(lambda change: further * change, updates)
         mse = metrics.pop("mse")
         metrics |= {"psnr": psnr_of(mse), "gradient_norm": optax.tree.norm(gradient)}
+        metrics["rays"] = jnp.float32(self.batch_size)
         metrics["learning_rate"] = further * learning_rate(self.config.nerf, self.config.steps, step)
         params: Any = optax.apply_updates(state.params, updates)  # type: ignore[arg-type]
         return NerfState(params, optimizer), metrics
@@ -139,11 +141,13 @@ class NerfMethod(Method):
 
 
 def sparsity_of(coarse_sigma: jax.Array, fine_sigma: jax.Array, config: TrainConfig) -> jax.Array:
-    """S of both fields at the coarse samples. coarse_sigma [N, K]; fine_sigma [N, K + F], 0 at the fine samples."""
+    """What lambda_s weighs: S of both fields at the coarse samples, beside squared errors that are means over channels.
+
+    coarse_sigma [N, K]; fine_sigma [N, K + F], 0 at the fine samples.
+    """
     coarse, fine = (cauchy_sparsity(sigma, config.sparsity_scale) for sigma in (coarse_sigma, fine_sigma))
-    total = coarse + fine
-    # zeros add nothing to a sum, but a mean must be over the K coarse samples alone
-    return total / coarse_sigma.shape[-1] if config.sparsity_over_samples == "mean" else total
+    of_release = config.sparsity_over_samples == "release"
+    return (coarse + fine) / (coarse_sigma.shape[-1] if of_release else CHANNELS)
 
 
 def learning_rate(config: NerfConfig, steps: int, step: jax.Array | int) -> jax.Array:

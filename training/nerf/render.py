@@ -25,7 +25,7 @@ from training.nerf.field import (
     init_nerf_head,
 )
 from training.view_mlp import apply_view_mlp, init_view_mlp
-from training.volume import composite, intervals, over_background, shade, weights_of
+from training.volume import LAST_INTERVAL, composite, intervals, over_background, shade, weights_of
 
 EMPTY_BIN = 1e-5  # least weight of a bin
 
@@ -45,7 +45,7 @@ class NerfParams(NamedTuple):
 
 
 class Rendered(NamedTuple):
-    """What the loss needs: both pictures, and the densities of both fields at the coarse samples."""
+    """What the loss needs: both pictures, and the densities of both fields at the coarse samples, without noise."""
 
     coarse: RenderOutput
     fine: RenderOutput
@@ -104,11 +104,12 @@ def render_rays(
 def _render_model(
     model: ModelParams, rays: Rays, t: jax.Array, config: NerfConfig, facts: SceneFacts, noise: jax.Array | None
 ) -> tuple[RenderOutput, jax.Array, jax.Array]:
-    """One model at positions t [N, S]: its picture, densities [N, S] and weights [N, S]."""
+    """One model at positions t [N, S]: its picture, densities without noise [N, S] and weights [N, S]."""
     points = rays.origins[:, None] + t[..., None] * rays.directions[:, None]
     trunk = apply_trunk(model.field, points, config)
-    field = field_of(model.field, trunk, 0.0 if noise is None else noise)
-    weights = weights_of(field.density, intervals(t, rays.directions, config.last_interval))
+    field = field_of(model.field, trunk)
+    density = field.density if noise is None else field_of(model.field, trunk, noise).density
+    weights = weights_of(density, intervals(t, rays.directions, last_interval(t, rays, config, facts)))
     opacity = jnp.sum(weights, -1)
     depth = jnp.sum(weights * t, -1) / jnp.maximum(opacity, 1e-6)
     features = composite(weights, field.features)
@@ -127,6 +128,13 @@ def _render_model(
         colours = diffuse + apply_view_mlp(model.view, diffuse, field.features, viewdirs)
     rgb, diffuse = (over_background(composite(weights, c), opacity, facts.background) for c in (colours, diffuse))
     return RenderOutput(rgb, diffuse, features, opacity, depth), field.density, weights
+
+
+def last_interval(t: jax.Array, rays: Rays, config: NerfConfig, facts: SceneFacts) -> jax.Array | float:
+    """What the last of the samples t [N, S] stands for, in units of t: see NerfConfig.last_interval."""
+    if config.last_interval is not None:
+        return config.last_interval
+    return LAST_INTERVAL if facts.ndc_camera is None else rays.far[:, None] - t[:, -1:]
 
 
 # --- where along a ray a field is asked (NeRF 5.2) ---------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""snerg-bake --preset paper: what the paper writes (sections 5.4 to 5.6), setting by setting."""
+"""snerg-bake --preset paper: what the paper writes (sections 5.3 to 5.5 and 6), setting by setting."""
 
 from __future__ import annotations
 
@@ -59,10 +59,15 @@ def test_snerg_make_bakes_the_preset_paper_as_the_paper_does_and_others_our_way(
     trained = SimpleNamespace(scene=scene, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
     monkeypatch.setattr("training.loop.train", lambda *_, **__: trained)
     monkeypatch.setattr("baker.baking.to_pack.bake_to", lambda run, config, *_, **__: configs.append(config))
-    for words in ("--preset paper", "--preset paper --resolution 64", "--preset normal --quality full"):
+    papers = ("--preset paper", "--preset deferred", "--preset paper --resolution 64")
+    for words in (*papers, "--preset normal --quality full", "--preset small"):
         assert snerg_make([str(scene_path), "--out", str(tmp_path / "out"), "--no-view", *words.split()]) == 0
-    papers = BakeConfig(1000, "paper")
-    assert configs == [papers, replace(papers, resolution=64), BakeConfig(512, "snerg", "full")]
+    fine = BakeConfig(1000, "paper")
+    ours = BakeConfig(512, "snerg", "full")
+    assert configs == [fine, fine, replace(fine, resolution=64), ours, replace(ours, quality="compact")]
+    trained.scene = SimpleNamespace(kind="llff")
+    assert snerg_make([str(scene_path), "--out", str(tmp_path / "out"), "--no-view", "--preset", "paper"]) == 0
+    assert configs[-1] == BakeConfig(1300, "paper"), "photographs"
 
 
 def test_each_preset_and_quality_has_its_passes_in_the_papers_order() -> None:

@@ -17,7 +17,7 @@ from training.dataset import make_dataset
 from training.encoding import encode_points
 from training.nerf.field import apply_field, init_field
 from training.nerf.method import NerfMethod, batch_slices, in_slices
-from training.nerf.render import NerfParams, draw_perturbation, init_nerf
+from training.nerf.render import NerfParams, draw_perturbation, init_nerf, render_rays
 from training.recorder import render_photograph
 from training.scenes import Scene
 
@@ -68,7 +68,7 @@ def test_the_counts_are_the_published_ones():
 def test_presets_differ_from_the_paper_in_what_their_rows_name_and_in_nothing_else():
     for name in ("jaxnerf", "jaxnerf-plus", "tinyview", "deferred", "diffuse", "no-sparsity"):
         preset = PRESETS[name]
-        assert (preset.steps, preset.batch_size, preset.method) == (250_000, 8192, "nerf")
+        assert (preset.steps, preset.batch_size, preset.method) == (250_000, None, "nerf")
         same = dataclasses.replace(preset.nerf, view="deferred")
         assert name == "jaxnerf" or same == PAPER.nerf
     jaxnerf = PRESETS["jaxnerf"].nerf
@@ -178,6 +178,25 @@ def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scen
     gradient, means = NerfMethod(sliced, dataset)._gradient(params, rays, target, noise)
     np.testing.assert_allclose(gradient, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
     assert float(means["loss"]) == pytest.approx(float(metrics["loss"]), rel=1e-5)
+
+
+def test_a_step_takes_8192_rays_of_a_rendered_scene_and_16384_of_photographs(procedural_scene: Scene):
+    dataset = make_dataset(procedural_scene)
+    taken = dataclasses.replace(dataset, facts=dataset.facts._replace(rendered=False))
+    assert [NerfMethod(PAPER, rays).batch_size for rays in (dataset, taken)] == [8192, 16_384]
+    assert NerfMethod(TINY, taken).batch_size == TINY.batch_size, "a number that is given counts"
+
+
+def test_the_sparsity_loss_sees_densities_without_the_noise(procedural_scene: Scene):
+    nerf = dataclasses.replace(TINY.nerf, density_noise=5.0, coarse_samples=8, fine_samples=8)
+    dataset = make_dataset(procedural_scene)
+    rays, _ = dataset.batch(jax.random.key(1), 16)
+    perturbation = draw_perturbation(jax.random.key(2), 16, nerf)
+    params = init_nerf(jax.random.key(0), nerf)
+    noisy = render_rays(params, rays, nerf, dataset.facts, perturbation)
+    silent = render_rays(params, rays, nerf, dataset.facts, perturbation._replace(coarse_noise=None, fine_noise=None))
+    np.testing.assert_allclose(noisy.coarse_sigma, silent.coarse_sigma, rtol=1e-5)
+    assert np.abs(noisy.coarse.alpha - silent.coarse.alpha).max() > 0.01, "the picture has it"
 
 
 def test_a_batch_that_cannot_be_cut_evenly_is_refused():
