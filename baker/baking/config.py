@@ -1,18 +1,6 @@
 """How to bake: what `snerg-bake` asks for. No JAX here, so that --help is quick.
 
-Presets: `snerg`, our defaults, and `paper`, what the SNeRG paper writes:
-
-| setting | the paper | `paper` |
-| --- | --- | --- |
-| voxels along the longest side | 1000, synthetic; 1300, real (section 6) | the same |
-| macroblocks | 32³ (section 5.4) | 30³ and their padding, as in the published packs |
-| tau_alpha, tau_vis | 0.005, 0.01 (section 5.3) | the same |
-| visibility | transmittance from all training views | 1,000,000 rays through pixels of all of them, grown by 2 cells |
-| content of a voxel | 16 Gaussian samples, sigma = v / √12; mean colour, features, density | the same |
-| voxels within kept macroblocks | all are stored | the same |
-| quantisation | 8 bits | the same, rounded |
-| fine-tuning | view MLP; Adam, 3e-4, 100 epochs, all training pictures | the same; a step takes as many pixels as a picture has |
-| limit of macroblocks | none | none |
+Presets: `snerg`, our defaults, and `paper`, what the SNeRG paper writes (docs/paper.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`python -m baker.commands.codec_report PACK --scene SCENE`: the storage table, codec by codec (SNeRG paper, section 6).
+"""`python -m baker.commands.codec_report PACK --scene SCENE`: the storage table, codec by codec (SNeRG paper, section 7).
 
 Writes Markdown to stdout and to --out, and JSON beside it.
 """

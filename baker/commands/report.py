@@ -1,4 +1,4 @@
-"""`snerg-report RUN --out DIR`: the SNeRG paper's tables of one run (section 6 and appendix), measured; and of several scenes.
+"""`snerg-report RUN --out DIR`: the SNeRG paper's tables of one run (section 7 and appendix), measured; and of several scenes.
 
 Writes DIR/report.md, report.json, plots, crops and cross-sections. Packs are baked into DIR/packs, scores and scored pictures
 lie in DIR/scores and DIR/pictures. Typed again, the line goes on: what is there is kept, and so are tables that are not asked
@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 
 from baker.baking.config import Quality
 from console import UserError, check_results, run_command, write_json, write_text
-from console.arguments import parse_size
+from console.arguments import join_negative_values, parse_size
 from training.libraries import begin_libraries
 from viewer.benchmark.protocols import given_distance
 
@@ -35,12 +35,14 @@ def snerg_report(
     bake: Literal["paper", "snerg"] = "paper",
     quality: str = "compact",
     most_macroblocks: int | None = None,
+    aabb: str | None = None,
     against: Path | None = None,
     baselines: str | None = None,
     frames: int = 150,
     size: str | None = None,
     distance: str = "auto",
     power_seconds: float = 4.0,
+    nominal_watts: float | None = None,
     quick: bool = False,
 ) -> None:
     """Measures the paper's tables on a trained run and writes them as Markdown, JSON and pictures.
@@ -59,6 +61,9 @@ def snerg_report(
         bake: Which bake the tables storage and resolution are of: paper (as the paper writes), or snerg (our default settings).
         quality: Rows of our own bake in the table quality, separated by commas: draft, compact (our default), full.
         most_macroblocks: If more would be kept, grids are made coarser. The default is that of each bake: none in the paper's.
+        aabb: Box that all packs are baked of, x0,y0,z0,x1,y1,z1 in the training frame, and photographs and pictures are compared
+            only where the paper's bake of it is opaque: the paper's procedure for real 360 degree scenes, which are trained
+            beyond it.
         against: A second run of the same scene, trained without the sparsity loss.
         baselines: Folders of further runs of the same scene, separated by commas: of the presets jaxnerf-plus, jaxnerf, tinyview,
             deferred and diffuse. Each fills its row.
@@ -66,11 +71,15 @@ def snerg_report(
         size: Picture size of timed frames, WIDTHxHEIGHT in pixels. The default is that of snerg-bench.
         distance: Distance of the camera of timed frames, as for snerg-bench.
         power_seconds: Seconds of drawing without a pause to measure the power of an NVIDIA card, for each row.
+        nominal_watts: Nominal power of the graphics card, for frames per second per watt as the paper counts them (85 for its
+            laptop), beside those that are measured.
         quick: For the table storage: measure only the default quality of each codec.
     """
     chosen = None if tables is None else _chosen(tables, TABLES, "--tables")
     qualities, sides = _chosen(quality, get_args(Quality), "--quality"), _resolutions(resolutions)
     pixels = parse_size(size) if size else None
+    if nominal_watts is not None and not nominal_watts > 0:
+        raise UserError("is no power", where="--nominal-watts", expected="watts, more than 0", found=nominal_watts)
     if frames < 1 or views < 0 or (resolution is not None and resolution < 1):
         raise UserError("is too small", where="--resolution, --frames or --views")
     if out.exists() and not out.is_dir():
@@ -86,11 +95,13 @@ def snerg_report(
     begin_libraries()  # JAX starts here, not for --help
     from baker.reports.performance import Drawing
     from baker.reports.report import Sources, Wanted, open_study, write_tables
+    from training.scenes.scene_options import parse_box
 
-    given: Mapping[str, Any] = {} if most_macroblocks is None else {"most_macroblocks": most_macroblocks}
+    asked = {"most_macroblocks": most_macroblocks, "aabb": parse_box(aabb)}
+    given: Mapping[str, Any] = {name: value for name, value in asked.items() if value is not None}
     folders = [Path(word.strip()) for word in (baselines or "").split(",") if word.strip()]
     study = open_study(Sources(run, out, scene, split, views, resolution, given, against, folders))
-    drawing = Drawing(frames, pixels, distance, power_seconds)
+    drawing = Drawing(frames, pixels, distance, power_seconds, nominal_watts)
     suit = [name for name in TABLES if name != "real" or study.kind != "synthetic"]
     write_tables(study, suit if chosen is None else chosen, Wanted(qualities, sides, bake, drawing, quick))
 
@@ -129,7 +140,8 @@ def _resolutions(text: str) -> list[int]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(snerg_report, prog="snerg-report", description=DESCRIPTION, args=args)
+    words = join_negative_values(sys.argv[1:] if args is None else args, ["--aabb"])
+    return run_command(snerg_report, prog="snerg-report", description=DESCRIPTION, args=words)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The storage table, codec by codec (SNeRG paper, section 6).
+"""The storage table, codec by codec (SNeRG paper, section 7).
 
 Each codec writes the pack anew, reads it back and is drawn by the OpenGL renderer: megabytes (10⁶ bytes) on disk,
 PSNR, SSIM and LPIPS against the photographs, PSNR against the pictures of the pack as it was, seconds to encode and to
@@ -34,9 +34,14 @@ VIEWS, SIZE = 8, (400, 400)
 
 
 def measured(
-    path: Path, scene: Any, split: str, ladder: Sequence[tuple[str, int | None]], folder: Path
+    path: Path,
+    scene: Any,
+    split: str,
+    ladder: Sequence[tuple[str, int | None]],
+    folder: Path,
+    mask_of: Path | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """A row for each (codec, quality) of the ladder, written below `folder` and removed again.
+    """A row for each (codec, quality) of the ladder, written below `folder` and removed again. mask_of: see evaluate.
 
     Codecs whose library is missing are left out with a line on stderr.
     """
@@ -58,7 +63,7 @@ def measured(
         decoding = time.perf_counter()
         load_pack(target)
         done = time.perf_counter()
-        shown = evaluate(target, scene, split)
+        shown = evaluate(target, scene, split, mask_of=mask_of)
         against = compare_packs(path, target, VIEWS, SIZE)
         yield {
             "codec": name,

@@ -1,7 +1,7 @@
 """How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (docs/commands.md, snerg-eval).
 
 Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
-pictures (section 6, real 360° scenes), since otherwise what lies outside of the box would decide: `by_alpha`. Several
+pictures (appendix C.2), since otherwise what lies outside of the box would decide: `by_alpha`. Several
 methods are compared on the same pixels where all take the mask of one of them: `mask_of`.
 
 A photograph that is held out has an exposure of its own, which nothing that was trained can know. So there is a second figure,

@@ -1,7 +1,7 @@
 """What a trained field is, in the paper's words where it is the paper's, and in ours where it is not.
 
-The multi-resolution field shares the deferred head and the sparsity loss with the paper's deferred NeRF, and nothing else:
-tables never call it that.
+The multi-resolution field shares the deferred head and the Cauchy term of the sparsity loss with the paper's deferred NeRF, and
+nothing else: tables never call it that.
 """
 
 from __future__ import annotations

@@ -33,12 +33,14 @@ LABELS = {
 @dataclass(frozen=True)
 class Drawing:
     """How frames are timed. size: pixels; None: the protocol's. distance: as viewer.benchmark.protocols.flight has it.
-    power_seconds: of drawing without a pause, for watts; only where a card tells them."""
+    power_seconds: of drawing without a pause, for watts; only where a card tells them. nominal_watts: what the card is sold with.
+    """
 
     frames: int = 150
     size: tuple[int, int] | None = None
     distance: str = "auto"
     power_seconds: float = 4.0
+    nominal_watts: float | None = None
 
 
 def performance_table(study: Study, drawing: Drawing) -> dict[str, Any]:
@@ -108,7 +110,8 @@ def _of_pack(study: Study, baked: Baked, pack: Pack) -> Row:
 
 
 def timed(pack: Pack, contenders: Sequence[Contender], drawing: Drawing) -> tuple[Mapping[str, Row], dict[str, Any]]:
-    """ms_mean, ms_std, ms_p50, fps, gpu_bytes, watts and fps_per_watt of contenders by name; and device, clock and path."""
+    """ms_mean, ms_std, ms_p50, fps, gpu_bytes, watts and fps_per_watt of contenders by name, and fps_per_nominal_watt where that
+    power was given; and device, clock and path."""
     flown = flight(pack, protocol_for(pack), drawing.frames, size=drawing.size, distance=drawing.distance)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Notice)
@@ -123,6 +126,8 @@ def timed(pack: Pack, contenders: Sequence[Contender], drawing: Drawing) -> tupl
     for contender in turns.contenders:
         times = contender.statistics()
         kept = {key: times[key] for key in ("ms_mean", "ms_std", "ms_p50", "fps")}
+        if drawing.nominal_watts is not None:
+            kept["fps_per_nominal_watt"] = times["fps"] / drawing.nominal_watts
         rows[contender.name] = {**kept, "gpu_bytes": gpu_bytes[contender.name], **power[contender.name]}
     notices = [str(w.message) for w in caught if w.category is Notice]
     return rows, {

@@ -1,4 +1,4 @@
-"""The SNeRG paper's tables of one run (section 6), measured one after another and kept in the report's folder."""
+"""The SNeRG paper's tables of one run (section 7), measured one after another and kept in the report's folder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from baker.baking.config import BLOCK_SIZE, BakePreset, Quality, default_resolution
+from baker.baking.bake import check_bake
+from baker.baking.config import BLOCK_SIZE, BakeConfig, BakePreset, Quality, default_resolution
 from baker.reports import tables
 from baker.reports.fields import OWN, row_of
 from baker.reports.figures import FIGURES, draw_figure
@@ -31,7 +32,7 @@ from baker.reports.study import Study
 from console import UserError
 from console.atomic import write_file
 from scenepack.constants import MAX_BLOCK_INDEX
-from training.run import Run, load_run, read_description, require_bakeable
+from training.run import Run, load_run, read_description
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ def _check_resolutions(sides: Sequence[int]) -> None:
 def open_study(sources: Sources) -> Study:
     """The run, its photographs that count, and the runs beside it. UserError where they do not fit together."""
     run = load_run(sources.run, scene_path=sources.scene)
-    require_bakeable(run)
+    check_bake(run, BakeConfig(**sources.overrides))
     if sources.against is not None:
         _require_same_scene(run, sources.against)
         if read_description(sources.against).config.sparsity_weight != 0:
@@ -157,6 +158,8 @@ def _begun(study: Study) -> dict[str, Any]:
         "downscale": study.run.downscale, "split": study.split, "views": len(photographs), "width": camera.width,
         "height": camera.height,
     }  # fmt: skip
+    if study.mask is not None:
+        about["aabb"] = list(study.overrides["aabb"])
     try:
         kept = json.loads((study.out / "report.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -41,8 +41,9 @@ class Study:
     """A run, what it is compared with, and what was made of it so far.
 
     scene: the photographs that count, in `split`. out: the report's folder. resolution: of its packs where a table does not say
-    otherwise; overrides: fields of BakeConfig that differ from the presets', in all packs. against: the folder of a run of the
-    same scene without the sparsity loss. baselines: folders of further runs, by the row of the paper that they are.
+    otherwise; overrides: fields of BakeConfig that differ from the presets', in all packs (aabb: see `mask`). against: the folder
+    of a run of the same scene without the sparsity loss. baselines: folders of further runs, by the row of the paper that they
+    are.
     """
 
     run: Run
@@ -64,6 +65,11 @@ class Study:
     def name(self) -> str:
         """The scene's, by its folder."""
         return self.scene.path.resolve().name
+
+    @property
+    def mask(self) -> Baked | None:
+        """Where a box is baked, the paper's bake of it: all is compared only where that is opaque (appendix C.2)."""
+        return None if self.overrides.get("aabb") is None else self.baked("paper")
 
     @property
     def without_sparsity(self) -> Run | None:
@@ -109,7 +115,10 @@ class Study:
         return Baked(name, pack, key, note["seconds"]) if same else None
 
     def score(self, baked: Baked, mask_of: Baked | None = None) -> Score:
-        """psnr, ssim, lpips of a pack: means over the views, drawn by OpenGL, and `views`, each photograph's psnr."""
+        """psnr, ssim, lpips of a pack: means over the views, drawn by OpenGL, and `views`, each photograph's psnr.
+
+        mask_of: compared where this pack is opaque; by default see `mask`.
+        """
         return self._scored(baked.name, baked.key, lambda: baked.path, mask_of)
 
     def score_field(self, name: str, run: Run, mask_of: Baked | None = None) -> Score:
@@ -132,6 +141,7 @@ class Study:
         self, name: str, key: Mapping[str, Any], subject: Callable[[], Path | Run | Drawn], mask_of: Baked | None,
         more: Callable[[], Score] = dict,
     ) -> Score:  # fmt: skip
+        mask_of = mask_of or self.mask
         name += "" if mask_of is None else "-masked"
         note = self.out / "scores" / f"{name}.json"
         views = [photograph.name for photograph in self.scene.splits[self.split]]

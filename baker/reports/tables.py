@@ -1,4 +1,4 @@
-"""The paper's tables of quality, storage, resolution and sparsity, as figures (SNeRG section 6 and its appendix).
+"""The paper's tables of quality, storage, resolution and sparsity, as figures (SNeRG section 7 and its appendix).
 
 Each table is {"rows": [...], ...}. A row has `row`, its key, and `label`; psnr, ssim, lpips where it was measured, and bytes (on
 disk, unless they say GPU); or `command`, which would make what it needs. `paper` and `release` are theirs, from
@@ -67,7 +67,8 @@ def storage_table(study: Study, preset: BakePreset, quick: bool) -> dict[str, An
     ]
     ladder = [step for step in LADDER if not (quick and step[1] is not None)]
     with tempfile.TemporaryDirectory(prefix="snerg-codecs-") as folder:
-        for row in measured(baked.path, study.scene, study.split, ladder, Path(folder)):
+        mask_of = None if study.mask is None else study.mask.path
+        for row in measured(baked.path, study.scene, study.split, ladder, Path(folder), mask_of):
             lossless = row["quality"] is None
             name = f"{row['codec']}{'' if lossless else ' ' + str(row['quality'])}"
             key = row["codec"] if row["default"] else name
@@ -84,7 +85,7 @@ def storage_table(study: Study, preset: BakePreset, quick: bool) -> dict[str, An
 
 
 def sparsity_table(study: Study) -> dict[str, Any]:
-    """Figure 3: what the sparsity loss saves, and cross-sections of both grids as pictures. Of the paper's bakes: emptying voxels
+    """Figure 4: what the sparsity loss saves, and cross-sections of both grids as pictures. Of the paper's bakes: emptying voxels
     that no photograph shows would hide the fog that a field trained without the loss leaves.
     """
     rows, packs = [], {}

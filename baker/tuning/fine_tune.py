@@ -49,7 +49,7 @@ def fine_tune(
     """The pack with its view MLP refined, and the PSNR over shaded training pixels before and after.
 
     by_opacity: photographs also show what lies outside of the pack's box. Errors are weighted by the pack's own opacity, as
-    the paper masks pictures of such scenes (section 6).
+    the paper masks pictures of such scenes (appendix C.2).
 
     A diffuse pack, and one that no training pixel meets, comes back as it is.
     """

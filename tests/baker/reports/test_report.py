@@ -27,6 +27,7 @@ from baker.reports.cross_sections import OPAQUE, draw_sections, placed, section,
 from baker.reports.fields import label_of, row_of
 from baker.reports.missing import train_command
 from baker.reports.pack_compare import stored_bytes
+from baker.reports.pages import SECTIONS
 from baker.reports.performance import Drawing
 from baker.reports.report import Sources, Wanted, open_study, write_tables
 from baker.tuning.fine_tune import fine_tune
@@ -190,6 +191,66 @@ def test_the_sparsity_table_counts_what_is_in_both_packs(out: Path, tables: dict
         cut = next(cut for cut in tables["sparsity"]["sections"] if cut["axis"] == "z")
         middle = alpha[pack.grid_size[2] // 2]
         assert cut["shares"][row["label"]]["opaque"] == pytest.approx((middle >= OPAQUE).mean())
+
+
+def test_a_report_of_a_box_bakes_it_alone_and_compares_only_where_the_papers_bake_of_it_is_opaque(
+    runs: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weighted: list[bool] = []
+
+    def tuned(pack: Any, photographs: Any, **how: Any) -> Any:
+        weighted.append(how["by_opacity"])
+        return fine_tune(pack, photographs, epochs=EPOCHS, **how)
+
+    monkeypatch.setattr(passes, "fine_tune", tuned)
+    box = "-0.5,-0.5,-1.5,0.5,0.5,1.5"
+    words = [
+        str(runs[0]),
+        "--out",
+        str(tmp_path / "out"),
+        "--scene",
+        str(SCENE),
+        "--resolution",
+        "40",
+        "--quick",
+        f"--aabb={box}",
+    ]
+    assert snerg_report([*words, "--tables", "storage"]) == 0
+    paper = tmp_path / "out/packs/paper-40-compact"
+    pack = load_pack(paper)
+    low, high = pack.min_xyz, pack.min_xyz + pack.voxel_size * np.array(pack.grid_size)
+    assert (np.abs([low[[0, 2]], high[[0, 2]]]) < 1.5).all() and weighted == [True], (
+        "x and, in the grid frame, z of the box"
+    )
+    document = json.loads((tmp_path / "out/report.json").read_text())
+    assert document["about"]["aabb"] == [-0.5, -0.5, -1.5, 0.5, 0.5, 1.5]
+    assert f"baked of the box {box}" in (tmp_path / "out/report.md").read_text()
+    eval_words = [str(paper), "--scene", str(SCENE), "--json", str(tmp_path / "e.json")]
+    scores = []
+    for mask in (["--mask-by-alpha"], []):
+        assert snerg_eval([*eval_words, *mask]) == 0
+        scores.append(json.loads((tmp_path / "e.json").read_text())["psnr"])
+    row = rows_of(document["tables"]["storage"])["png"]
+    assert row["psnr"] == pytest.approx(scores[0], abs=1e-6) and scores[0] > scores[1] + 1
+    assert snerg_report([*words[:-1], "--aabb=9,9,9,10,10,10"]) == 2, "nothing was trained there"
+
+
+def test_frames_per_nominal_watt_are_a_column_where_that_power_is_known() -> None:
+    table = {"resolution": 46, "renderer": "card", "clock": "wall", "width": 8, "height": 8, "protocol": "synthetic",
+             "distance": None, "frames": 2, "notices": []}  # fmt: skip
+    row = {
+        "row": "ours",
+        "label": "ours",
+        "fps": 42.5,
+        "ms_mean": 23.5,
+        "ms_std": 1.0,
+        "paper": {"ms": 9.3, "gpu_gb": 0.74},
+    }
+    performance, about = SECTIONS["performance"][1], {"kind": "real360"}
+    measured = "\n".join(performance({**table, "rows": [row]}, about))
+    assert "nominal" not in measured and "107.5" not in measured, "the paper prints no frame rate of this row"
+    told = "\n".join(performance({**table, "rows": [{**row, "fps_per_nominal_watt": 0.5}]}, about))
+    assert "| FPS/W | FPS/W, nominal |" in told and "| – | 0.50000 |" in told
 
 
 def test_every_picture_that_the_report_shows_is_there(out: Path) -> None:
