@@ -31,7 +31,7 @@ from viewer.features.making import survey
 from viewer.features.opening import session
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import PreferencesAutosave, apply_preferences
-from viewer.rendering.settings import Mode, RenderSettings
+from viewer.rendering.settings import Marcher, Mode, RenderSettings
 from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
 
@@ -59,6 +59,8 @@ class View:
         pack: Folder or .zip of a baked scene, or a saved session (.snerg). Without it, the start page opens. For a folder of
             photographs or a training run, the viewer offers to make a scene.
         mode: What to show first. "normal" is the picture.
+        marcher: How rays skip empty space: exact (the default), paper (the paper's algorithm), or brute (takes every sample). The
+            Performance page has it, too.
         surroundings: Show what lies beyond the inner cube of an unbounded scene.
         pose: First camera: a pose copied from the viewer, or x,y,z,x,y,z of eye and target in the grid frame (y up).
         compare: Another pack, shown under the same camera.
@@ -78,6 +80,7 @@ class View:
 
     pack: Annotated[Path | None, tyro.conf.Positional] = None
     mode: Mode = "normal"
+    marcher: Marcher = "exact"
     surroundings: bool = True
     pose: str | None = None
     compare: Path | None = None
@@ -113,7 +116,8 @@ class View:
         except NoDisplay as reason:
             if frames is not None or self.export is not None:
                 raise UserError(str(reason), remedy="start it with xvfb-run, or use snerg-render") from reason
-            _render_instead(self.pack, RenderSettings(mode=self.mode, surroundings=self.surroundings), reason)
+            settings = RenderSettings(mode=self.mode, marcher=self.marcher, surroundings=self.surroundings)
+            _render_instead(self.pack, settings, reason)
             return 0
 
     # What was asked for is carried out step by step once there is something to carry it out on. Whatever fails is a dialog, like
@@ -121,7 +125,7 @@ class View:
 
     def begin(self, app: App) -> None:
         """Starts to open the pack; the rest follows when it is there."""
-        app.set(mode=self.mode)
+        app.set(mode=self.mode, marcher=self.marcher)
         if not self.surroundings:
             app.set(surroundings=False)
         page = self.page or self._page()

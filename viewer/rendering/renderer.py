@@ -116,9 +116,9 @@ class Renderer:
         """Whether a part of the pack is not on the card yet."""
         return any(scene.arriving is not None for scene in self._scenes.values())
 
-    def gpu_bytes(self, marcher: str = "exact") -> int:
-        """Bytes of texture memory that `marcher` uses."""
-        return self.scene(marcher).gpu_bytes
+    def gpu_bytes(self, marcher: str | None = None) -> int:
+        """Bytes of texture memory that `marcher` uses; None: that all marchers use that were asked for."""
+        return self.scene(marcher).gpu_bytes if marcher else sum(scene.gpu_bytes for scene in self._scenes.values())
 
     def render(
         self,

@@ -134,6 +134,24 @@ def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(
     assert app.settings.surroundings and np.abs(scene_part(ui).astype(int) - whole).mean() < 1
 
 
+def test_the_marcher_is_chosen_on_the_performance_page_and_draws_the_picture(ui, app, pack):
+    app.interface.page = "performance"
+    with watch() as seen:
+        ui.settle()
+        places = {label.partition("##")[0]: each.at for (_, label), each in seen.seen.items() if "##marcher" in label}
+    assert list(places) == ["Exact", "Paper", "Every sample"]
+    before, drawn = ui.canvas.gpu_bytes, {}
+    for name, marcher in (("Paper", "paper"), ("Every sample", "brute"), ("Exact", "exact")):
+        ui.click(*places[name])
+        ui.settle()
+        assert app.settings.marcher == marcher
+        drawn[name] = scene_part(ui).astype(int)
+        assert (np.abs(drawn[name] - ui.canvas.snapshot(app.camera(), app.settings)) > 1).mean() < 1e-3
+    assert np.abs(drawn["Paper"] - drawn["Every sample"]).max() > 2, "the paper's picture is a little different"
+    assert (np.abs(drawn["Exact"] - drawn["Every sample"]) > 1).mean() < 1e-3
+    assert ui.canvas.gpu_bytes > 1.5 * before, "the paper's textures are its own"
+
+
 def test_a_dialog_waits_for_its_answer_and_keeps_the_keys(ui, app):
     app.messages.fail("it cannot be opened", "the file is no pack")
     ui.settle()

@@ -1,4 +1,4 @@
-"""Performance page: frame times and their plots, memory, samples per ray."""
+"""Performance page: the marcher, frame times and their plots, memory, samples per ray."""
 
 from __future__ import annotations
 
@@ -11,9 +11,17 @@ from imgui_bundle import ImVec2, imgui, implot
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.theme import Fonts
-from viewer.core.widgets import card, coloured, figure, font, hint, label, px, switch, tip
+from viewer.core.widgets import card, coloured, figure, font, hint, label, px, segments, switch, tip
 from viewer.features.performance.frame_stats import AVERAGED, KEPT, FrameStats
 from viewer.rendering.canvas import Canvas
+from viewer.rendering.settings import MARCHERS
+
+MARCHER_TITLES = {"exact": "Exact", "paper": "Paper", "brute": "Every sample"}
+MARCHER_HINTS = {
+    "exact": "Jumps over empty space by a grid of distances. The picture is that of every sample.",
+    "paper": "The paper's algorithm: skips empty macroblocks, then asks the nearest opacity before it takes a sample.",
+    "brute": "Takes every sample, to compare with.",
+}
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
@@ -33,6 +41,11 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         label("V-sync")
         app.interface.v_sync = switch("v-sync", app.interface.v_sync)
         tip("Limit the frame rate to that of the screen")
+    with card("marcher", fonts, "Marcher"):
+        picked = segments("marcher", MARCHERS, app.settings.marcher, MARCHER_TITLES)
+        if picked:
+            app.set(marcher=picked)
+        hint(MARCHER_HINTS[app.settings.marcher])
     with card("spread", fonts, "Spread"):
         histogram(app.times, target, px(96))
         for name, value in (("Median", summary.median), ("95th percentile", summary.p95), ("Slowest", summary.slowest)):
