@@ -1,4 +1,4 @@
-"""`snerg-train SCENE --out RUN`: photographs to a trained deferred NeRF (docs/commands.md)."""
+"""`snerg-train SCENE --out RUN`: photographs to a trained radiance field (docs/commands.md)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 DEFAULT_PRESET = "normal"
 PRESET_HELP = f"Named settings. The defaults below are those of the chosen preset. {names_with_about(PresetName)}."
-DESCRIPTION = "Trains a deferred NeRF on photographs with camera poses. You can stop and resume a run at any time."
+DESCRIPTION = "Trains a radiance field on photographs with camera poses. You can stop and resume a run at any time."
 # Settings that --resume may change: the run's length and its reports.
 FREE = ("steps", "minutes", "log_every", "validate_every", "validate_views", "checkpoint_every")
 
@@ -71,7 +71,7 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         processes: int | None = None,
         process_id: int | None = None,
     ) -> None:
-        """Trains a deferred NeRF on photographs with camera poses. You can stop and resume a run at any time.
+        """Trains a radiance field on photographs with camera poses. You can stop and resume a run at any time.
 
         Args:
             scene: Folder of photographs with camera poses. docs/scenes.md lists the layouts.

@@ -140,7 +140,7 @@ def test_the_marcher_is_chosen_on_the_performance_page_and_draws_the_picture(ui,
         ui.settle()
         places = {label.partition("##")[0]: each.at for (_, label), each in seen.seen.items() if "##marcher" in label}
     assert list(places) == ["Exact", "Paper", "Every sample"]
-    before, drawn = ui.canvas.gpu_bytes, {}
+    before, drawn = ui.canvas.gpu_bytes_by_use["Pack"], {}
     for name, marcher in (("Paper", "paper"), ("Every sample", "brute"), ("Exact", "exact")):
         ui.click(*places[name])
         ui.settle()
@@ -149,7 +149,7 @@ def test_the_marcher_is_chosen_on_the_performance_page_and_draws_the_picture(ui,
         assert (np.abs(drawn[name] - ui.canvas.snapshot(app.camera(), app.settings)) > 1).mean() < 1e-3
     assert np.abs(drawn["Paper"] - drawn["Every sample"]).max() > 2, "the paper's picture is a little different"
     assert (np.abs(drawn["Exact"] - drawn["Every sample"]) > 1).mean() < 1e-3
-    assert ui.canvas.gpu_bytes > 1.5 * before, "the paper's textures are its own"
+    assert ui.canvas.gpu_bytes_by_use["Pack"] > 1.5 * before, "the paper's textures are its own"
 
 
 def test_a_dialog_waits_for_its_answer_and_keeps_the_keys(ui, app):
