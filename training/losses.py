@@ -1,7 +1,7 @@
 """The terms of the paper's training loss (SNeRG sections 4.1 and 4.3) and PSNR.
 
-The paper sums over rays and channels. JAXNeRF, on which it is based, takes the mean over both, and so do we, since the gradient's
-size counts where it is clipped (section 6). CHANNELS divides the sparsity loss likewise, which keeps the paper's balance.
+The paper sums over rays; a batch is a sample of rays, so we divide both terms by the number of rays in it. That changes the
+size of the gradient, not the balance of the terms.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ CHANNELS = 3
 
 
 def squared_error(rgb: jax.Array, target: jax.Array) -> jax.Array:
-    """L_r per ray and channel: the mean of (C - C_hat)^2 for rgb and target [N, 3]."""
-    return jnp.mean(jnp.square(rgb - target))
+    """L_r per ray: mean over rays of |C - C_hat|^2, for rgb and target [N, 3]. CHANNELS times the MSE per channel."""
+    return jnp.mean(jnp.sum(jnp.square(rgb - target), axis=-1))
 
 
 def cauchy_sparsity(sigma: jax.Array, c: float = 0.5) -> jax.Array:

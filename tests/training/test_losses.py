@@ -15,12 +15,12 @@ from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, square
 from training.nerf.method import learning_rate, make_optimizer, sparsity_of
 
 
-def test_the_photometric_term_is_jaxnerfs_mean_over_rays_and_channels():
+def test_the_photometric_term_sums_channels_and_averages_rays():
     rgb, target = (
         jnp.asarray([[0.1, 0.2, 0.3], [1.0, 1.0, 1.0]]),
         jnp.asarray([[0.0, 0.0, 0.0], [1.0, 0.5, 1.0]]),
     )
-    assert float(squared_error(rgb, target)) == pytest.approx((0.01 + 0.04 + 0.09 + 0.25) / 6)
+    assert float(squared_error(rgb, target)) == pytest.approx((0.01 + 0.04 + 0.09 + 0.25) / 2)
 
 
 def test_the_sparsity_term_is_log_1_plus_2_sigma_squared_summed_over_a_rays_samples():
@@ -34,10 +34,10 @@ def test_sparsity_counts_the_coarse_samples_alone_of_both_fields():
     coarse = jnp.asarray([[1.0, 0.0]])
     fine = jnp.asarray([[2.0, 0.0, 0.0, 0.0, 0.0]])  # fine samples are masked with 0
     expected = math.log(3) + math.log(9)
-    # beside a photometric term that is a third of the paper's
-    assert float(sparsity_of(coarse, fine, PAPER)) == pytest.approx(expected / 3)
-    release = dataclasses.replace(PAPER, sparsity_over_samples="release")
-    assert float(sparsity_of(coarse, fine, release)) == pytest.approx(expected / 2), "the mean over the coarse samples"
+    assert float(sparsity_of(coarse, fine, PAPER)) == pytest.approx(expected)
+    release, mean = (dataclasses.replace(PAPER, sparsity_over_samples=how) for how in ("release", "mean"))
+    assert float(sparsity_of(coarse, fine, mean)) == pytest.approx(expected / 2), "over the coarse samples"
+    assert float(sparsity_of(coarse, fine, release)) == pytest.approx(3 * expected / 2), "beside the mean over channels"
 
 
 def test_with_the_papers_192_samples_the_release_weighs_sparsity_64_times_less():
@@ -91,4 +91,4 @@ def test_the_paper_preset_holds_the_papers_numbers():
     assert (nerf.depth, nerf.width, nerf.coarse_samples, nerf.fine_samples) == (8, 512, 192, 384)
     assert (nerf.first_rate, nerf.last_rate, nerf.warmup_steps, nerf.warmup_factor) == (2e-3, 2e-5, 2500, 0.1)
     assert (nerf.clip_value, nerf.clip_norm) == (0.01, 0.01)
-    assert TrainConfig().method == PAPER.method == "nerf" and PAPER.sparsity_over_samples == "sum"
+    assert TrainConfig().method == PAPER.method == "nerf" and PAPER.sparsity_over_samples == "paper"

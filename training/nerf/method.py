@@ -137,17 +137,20 @@ class NerfMethod(Method):
         photometric = squared_error(out.coarse.rgb, target) + squared_error(out.fine.rgb, target)
         sparsity = sparsity_of(out.coarse_sigma, out.fine_sigma, config)
         loss = photometric + config.sparsity_weight * sparsity
+        if config.sparsity_over_samples in ("paper", "release"):
+            loss /= CHANNELS  # as large as JAXNeRF's, which counts where gradients are clipped
         return loss, {"loss": loss, "sparsity": sparsity, "mse": mean_squared_error(out.fine.rgb, target)}
 
 
 def sparsity_of(coarse_sigma: jax.Array, fine_sigma: jax.Array, config: TrainConfig) -> jax.Array:
-    """What lambda_s weighs: S of both fields at the coarse samples, beside squared errors that are means over channels.
+    """S of both fields at the coarse samples, beside errors that are sums over channels (TrainConfig.sparsity_over_samples).
 
     coarse_sigma [N, K]; fine_sigma [N, K + F], 0 at the fine samples.
     """
     coarse, fine = (cauchy_sparsity(sigma, config.sparsity_scale) for sigma in (coarse_sigma, fine_sigma))
-    of_release = config.sparsity_over_samples == "release"
-    return (coarse + fine) / (coarse_sigma.shape[-1] if of_release else CHANNELS)
+    samples = coarse_sigma.shape[-1]
+    factors = {"paper": 1.0, "release": CHANNELS / samples, "sum": 1.0, "mean": 1.0 / samples}
+    return factors[config.sparsity_over_samples] * (coarse + fine)
 
 
 def learning_rate(config: NerfConfig, steps: int, step: jax.Array | int) -> jax.Array:
