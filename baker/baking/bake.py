@@ -139,7 +139,7 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
         "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
         "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
         "resolution": config.resolution, "preset": config.preset, "most_macroblocks": config.block_limit,
-        "aabb": config.aabb,
+        "aabb": config.aabb, **({"keeps_hidden": True} if config.keeps_hidden else {}),
     }  # fmt: skip
 
 
@@ -155,7 +155,10 @@ def culled_grid(job: Bake) -> tuple[BakeGrid, Culling]:
         with job.stages("opacity") as bar:
             opacity = opaque_macroblocks(job.query, grid, occupied_query(run), bar.update, job.work)
         with job.stages("visibility") as bar:
-            culling = seen_macroblocks(opacity, grid, run.dataset, bar.update, job.work)
+            if config.keeps_hidden:
+                culling = opacity.culling(grid, opacity.opaque)
+            else:
+                culling = seen_macroblocks(opacity, grid, run.dataset, bar.update, job.work)
         kept = int(culling.kept.sum())
         if not kept:
             raise _nothing_there(run)

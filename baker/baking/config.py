@@ -40,6 +40,8 @@ class BakeConfig:
     """Seed of the Gaussian samples within voxels and of tuning."""
     most_macroblocks: int | None = None
     """Where more would be kept, the grid is made coarser. None: MOST_MACROBLOCKS; in the preset paper, no limit."""
+    keeps_hidden: bool = False
+    """Keep macroblocks that no training camera sees: panel (d) of the paper's figure 4."""
     aabb: Box | None = None
     """The box that is baked, training frame, in place of the one around the content; not for NDC scenes."""
 

@@ -301,8 +301,9 @@ def _sparsity(table: Table, about: Mapping[str, Any]) -> list[str]:
             cells.append([row["label"], *[NONE] * 7])
             continue
         blocks, voxels = row["macroblocks"], row["voxels"]
+        hidden = ", hidden macroblocks kept" if row["row"] == "hidden" else ""
         cells.append([
-            f"{row['run']}: {row['field']}", f"{row['sparsity_weight']:g}", *_scores(row), _number(row["bytes"], 2, 1e6),
+            f"{row['run']}: {row['field']}{hidden}", f"{row['sparsity_weight']:g}", *_scores(row), _number(row["bytes"], 2, 1e6),
             f"{blocks['occupied']} of {blocks['grid']}", f"{voxels['with_alpha']} of {voxels['grid']}",
         ])  # fmt: skip
     lines = [

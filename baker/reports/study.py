@@ -104,7 +104,11 @@ class Study:
         return self.out / "packs"
 
     def _name(self, preset: BakePreset, run: Run, config: BakeConfig) -> str:
-        return f"{preset}-{config.resolution}-{config.quality}" + ("-no-sparsity" if run is self._against else "")
+        return (
+            f"{preset}-{config.resolution}-{config.quality}"
+            + ("-no-sparsity" if run is self._against else "")
+            + ("-with-hidden" if config.keeps_hidden else "")
+        )
 
     def _kept(self, preset: BakePreset, run: Run, config: BakeConfig) -> Baked | None:
         name, key = self._name(preset, run, config), _key(run, config)

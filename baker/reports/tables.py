@@ -85,19 +85,23 @@ def storage_table(study: Study, preset: BakePreset, quick: bool) -> dict[str, An
 
 
 def sparsity_table(study: Study) -> dict[str, Any]:
-    """Figure 4: what the sparsity loss saves, and cross-sections of both grids as pictures. Of the paper's bakes: emptying voxels
-    that no photograph shows would hide the fog that a field trained without the loss leaves.
+    """Figure 4: what the sparsity loss and the culling of hidden macroblocks save, and cross-sections of the grids as pictures.
+
+    Of the paper's bakes: emptying voxels that no photograph shows would hide the fog that a field trained without the loss leaves.
     """
     rows, packs = [], {}
-    for run in filter(None, (study.run, study.without_sparsity)):
-        baked = study.baked("paper", run)
+    for name, run in (("with", study.run), ("without", study.without_sparsity), ("hidden", study.without_sparsity)):
+        if run is None:
+            continue
+        baked = study.baked("paper", run, keeps_hidden=name == "hidden")
         with open_pack(baked.path) as reader:
             pack = reader.read()
             facts = pack_facts(reader.files, pack)
         label = f"{run.path.resolve().name}, lambda {run.config.sparsity_weight:g}"
+        label += ", hidden macroblocks kept" if name == "hidden" else ""
         packs[label] = pack
         rows.append({
-            "row": "with" if run is study.run else "without", "run": run.path.resolve().name, "label": label,
+            "row": name, "run": run.path.resolve().name, "label": label,
             "field": label_of(run.config, run.step), "sparsity_weight": run.config.sparsity_weight,
             **study.score(baked), "bytes": facts["bytes"]["disk"], "macroblocks": facts["macroblocks"],
             "voxels": facts["voxels"], "alpha_histogram": facts["alpha_histogram"],

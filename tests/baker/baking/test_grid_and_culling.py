@@ -10,7 +10,7 @@ import pytest
 
 from baker.baking import bake as baking
 from baker.baking.config import BakeConfig
-from baker.baking.culling import content_box
+from baker.baking.culling import Culling, content_box
 from baker.baking.grid import box_in_grid_frame, make_grid
 from baker.baking.supersample import lattice_of, supersample
 from baker.baking.work_folder import WorkFolder
@@ -82,6 +82,21 @@ def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_
     facing = np.abs(distance - RADIUS) < 0.2 * diagonal
     seen = facing & (centres[..., 0] > 0)  # grid z up in z, y, x order: what the cameras above look at
     assert culling.kept[facing & seen].mean() > 0.6
+
+
+def test_what_no_camera_sees_is_kept_where_that_is_asked_for(
+    scene, dataset, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(baking, "field_query", lambda run: ball)
+    monkeypatch.setattr(baking, "occupied_query", lambda run: lambda low, high: None)
+    run = SimpleNamespace(scene=scene, dataset=dataset, path=tmp_path)
+
+    def culling_of(keeps_hidden: bool) -> Culling:
+        return baking.culled_grid(baking.Bake(run, BakeConfig(240, "paper", keeps_hidden=keeps_hidden)))[1]  # type: ignore[arg-type]
+
+    papers, all_of_it = culling_of(False), culling_of(True)
+    assert papers.hidden > 0 == all_of_it.hidden and papers.opaque == all_of_it.opaque == all_of_it.kept.sum()
+    assert not (papers.kept & ~all_of_it.kept).any()
 
 
 def test_where_more_macroblocks_would_be_kept_than_cards_hold_the_grid_is_coarser_and_says_so(

@@ -182,8 +182,10 @@ def test_resolutions_codecs_and_times_are_of_the_packs(out: Path, tables: dict[s
 
 def test_the_sparsity_table_counts_what_is_in_both_packs(out: Path, tables: dict[str, Any]) -> None:
     rows = tables["sparsity"]["rows"]
-    assert rows[0]["sparsity_weight"] > rows[1]["sparsity_weight"] == 0
-    for row, name in zip(rows, ("paper-46-compact", "paper-46-compact-no-sparsity"), strict=True):
+    assert rows[0]["sparsity_weight"] > rows[1]["sparsity_weight"] == rows[2]["sparsity_weight"] == 0
+    assert rows[2]["macroblocks"]["occupied"] >= rows[1]["macroblocks"]["occupied"], "and those that no camera sees"
+    names = ("paper-46-compact", "paper-46-compact-no-sparsity", "paper-46-compact-no-sparsity-with-hidden")
+    for row, name in zip(rows, names, strict=True):
         pack = load_pack(out / "packs" / name)
         alpha = dense_from_pack(pack)[0][..., 3]
         assert row["macroblocks"]["occupied"] == pack.occupied.sum()
