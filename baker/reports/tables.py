@@ -87,7 +87,7 @@ def storage_table(study: Study, preset: BakePreset, quick: bool) -> dict[str, An
 def sparsity_table(study: Study) -> dict[str, Any]:
     """Figure 4: what the sparsity loss and the culling of hidden macroblocks save, and cross-sections of the grids as pictures.
 
-    Of the paper's bakes: emptying voxels that no photograph shows would hide the fog that a field trained without the loss leaves.
+    Of the paper's bakes: emptying voxels that no photograph shows would hide the fog of a field trained without it.
     """
     rows, packs = [], {}
     for name, run in (("with", study.run), ("without", study.without_sparsity), ("hidden", study.without_sparsity)):

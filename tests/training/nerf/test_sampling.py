@@ -36,7 +36,7 @@ def test_the_last_sample_stands_for_the_rest_up_to_the_far_plane_in_ndc_and_for_
     ndc: bool, given: float | None, expected: float | list[float]
 ):
     facts = SceneFacts(
-        0.0, 1.0, ((-1.0,) * 3, (1.0,) * 3), (40, 32, 50.0) if ndc else None, False, (1.0,) * 3, False, None
+        0.0, 1.0, ((-1.0,) * 3, (1.0,) * 3), (40, 32, 50.0) if ndc else None, False, (1.0, 1.0, 1.0), False, None
     )
     rays = Rays(*(jnp.ones((2, 3)),) * 3, near=jnp.zeros(2), far=jnp.ones(2))
     t = jnp.asarray([[0.1, 0.75], [0.2, 1.0]])
