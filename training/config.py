@@ -89,10 +89,9 @@ class TrainConfig:
     """Weight of the sparsity loss (lambda_s, section 4.3 of the paper); 0 for none."""
     sparsity_scale: float = 0.5
     """Scale c of the sparsity loss."""
-    sparsity_over_samples: Literal["paper", "release", "sum", "mean"] = "paper"
+    sparsity_over_samples: Literal["paper", "release"] = "paper"
     """How the sparsity loss of method nerf weighs against the colours. paper: sums over samples and over channels. release: means
-    of both, as in the published code; with the paper's 192 samples, 64 times less. sum, mean: what earlier runs go on with: over
-    samples, beside a sum over channels; their gradients are 3 times as large before they are clipped."""
+    of both, as in the published code; with the paper's 192 samples, 64 times less."""
     exposure: Exposure = "auto"
     """Fit exposure and white balance of each photograph, so that the scene has their average look (method multires). auto: for
     what cameras took, where exposures differ; never for rendered scenes (Blender)."""

@@ -136,9 +136,8 @@ class NerfMethod(Method):
         out = render_rays(params, rays, config.nerf, self.dataset.facts, perturbation)
         photometric = squared_error(out.coarse.rgb, target) + squared_error(out.fine.rgb, target)
         sparsity = sparsity_of(out.coarse_sigma, out.fine_sigma, config)
-        loss = photometric + config.sparsity_weight * sparsity
-        if config.sparsity_over_samples in ("paper", "release"):
-            loss /= CHANNELS  # as large as JAXNeRF's, which counts where gradients are clipped
+        # as large as JAXNeRF's, which counts where gradients are clipped
+        loss = (photometric + config.sparsity_weight * sparsity) / CHANNELS
         return loss, {"loss": loss, "sparsity": sparsity, "mse": mean_squared_error(out.fine.rgb, target)}
 
 
@@ -148,9 +147,8 @@ def sparsity_of(coarse_sigma: jax.Array, fine_sigma: jax.Array, config: TrainCon
     coarse_sigma [N, K]; fine_sigma [N, K + F], 0 at the fine samples.
     """
     coarse, fine = (cauchy_sparsity(sigma, config.sparsity_scale) for sigma in (coarse_sigma, fine_sigma))
-    samples = coarse_sigma.shape[-1]
-    factors = {"paper": 1.0, "release": CHANNELS / samples, "sum": 1.0, "mean": 1.0 / samples}
-    return factors[config.sparsity_over_samples] * (coarse + fine)
+    factor = 1.0 if config.sparsity_over_samples == "paper" else CHANNELS / coarse_sigma.shape[-1]
+    return factor * (coarse + fine)
 
 
 def learning_rate(config: NerfConfig, steps: int, step: jax.Array | int) -> jax.Array:
