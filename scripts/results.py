@@ -9,7 +9,7 @@ No figure is typed into the page. page.md names them:
     {{lego-800.commands}}           its command lines, as a block of code (a line of its own, as are the next two)
     {{lego-800.table:packs}}        tables["packs"]: columns, formats (None: as it is), rows, and bold, a list of [row, column]
     {{reports}}                     docs/results/reports/*.json, each the report.json of a snerg-report, side by side
-    {{published.field:.2f}}         what the release prints of lego
+    {{paper_figures.field:.2f}}         what the release prints of lego
 
 `python scripts/results.py --check` exits with status 1 where a page is not what it would write.
 """
@@ -27,7 +27,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from baker.reports import published  # noqa: E402
+from baker.reports import paper_figures  # noqa: E402
 from baker.reports.pages import SECTIONS, scenes_tables, sections  # noqa: E402
 from baker.reports.scenes import scenes_document  # noqa: E402
 
@@ -66,7 +66,7 @@ def page(docs: Path = DOCS) -> str:
 def _published() -> dict[str, float | None]:
     rows = {"field": ("synthetic", "lego", "deferred"), "pack": ("synthetic", "lego", "snerg"),
             "fern_field": ("forward", "fern", "deferred"), "fern_pack": ("forward", "fern", "snerg")}  # fmt: skip
-    return {name: published.release(*row) for name, row in rows.items()}  # type: ignore[arg-type]
+    return {name: paper_figures.release(*row) for name, row in rows.items()}  # type: ignore[arg-type]
 
 
 def table_text(table: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ padding         the borders of macroblocks repeat their neighbours              
 pruning         voxels that hardly show in any photograph are emptied                    not in the paper
 tuning          voxels and view MLP together, on what the viewer shows                   not in the paper
 view MLP        the view MLP alone, on what the viewer shows                             section 5.5
-hidden voxels   what little light reaches is like its neighbour, which takes fewer bytes  not in the paper
+hidden voxels   occluded voxels copy their neighbours, which takes fewer bytes         not in the paper
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 from baker.baking.config import BakeConfig
 from baker.baking.views_between import with_views_between
 from baker.tuning.fine_tune import EPOCHS, fine_tune
-from baker.tuning.hidden import smooth_hidden
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
-from baker.tuning.pruning import Light, Pruned, light_of, prune
+from baker.tuning.occluded_voxels import smooth_hidden
+from baker.tuning.pruning import ArrivingTransmittance, Pruned, arriving_transmittance, prune
 from console.progress import Progress
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
@@ -58,10 +58,12 @@ class Voxels:
         """How well a pack shows training rays, dB."""
         return shown_psnr(pack, self.photographs, self.config.seed, by_opacity=self.by_opacity)
 
-    def light(self, bar: Progress) -> Light | None:
-        """What arrives at the voxels from the photographs and from views between them; half of the work of its pass."""
+    def transmittance(self, bar: Progress) -> ArrivingTransmittance | None:
+        """The largest transmittance at the voxels in the photographs and in views between them; half of the work of its pass."""
         views = with_views_between(self.photographs)
-        return light_of(self.pack, views, self.config.seed, lambda share: bar.update(0.5 * share, "light"))
+        return arriving_transmittance(
+            self.pack, views, self.config.seed, lambda share: bar.update(0.5 * share, "transmittance")
+        )
 
     def noted(self, **notes: Any) -> Voxels:
         """The same with more for the provenance."""
@@ -91,10 +93,10 @@ def padded(voxels: Voxels, bar: Progress) -> Voxels:
 
 def pruned(voxels: Voxels, bar: Progress) -> Voxels:
     """Empties faint voxels, as far as PSNR on the photographs allows it."""
-    light = voxels.light(bar)
-    if light is None:
+    arriving = voxels.transmittance(bar)
+    if arriving is None:
         return voxels
-    pack, done = prune(voxels.pack, light, voxels.score, MOST_LOST_PRUNED)
+    pack, done = prune(voxels.pack, arriving, voxels.score, MOST_LOST_PRUNED)
     counts = {"before": done.voxels_before, "after": done.voxels_after, "tau_weight": done.tau_weight}
     return replace(voxels, pack=pack, pruned=done).noted(voxels=counts)
 
@@ -123,8 +125,8 @@ def with_tuned_view_mlp(voxels: Voxels, bar: Progress) -> Voxels:
 
 def smoothed(voxels: Voxels, bar: Progress) -> Voxels:
     """Copies neighbours into hidden voxels of a compact pack; other packs stay as they are."""
-    light = None if voxels.steps == EXACT else voxels.light(bar)
-    if light is None:
+    arriving = None if voxels.steps == EXACT else voxels.transmittance(bar)
+    if arriving is None:
         return voxels
-    pack, below = smooth_hidden(voxels.pack, light, voxels.steps, voxels.score, MOST_LOST_HIDDEN)
+    pack, below = smooth_hidden(voxels.pack, arriving, voxels.steps, voxels.score, MOST_LOST_HIDDEN)
     return replace(voxels, pack=pack).noted(hidden_below=below)

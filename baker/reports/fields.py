@@ -6,7 +6,7 @@ nothing else: tables never call it that.
 
 from __future__ import annotations
 
-from baker.reports.published import NAMES
+from baker.reports.paper_figures import NAMES
 from training.config import PRESETS, NerfConfig, TrainConfig
 
 LARGE, SMALL = PRESETS["jaxnerf-plus"].nerf, PRESETS["jaxnerf"].nerf
@@ -16,7 +16,7 @@ OWN = "field"  # the row of a field that the paper has not
 
 
 def row_of(config: TrainConfig) -> str:
-    """The row of the paper's tables that a field is: a key of baker.reports.published.NAMES; OWN where it is none of them."""
+    """The row of the paper's tables that a field is: a key of baker.reports.paper_figures.NAMES; OWN where it is none of them."""
     if config.method != "nerf":
         return OWN
     if _as_large_as(config.nerf, LARGE):

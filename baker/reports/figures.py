@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from baker.reports.study import Study
+from baker.reports.report_cache import Study
 from console.atomic import replacing
 from console.plots import INK, PAPER
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from baker.reports import published
+from baker.reports import paper_figures
 from baker.reports.scenes import COLUMNS
 from console.progress import duration
 
@@ -116,7 +116,7 @@ def _to_fill(rows: Iterable[Row]) -> list[str]:
 
 
 def _as_code(command: str) -> str:
-    """A command of baker.reports.missing, and the option that it says to add then."""
+    """A command of baker.reports.reproduce_commands, and the option that it says to add then."""
     first, then, option = command.partition("; then add ")
     return f"`{first}`, then add `{option}`" if then else f"`{command}`"
 
@@ -143,7 +143,7 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
         )
     headings = ["", "PSNR (dB)", "SSIM", "LPIPS", "against the field (dB)", "MB", "time", *THEIRS, "*release:* PSNR"]
     own = NO_SUCH_FIELD if table["field"].startswith(("multi-resolution field", "voxel field")) else ""
-    means = [_plain_label(row) for row in rows if row.get("paper") and published.only_means(row["row"])]
+    means = [_plain_label(row) for row in rows if row.get("paper") and paper_figures.only_means(row["row"])]
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. {own}".strip(), "",
         *_table(headings, cells), "",
@@ -196,7 +196,7 @@ def _storage(table: Table, about: Mapping[str, Any]) -> list[str]:
     return [
         f"Packs of {table['resolution']} voxels along the longest side, baked {kind}; the row of floats is the paper's bake "
         "before it is quantised. Bytes of networks and floats are 4 a number. The paper prints this table as means over "
-        f"{published.KINDS[about['kind']]}.",
+        f"{paper_figures.KINDS[about['kind']]}.",
         "", *_table(headings, cells), *_to_fill(rows), "", "![PSNR over megabytes, by codec](storage.png)",
     ]  # fmt: skip
 
@@ -233,16 +233,16 @@ def _performance(table: Table, about: Mapping[str, Any]) -> list[str]:
         "(its bake and its marcher) on a laptop with an 85 W AMD Radeon Pro 5500M.",
         "", *_table(headings, cells), "", *_device(table), *_to_fill(table["rows"]),
     ]  # fmt: skip
-    speed = published.SPEED[about["kind"]]
+    speed = paper_figures.SPEED[about["kind"]]
     if speed:
         lines += [
             "",
-            f"What the paper prints of itself and of others, of {published.KINDS[about['kind']]} (not measured here):",
+            f"What the paper prints of itself and of others, of {paper_figures.KINDS[about['kind']]} (not measured here):",
             "",
         ]
-        quality = published.QUALITY[about["kind"]]
+        quality = paper_figures.QUALITY[about["kind"]]
         rows = [
-            [f"*{published.NAMES.get(name, name)}*", *(_italic(_number(quality[m][name][0], d)) for m, d in PRINTED),
+            [f"*{paper_figures.NAMES.get(name, name)}*", *(_italic(_number(quality[m][name][0], d)) for m, d in PRINTED),
              f"*{watts:g}*", f"*{fps:g}*", f"*{each:.5f}*"]
             for name, (watts, fps, each) in speed.items()
         ]  # fmt: skip

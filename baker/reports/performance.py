@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from baker.baking.config import BakePreset
-from baker.reports import published
-from baker.reports.missing import train_command
+from baker.reports import paper_figures
 from baker.reports.pack_compare import stored_bytes
-from baker.reports.study import Baked, Study
+from baker.reports.report_cache import Baked, Study
+from baker.reports.reproduce_commands import train_command
 from console import Notice
 from scenepack import Pack, load_pack
 from viewer.benchmark.protocols import Flight, flight, protocol_for
@@ -68,7 +68,7 @@ def performance_table(study: Study, drawing: Drawing) -> dict[str, Any]:
             row["command"] = train_command(study.run, study.out, "no-sparsity", "--against")
         else:
             row["command"] = "none: this field has no view MLP"
-        printed = published.performance(study.kind, study.name, "ours" if name == "paper" else name)
+        printed = paper_figures.performance(study.kind, study.name, "ours" if name == "paper" else name)
         rows.append(row | {"paper": printed, "release": None})
     return {"resolution": study.resolution, "rows": rows, **about}
 
@@ -91,7 +91,7 @@ def resolution_table(study: Study, preset: BakePreset, resolutions: Sequence[int
                 baked = study.baked(preset, run, resolution=n)
                 packs[row["row"]] = load_pack(baked.path)
                 row |= _of_pack(study, baked, packs[row["row"]])
-            printed = published.RESOLUTION.get(n) if study.kind == "synthetic" and run is study.run else None
+            printed = paper_figures.RESOLUTION.get(n) if study.kind == "synthetic" and run is study.run else None
             named = None if printed is None else dict(zip(("psnr", "ssim", "lpips", "fps", "mb"), printed, strict=True))
             rows.append(row | {"paper": named, "release": None})
     first = next(iter(packs.values()))

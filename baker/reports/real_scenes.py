@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from baker.reports import published
+from baker.reports import paper_figures
 from baker.reports.fields import OWN, label_of, row_of
 from baker.reports.pack_compare import stored_bytes
-from baker.reports.study import Baked, Score, Study
+from baker.reports.report_cache import Baked, Score, Study
 from baker.reports.tables import OURS, SNERG, field_row
 
 Row = dict[str, Any]
@@ -30,8 +30,8 @@ def real_table(study: Study) -> dict[str, Any]:
     rows.append(_pack(study, "ours-compact", OURS["compact"], ours, paper))
     rows.append(_field(study, "diffuse", paper))
     for row in rows:
-        row["paper"] = published.quality(study.kind, study.name, row["row"])
-        theirs = published.release(study.kind, study.name, row["row"])
+        row["paper"] = paper_figures.quality(study.kind, study.name, row["row"])
+        theirs = paper_figures.release(study.kind, study.name, row["row"])
         row["release"] = None if theirs is None else {"psnr": theirs}
     masked_there = study.kind == "real360"
     return {

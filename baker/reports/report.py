@@ -24,11 +24,11 @@ from baker.reports import tables
 from baker.reports.fields import OWN, row_of
 from baker.reports.figures import FIGURES, draw_figure
 from baker.reports.pages import FIGURES_NAME, report_text
+from baker.reports.paper_figures import NAMES, whose
 from baker.reports.performance import Drawing, performance_table, resolution_table
 from baker.reports.plots import draw_report_plots
-from baker.reports.published import NAMES, whose
 from baker.reports.real_scenes import real_table
-from baker.reports.study import Study
+from baker.reports.report_cache import Study
 from console import UserError
 from console.atomic import write_file
 from scenepack.constants import MAX_BLOCK_INDEX

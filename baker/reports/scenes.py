@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from baker.reports import published
+from baker.reports import paper_figures
 from console import UserError
 from console.json_text import read_json_file
 
@@ -87,16 +87,20 @@ def _in_order(tables: Sequence[Sequence[Mapping[str, Any]]]) -> list[tuple[str, 
 
 def _general(row: Mapping[str, Any]) -> str:
     """A label that holds for every scene: of a field, without its steps."""
-    return published.NAMES.get(row["row"], "the field itself" if row["row"] == "field" else str(row["label"]))
+    return paper_figures.NAMES.get(row["row"], "the field itself" if row["row"] == "field" else str(row["label"]))
 
 
-def _printed(kind: published.Kind, scene: str, table: str, row: str, key: str) -> float | None:
+def _printed(kind: paper_figures.Kind, scene: str, table: str, row: str, key: str) -> float | None:
     """What the paper prints of this very scene."""
-    if not published.place_of(kind, scene) or table == "storage" or (published.only_means(row) and table == "quality"):
+    if (
+        not paper_figures.place_of(kind, scene)
+        or table == "storage"
+        or (paper_figures.only_means(row) and table == "quality")
+    ):
         return None
     if table == "quality":
-        return (published.quality(kind, scene, row) or {}).get(key)
-    told = published.performance(kind, scene, "ours" if row == "paper" else row) or {}
+        return (paper_figures.quality(kind, scene, row) or {}).get(key)
+    told = paper_figures.performance(kind, scene, "ours" if row == "paper" else row) or {}
     gigabytes = told.get("gpu_gb")
     return told.get("ms") if key == "ms_mean" else None if gigabytes is None else 1e9 * gigabytes
 

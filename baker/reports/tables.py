@@ -2,7 +2,7 @@
 
 Each table is {"rows": [...], ...}. A row has `row`, its key, and `label`; psnr, ssim, lpips where it was measured, and bytes (on
 disk, unless they say GPU); or `command`, which would make what it needs. `paper` and `release` are theirs, from
-baker.reports.published. What is not known is None. Times are seconds or, of frames, milliseconds.
+baker.reports.paper_figures. What is not known is None. Times are seconds or, of frames, milliseconds.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import Any
 import jax
 
 from baker.baking.config import BakePreset, Quality
-from baker.reports import published
+from baker.reports import paper_figures
 from baker.reports.codec_report import LADDER, measured
 from baker.reports.cross_sections import draw_sections, section, shares
 from baker.reports.fields import OWN, label_of, row_of
-from baker.reports.missing import train_command
 from baker.reports.pack_compare import stored_bytes
-from baker.reports.study import Baked, Study
+from baker.reports.report_cache import Baked, Study
+from baker.reports.reproduce_commands import train_command
 from scenepack import Pack, open_pack
 from scenepack.report import pack_facts
 from training.recorder import read_metrics
@@ -114,7 +114,7 @@ def sparsity_table(study: Study) -> dict[str, Any]:
 
 def field_row(study: Study, name: str, mask_of: Baked | None = None) -> Row:
     """A row of a field that the paper has: scored, or with the command that would train it."""
-    row: Row = {"row": name, "label": published.NAMES[name]}
+    row: Row = {"row": name, "label": paper_figures.NAMES[name]}
     path = study.baselines.get(name)
     if row_of(study.run.config) == name:
         run: Run | None = study.run
@@ -160,13 +160,13 @@ def _against_command(study: Study) -> str:
 
 def _beside(study: Study, row: Row) -> Row:
     """The row with what the paper and the release print of it."""
-    paper = published.quality(study.kind, study.name, row["row"])
-    theirs = published.release(study.kind, study.name, row["row"])
+    paper = paper_figures.quality(study.kind, study.name, row["row"])
+    theirs = paper_figures.release(study.kind, study.name, row["row"])
     return row | {"paper": paper, "release": None if theirs is None else {"psnr": theirs}}
 
 
 def _stored(study: Study, row: Row) -> Row:
-    return row | {"paper": published.storage(study.kind, row["row"]), "release": None}
+    return row | {"paper": paper_figures.storage(study.kind, row["row"]), "release": None}
 
 
 def trained_seconds(run: Run) -> float | None:

@@ -1,6 +1,6 @@
 """Training rays through a pack, as the viewer marches it: loops on the processor's cores, each ray by one of them.
 
-Rays are given as ids int32 [N] of pixels and `away` float32 [N, 2], in pixels from their centres (None: none).
+Rays are given as ids int32 [N] of pixels and `pixel_offset` float32 [N, 2], in pixels from their centres (None: none).
 
 Notation: B = block_size + 2; a slot is an occupied macroblock, numbered in the grid's order; a cell of its padded copy lies
 between voxel (x, y, z) and the next along each axis. A second table says of each block of 4³ cells
@@ -35,7 +35,7 @@ TOGETHER = 65_536  # rays that are made together
 PART = 512  # rays that a worker claims
 LISTED = 16  # samples of a ray that are listed before they are looked at
 CLOSE = 1e-3  # steps: what is left to rounding when a ray jumps over empty space
-MOST_COPIES = 4  # workers that mark light: each has a copy of all voxels
+MOST_COPIES = 4  # workers that mark transmittance: each has a copy of all voxels
 
 
 def box_of(min_xyz: np.ndarray, voxel_size: float, size: tuple[int, ...], contraction: float | None) -> GridBox:
@@ -260,7 +260,7 @@ def accumulate_rays(tables: Tables, rays, low, high, found, sums):
 
 
 @njit(nogil=True, cache=True)
-def light_rays(tables: Tables, rays, low, high, found, best):
+def raise_transmittance(tables: Tables, rays, low, high, found, best):
     """Raises best uint8 [slots, B³] to the T before each sample of rays low … high - 1, where it contributes."""
     side, one, weights = np.int64(tables.size) + 2, np.float32(1.0), found.weights
     for ray in range(low, high):
@@ -315,10 +315,12 @@ class PackMarcher:
         self.box = box_of(pack.min_xyz, pack.voxel_size, pack.grid_size, pack.contraction)
         self.found = [room_for_samples() for _ in range(self.workers.count)]
 
-    def meets(self, ids: np.ndarray, away: np.ndarray | None = None, on_share: OnShare | None = None) -> np.ndarray:
+    def meets(
+        self, ids: np.ndarray, pixel_offset: np.ndarray | None = None, on_share: OnShare | None = None
+    ) -> np.ndarray:
         """bool [N]: which rays have a sample with support."""
         meets = np.zeros(len(ids), bool)
-        self._over(ids, away, meeting_rays, lambda _, low, high: meets[low:high], on_share)
+        self._over(ids, pixel_offset, meeting_rays, lambda _, low, high: meets[low:high], on_share)
         return meets
 
     def half_depths(self, ids: np.ndarray) -> np.ndarray:
@@ -328,11 +330,13 @@ class PackMarcher:
         self._over(ids, None, half_depth_rays, lambda _, low, high: depths[low:high])
         return depths
 
-    def light(self, ids: np.ndarray, away: np.ndarray, on_share: OnShare | None = None) -> np.ndarray:
+    def transmittance(self, ids: np.ndarray, pixel_offset: np.ndarray, on_share: OnShare | None = None) -> np.ndarray:
         """uint8 [slots, B, B, B] of the occupied macroblocks' padded copies, in the grid's order: the largest T before a
         sample that a voxel is part of, in units of 1/255 and rounded up; 0 where there is none."""
         copies = [np.zeros(self.tables.support.shape, np.uint8) for _ in range(min(self.workers.count, MOST_COPIES))]
-        self._over(ids, away, light_rays, lambda worker, low, high: copies[worker], on_share, len(copies))
+        self._over(
+            ids, pixel_offset, raise_transmittance, lambda worker, low, high: copies[worker], on_share, len(copies)
+        )
         best = copies[0]
         for other in copies[1:]:
             np.maximum(best, other, out=best)
@@ -345,13 +349,13 @@ class PackMarcher:
         return Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])  # type: ignore[arg-type]
 
     def _over(
-        self, ids: np.ndarray, away: np.ndarray | None, look: Callable[..., None],
+        self, ids: np.ndarray, pixel_offset: np.ndarray | None, look: Callable[..., None],
         into: Callable[[int, int, int], np.ndarray], on_share: OnShare | None = None, most: int = 1 << 30,
     ) -> None:  # fmt: skip
         """Calls look(tables, rays, low, high, found, into(worker, first, last)) for parts of all rays, TOGETHER at a time; low
         and high count from `first`. most: workers at once."""
         workers = self.workers if most >= self.workers.count else Workers(most)
-        for first, rays in self._grid_rays(ids, away):
+        for first, rays in self._grid_rays(ids, pixel_offset):
             last = min(first + TOGETHER, len(ids))
 
             def share(worker: int, part: int, first: int = first, last: int = last, rays=rays) -> None:
@@ -362,11 +366,11 @@ class PackMarcher:
             if on_share:
                 on_share(last / len(ids))
 
-    def _grid_rays(self, ids: np.ndarray, away: np.ndarray | None) -> Iterator[tuple[int, Lines]]:
+    def _grid_rays(self, ids: np.ndarray, pixel_offset: np.ndarray | None) -> Iterator[tuple[int, Lines]]:
         """Up to TOGETHER rays at a time, and the first's place."""
         for first in range(0, len(ids), TOGETHER):
             some = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)
-            moved = None if away is None else jnp.asarray(away[some])
+            moved = None if pixel_offset is None else jnp.asarray(pixel_offset[some])
             yield first, lines_of(_in_grid(self.box, self.rays, jnp.asarray(ids[some]), moved))
 
 
@@ -377,8 +381,8 @@ def lines_in_grid(box: GridBox, source: GridFrameRays, ids: np.ndarray) -> tuple
 
 
 @jax.jit
-def _in_grid(box: GridBox, source: GridFrameRays, ids: jax.Array, away: jax.Array | None) -> GridRays:
-    return to_grid(box, source.geometry_at(ids, away))
+def _in_grid(box: GridBox, source: GridFrameRays, ids: jax.Array, pixel_offset: jax.Array | None) -> GridRays:
+    return to_grid(box, source.geometry_at(ids, pixel_offset))
 
 
 def room_for_samples() -> Found:

@@ -7,9 +7,9 @@ tau_weight: so much a sample at its centre would make up of a pixel. (PlenOctree
 weights of the samples that happen to fall on a voxel; those of a voxel that no ray went through the middle of are too low.)
 Where little light arrives, nobody can tell how deep the scene goes on, so such voxels are made denser: rays end.
 
-Which rays (baker.tuning.sighting): of every photograph a lattice, as many voxels apart as the light that reaches a voxel is
-taken to reach its neighbours, too. So no voxel lies between the rays however fine the grid is: where rays would be too
-many, they lie further apart and their light reaches further, which keeps more voxels, never fewer.
+The rays (baker.tuning.visibility_rays) form a lattice over every photograph. A sample also counts for the neighbours of its voxel
+up to half the lattice away, so that no voxel lies between the rays however fine the grid is. Where rays would be too many, the
+lattice is wider, which keeps more voxels, never fewer.
 
 Notation: B = block_size + 2; slots number the occupied macroblocks; T the transmittance before a sample, a voxel's
 transmittance the largest T of the samples that it is part of, in units of 1/255 and rounded up; 0 where there is none.
@@ -26,7 +26,7 @@ import numpy as np
 from numba import njit
 
 from baker.tuning.marcher import PackMarcher
-from baker.tuning.sighting import lines_of_sight
+from baker.tuning.visibility_rays import visibility_rays_of
 from scenepack.blocks import block_copy, fill_atlas
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
@@ -49,16 +49,20 @@ class Pruned:
 
 
 def prune(
-    pack: Pack, light: Light, score: Callable[[Pack], float], most_lost: float, tau_weight: float = TAU_WEIGHT
+    pack: Pack,
+    arriving: ArrivingTransmittance,
+    score: Callable[[Pack], float],
+    most_lost: float,
+    tau_weight: float = TAU_WEIGHT,
 ) -> tuple[Pack, Pruned]:
-    """The pack without voxels that contribute less than tau_weight to every pixel in this light, closed behind surfaces.
+    """The pack without voxels that contribute less than tau_weight to every pixel, closed behind surfaces.
 
     score: PSNR (dB) of a pack; it may fall by most_lost. If it falls further, smaller thresholds (MILDER) are tried, and in the
     end the pack is returned unchanged: many faint voxels together may be a wall.
     """
     least = score(pack) - most_lost
     for part in (1.0, *MILDER):
-        thinner, pruned = _thinner(pack, light, part * tau_weight)
+        thinner, pruned = _thinner(pack, arriving, part * tau_weight)
         if score(thinner) >= least:
             return thinner, pruned
         del thinner  # before the next takes its place
@@ -70,18 +74,18 @@ def _untouched(pack: Pack) -> Pruned:
     return Pruned(count, count, 0, 0.0)
 
 
-def _thinner(pack: Pack, lit: Light, tau_weight: float) -> tuple[Pack, Pruned]:
-    """The pack without its voxels that make up less than tau_weight in this light, closed."""
+def _thinner(pack: Pack, arriving: ArrivingTransmittance, tau_weight: float) -> tuple[Pack, Pruned]:
+    """The pack without its voxels that make up less than tau_weight, closed."""
     features = pack.atlas_features
     assert features is not None, "baking always stores features"
     gain, blocks = _gains(tau_weight), _blocks(pack)
-    counts = np.array([_count(_data(pack, pack.atlas_rgba, block), lit.at(block), gain) for block in blocks])
+    counts = np.array([_count(_data(pack, pack.atlas_rgba, block), arriving.at(block), gain) for block in blocks])
     before, after = counts.sum(0).tolist()
     kept = np.zeros(pack.occupied.shape, bool)
     kept[tuple(np.transpose(blocks))] = counts[:, 1] > 0
     indices, rgba, features = fill_atlas(
         (
-            (block, _scaled(_data(pack, pack.atlas_rgba, block), _data(pack, features, block), lit.at(block), gain))
+            (block, _scaled(_data(pack, pack.atlas_rgba, block), _data(pack, features, block), arriving.at(block), gain))
             for block in blocks if kept[block]
         ),
         kept, pack.block_size,
@@ -146,7 +150,7 @@ def _scaled(rgba, features, arriving, gain):
 
 
 @dataclass(frozen=True)
-class Light:
+class ArrivingTransmittance:
     """transmittance uint8 [voxels z, y, x with a margin around], where rays went; how far it reaches beyond, in voxels."""
 
     transmittance: np.ndarray
@@ -154,7 +158,7 @@ class Light:
     reach: int
 
     def at(self, block: tuple[int, ...]) -> np.ndarray:
-        """uint8 [bs, bs, bs]: the most light that arrives within `reach` of each voxel of a macroblock."""
+        """uint8 [bs, bs, bs]: the largest transmittance within `reach` of each voxel of a macroblock."""
         size, around = self.block_size, 2 * self.reach + 1
         arriving = self.transmittance[tuple(slice(b * size, (b + 1) * size + around - 1) for b in block)]
         for axis in range(3):
@@ -172,18 +176,20 @@ def _most_of_neighbours(values: np.ndarray, count: int, axis: int) -> np.ndarray
     return np.moveaxis(values, 0, axis)
 
 
-def light_of(pack: Pack, dataset: RayDataset, seed: int, on_share: Callable[[float], None] | None) -> Light | None:
-    """The light that arrives at the voxels of a pack in the training photographs; None where they do not see it."""
+def arriving_transmittance(
+    pack: Pack, dataset: RayDataset, seed: int, on_share: Callable[[float], None] | None
+) -> ArrivingTransmittance | None:
+    """The largest transmittance with which rays of the views arrive at the voxels of a pack; None where they meet none."""
     size, side, marcher = pack.block_size, pack.padded_block_size, PackMarcher(pack, dataset)
-    sight = lines_of_sight(marcher, dataset, seed)
-    if sight is None:
+    rays = visibility_rays_of(marcher, dataset, seed)
+    if rays is None:
         return None
-    copies = marcher.light(sight.ids, sight.away, on_share)
+    copies = marcher.transmittance(rays.ids, rays.pixel_offset, on_share)
     # A voxel is in the copies of up to eight macroblocks; a sample touches one of them.
-    margin = max(sight.reach, 1)
+    margin = max(rays.reach, 1)
     best = np.zeros([n * size + 2 * margin for n in pack.occupied.shape], np.uint8)
     for slot, block in enumerate(np.argwhere(pack.occupied)):
         at = best[tuple(slice(b * size + margin - 1, b * size + margin - 1 + side) for b in block)]
         np.maximum(at, copies[slot], out=at)
-    cut = margin - sight.reach
-    return Light(best[(slice(cut, -cut or None),) * 3], size, sight.reach) if best.any() else None
+    cut = margin - rays.reach
+    return ArrivingTransmittance(best[(slice(cut, -cut or None),) * 3], size, rays.reach) if best.any() else None

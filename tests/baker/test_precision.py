@@ -15,7 +15,7 @@ import pytest
 
 from baker.baking.grid import make_grid
 from baker.tuning import marcher
-from baker.tuning.pruning import light_of
+from baker.tuning.pruning import arriving_transmittance
 from tests.baker.analytic import ball, culled
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.scenepack.random_packs import BLENDER_FRAME
@@ -54,7 +54,7 @@ def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: py
     programs = recorded(marcher, "_in_grid", monkeypatch)
     culling = culled(ball, GRID, dataset)
     first = len(programs)
-    light_of(baked(culling, GRID), dataset, 0, None)
+    arriving_transmittance(baked(culling, GRID), dataset, 0, None)
     assert len(programs) > first > 0
     for program in programs:
         assert len(precisions(program)) >= 3, "rays are made, and moved into the grid's frame"

@@ -48,7 +48,7 @@ def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(
     monkeypatch.setattr(baking, "check_bake", lambda *_: None)
     monkeypatch.setattr(baking, "culled_grid", lambda *_: (None, None))
     monkeypatch.setattr(baking, "supersampled", lambda *_: random_pack(np.random.default_rng(0)))
-    monkeypatch.setattr(passes, "light_of", lambda *_: None)
+    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: None)
     monkeypatch.setattr(passes, "fine_tune", tune)
     monkeypatch.setattr(passes, "joint_tune", tune)
     with pytest.raises(HandedOver):
@@ -95,7 +95,7 @@ def test_hidden_voxels_follow_their_neighbours_in_compact_packs_alone(
         return pack, 64
 
     monkeypatch.setattr(passes, "smooth_hidden", follow)
-    monkeypatch.setattr(passes, "light_of", lambda *_: "light")
+    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: "light")
     monkeypatch.setattr(passes, "with_views_between", lambda dataset: dataset)
     monkeypatch.setattr(passes, "shown_psnr", lambda *args, **options: 29.0)
     made = passes.smoothed(voxels_of(steps=steps), BAR)
@@ -108,13 +108,13 @@ def test_pruning_tells_what_it_left(monkeypatch: pytest.MonkeyPatch) -> None:
         return replace(pack, params={"thinner": True}), Pruned(100, 80, 3, 0.02)
 
     monkeypatch.setattr(passes, "prune", prune)
-    monkeypatch.setattr(passes, "light_of", lambda *_: "light")
+    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: "light")
     monkeypatch.setattr(passes, "with_views_between", lambda dataset: dataset)
     monkeypatch.setattr(passes, "shown_psnr", lambda *args, **options: 29.0)
     made = passes.pruned(voxels_of(), BAR)
     assert made.pack.params == {"thinner": True} and made.pruned == Pruned(100, 80, 3, 0.02)
     assert made.notes == {"voxels": {"before": 100, "after": 80, "tau_weight": 0.02}}
-    monkeypatch.setattr(passes, "light_of", lambda *_: None)
+    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: None)
     unseen = voxels_of()
     assert passes.pruned(unseen, BAR) is unseen, "photographs that do not see it say nothing of it"
 

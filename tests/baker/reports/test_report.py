@@ -25,11 +25,11 @@ from baker.commands.evaluate import main as snerg_eval
 from baker.commands.report import main as snerg_report
 from baker.reports.cross_sections import OPAQUE, draw_sections, placed, section, shares
 from baker.reports.fields import label_of, row_of
-from baker.reports.missing import train_command
 from baker.reports.pack_compare import stored_bytes
 from baker.reports.pages import SECTIONS
 from baker.reports.performance import Drawing
 from baker.reports.report import Sources, Wanted, open_study, write_tables
+from baker.reports.reproduce_commands import train_command
 from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig
 from scenepack import load_pack
@@ -296,7 +296,7 @@ def test_the_same_study_again_bakes_and_scores_nothing(
         raise AssertionError("was made before")
 
     for name in ("bake_to", "evaluate", "bake_floats"):
-        monkeypatch.setattr(f"baker.reports.study.{name}", again)
+        monkeypatch.setattr(f"baker.reports.report_cache.{name}", again)
     figures = json.loads((out / "report.json").read_text())
     sources = Sources(runs[0], out, SCENE, resolution=46, against=runs[1])
     write_tables(open_study(sources), ["quality", "real"], Wanted(("draft",), (46,)))

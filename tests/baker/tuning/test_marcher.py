@@ -104,7 +104,7 @@ def test_the_light_of_every_sample_arrives_at_the_voxels_around_it(
     slots = np.cumsum(pack.occupied).reshape(pack.occupied.shape) - 1
     low = np.floor(at - block * pack.block_size + 0.5).astype(int)
     shares: list[float] = []
-    found = marcher.light(ids, away, shares.append)
+    found = marcher.transmittance(ids, away, shares.append)
     known = np.zeros(found.shape, int)
     for corner in np.ndindex(2, 2, 2):  # z, y, x
         x, y, z = np.minimum(low + corner[::-1], pack.padded_block_size - 1).T
@@ -122,9 +122,9 @@ def test_half_of_the_light_arrives_as_deep_as_it_should(
 
 
 def test_threads_change_nothing(marcher: PackMarcher, ids: np.ndarray, away: np.ndarray) -> None:
-    light, sums, workers = marcher.light(ids, away), marcher.accumulate(ids), marcher.workers
+    light, sums, workers = marcher.transmittance(ids, away), marcher.accumulate(ids), marcher.workers
     marcher.workers = Workers(1)
-    assert np.array_equal(marcher.light(ids, away), light)
+    assert np.array_equal(marcher.transmittance(ids, away), light)
     for one, many in zip(marcher.accumulate(ids), sums, strict=True):
         assert np.array_equal(one, many)
     marcher.workers = workers

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from baker.baking.grid import make_grid
-from baker.tuning import pruning, sighting
+from baker.tuning import pruning, visibility_rays
 from baker.tuning.marcher import PackMarcher
-from baker.tuning.pruning import CLOSED, Pruned, closing_gain, light_of, prune
+from baker.tuning.pruning import CLOSED, Pruned, arriving_transmittance, closing_gain, prune
 from scenepack import Pack, check_pack
 from scenepack.blocks import atlas_from_dense, dense_from_pack
 from tests.baker.analytic import RADIUS, ball, culled
@@ -24,7 +24,7 @@ HAZE = 2  # of 255
 
 def emptied(pack: Pack, dataset: RayDataset, tau_weight: float) -> tuple[Pack, Pruned]:
     """The pack pruned, whatever it costs."""
-    light = light_of(pack, dataset, 0, None)
+    light = arriving_transmittance(pack, dataset, 0, None)
     assert light is not None
     return prune(pack, light, lambda _: 0.0, 0.0, tau_weight)
 
@@ -83,7 +83,7 @@ def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
 
     tau = 0.009  # full light keeps the mist of 2 / 255 at 0.7 times that
     hard, milder, mild = (emptied(pack, dataset, part * tau) for part in (1, 0.7, 0.5))
-    most, light = lost_mist(pack), light_of(pack, dataset, 0, None)
+    most, light = lost_mist(pack), arriving_transmittance(pack, dataset, 0, None)
     assert light is not None
     assert most > lost_mist(mild[0]) > lost_mist(milder[0]) > lost_mist(hard[0])
     for allowed, expected in ((1e9, hard), (most - lost_mist(milder[0]), milder), (most - lost_mist(mild[0]), mild)):
@@ -96,7 +96,7 @@ def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
 def test_a_pack_that_no_camera_sees_has_no_light(dataset) -> None:
     pack, _ = hazy_ball(dataset)
     away = replace(pack, min_xyz=np.asarray(pack.min_xyz) + 100.0)
-    assert light_of(away, dataset, 0, None) is None
+    assert arriving_transmittance(away, dataset, 0, None) is None
 
 
 def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None:
@@ -133,10 +133,10 @@ def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_fin
 ) -> None:
     pack, surface = fine_ball(140)
     monkeypatch.setattr(
-        sighting, "MOST_RAYS", 4000
+        visibility_rays, "MOST_RAYS", 4000
     )  # fewer than a voxel of the surface has: as 1000³ of many photographs
     seen = surface[shown(pack, surface, scene)]
-    assert len(seen) > 4 * sighting.MOST_RAYS, "this many voxels cannot all have a ray of their own"
+    assert len(seen) > 4 * visibility_rays.MOST_RAYS, "this many voxels cannot all have a ray of their own"
     before = np.count_nonzero(dense_from_pack(pack)[0][..., 3])
     thinner, figures = emptied(pack, dataset, 0.0085)
     stays = dense_from_pack(thinner)[0][..., 3] > 0
@@ -144,8 +144,8 @@ def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_fin
     assert figures.voxels_before == before and figures.voxels_after < 0.8 * before, "what lies inside goes"
 
 
-def sight_of(pack: Pack, dataset) -> sighting.Sight:
-    sight = sighting.lines_of_sight(PackMarcher(pack, dataset), dataset, seed=0)
+def rays_of(pack: Pack, dataset) -> visibility_rays.VisibilityRays:
+    sight = visibility_rays.visibility_rays_of(PackMarcher(pack, dataset), dataset, seed=0)
     assert sight is not None
     return sight
 
@@ -161,9 +161,11 @@ def test_the_most_light_of_so_many_neighbours_is_found(count: int) -> None:
 def test_rays_are_as_many_as_the_surface_in_view_asks_for_and_beyond_the_most_each_reaches_further(
     dataset, monkeypatch
 ) -> None:
-    coarse, fine = (sight_of(fine_ball(side)[0], dataset) for side in (56, 112))
+    coarse, fine = (rays_of(fine_ball(side)[0], dataset) for side in (56, 112))
     assert 3 < len(fine.ids) / len(coarse.ids) < 5, "four times as many voxels of surface"
     assert coarse.reach == fine.reach == 1
-    monkeypatch.setattr(sighting, "MOST_RAYS", len(fine.ids) // 9)
-    fewer = sight_of(fine_ball(112)[0], dataset)
-    assert len(fewer.ids) < 1.2 * sighting.MOST_RAYS and 6 <= fewer.reach <= 8, "three times as far apart: 9 voxels"
+    monkeypatch.setattr(visibility_rays, "MOST_RAYS", len(fine.ids) // 9)
+    fewer = rays_of(fine_ball(112)[0], dataset)
+    assert len(fewer.ids) < 1.2 * visibility_rays.MOST_RAYS and 6 <= fewer.reach <= 8, (
+        "three times as far apart: 9 voxels"
+    )

@@ -18,7 +18,7 @@ from baker.baking.config import BakeConfig, BakePreset
 from baker.baking.to_pack import bake_to
 from baker.reports.evaluation import Drawn, evaluate
 from baker.reports.float_pictures import float_pictures
-from baker.reports.published import Kind, kind_of
+from baker.reports.paper_figures import Kind, kind_of
 from console.atomic import write_file
 from training.run import Run, load_run
 from training.scenes import Scene, picture_stems

@@ -9,7 +9,7 @@ import pytest
 
 from baker.baking.config import BakeConfig
 from baker.reports.report import Sources, open_study
-from baker.reports.study import Study
+from baker.reports.report_cache import Study
 from scenepack import save_pack
 from tests.scenepack.random_packs import random_pack
 from training.run import Run
@@ -27,7 +27,7 @@ def bakes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         save_pack(random_pack(np.random.default_rng(0)), out)
         return {"writing": float(len(made))}
 
-    monkeypatch.setattr("baker.reports.study.bake_to", bake_to)
+    monkeypatch.setattr("baker.reports.report_cache.bake_to", bake_to)
     return made
 
 

@@ -1,4 +1,4 @@
-"""Lines of sight: the rays by which pruning learns what photographs show of a pack (baker.tuning.pruning).
+"""Visibility rays: the rays by which pruning learns what photographs show of a pack (baker.tuning.pruning).
 
 Of each photograph they are a lattice, begun at a random place. Its step follows the grid, not the pixels: SPACING voxels
 where the photographs see surfaces. A surface that is seen at 45 degrees is met by some ray within about `spacing` voxels of
@@ -29,15 +29,15 @@ FEW_WIDER = 0.9  # share of the pilots whose pixels are no wider than what is ta
 LOOKED_AT = 1_048_576  # places at once that are tested for content
 
 
-class Sight(NamedTuple):
-    """Rays: ids int32 [N] of pixels and away float32 [N, 2], in pixels from their centres. reach: see above."""
+class VisibilityRays(NamedTuple):
+    """Rays: ids int32 [N] of pixels and pixel_offset float32 [N, 2], in pixels from their centres. reach: see above."""
 
     ids: np.ndarray
-    away: np.ndarray
+    pixel_offset: np.ndarray
     reach: int
 
 
-def lines_of_sight(marcher: PackMarcher, dataset: RayDataset, seed: int) -> Sight | None:
+def visibility_rays_of(marcher: PackMarcher, dataset: RayDataset, seed: int) -> VisibilityRays | None:
     """The rays; None where no photograph sees anything."""
     rng = np.random.default_rng(seed)
     pilots = rng.integers(0, dataset.count, max(8 * PILOTS, 1), np.int32)
@@ -49,13 +49,13 @@ def lines_of_sight(marcher: PackMarcher, dataset: RayDataset, seed: int) -> Sigh
         return None
     step, expected = SPACING / width, meets.mean() * dataset.count * (width / SPACING) ** 2
     wider = sqrt(max(expected / MOST_RAYS, 1.0))
-    ids, away = [], []
+    ids, pixel_offset = [], []
     for places, moved in _lattices(dataset, step * wider, rng):
         chosen = marcher.meets(places, moved)
         ids.append(places[chosen])
-        away.append(moved[chosen])
+        pixel_offset.append(moved[chosen])
     reach = ceil(SPACING * wider - 2)
-    return Sight(np.concatenate(ids), np.concatenate(away), reach)
+    return VisibilityRays(np.concatenate(ids), np.concatenate(pixel_offset), reach)
 
 
 def _pixel_width(marcher: PackMarcher, ids: np.ndarray) -> float | None:
@@ -75,8 +75,8 @@ def _widths(box: GridBox, source: GridFrameRays, ids: jax.Array, depths: jax.Arr
     centre = jnp.zeros((ids.shape[0], 2))
     t = to_grid(box, source.geometry_at(ids, centre)).times(depths)
 
-    def point(away: jax.Array) -> jax.Array:
-        rays = source.geometry_at(ids, away)
+    def point(pixel_offset: jax.Array) -> jax.Array:
+        rays = source.geometry_at(ids, pixel_offset)
         return grid_points(box, rays.origins + t[:, None] * rays.directions)
 
     at = point(centre)
@@ -85,18 +85,18 @@ def _widths(box: GridBox, source: GridFrameRays, ids: jax.Array, depths: jax.Arr
 
 
 def _lattices(dataset: RayDataset, step: float, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """ids int32 [N] and away float32 [N, 2] of a lattice over each photograph, `step` pixels apart, some at a time."""
+    """ids int32 [N] and pixel_offset float32 [N, 2] of a lattice over each photograph, `step` pixels apart, some at a time."""
     width, first = np.asarray(dataset.width), np.asarray(dataset.first)
     height = np.diff(np.append(first, dataset.count)) // width
-    ids, away, held = [], [], 0
+    ids, pixel_offset, held = [], [], 0
     for view in range(dataset.views):
         w, h = int(width[view]), int(height[view])
         start = rng.random(2) * (min(step, w), min(step, h))
         y, x = np.meshgrid(np.arange(start[1], h, step), np.arange(start[0], w, step), indexing="ij")
         column, row = np.minimum(x.astype(np.int32), w - 1), np.minimum(y.astype(np.int32), h - 1)
         ids.append((first[view] + row * w + column).ravel().astype(np.int32))
-        away.append(np.stack([x - column - 0.5, y - row - 0.5], -1).reshape(-1, 2).astype(np.float32))
+        pixel_offset.append(np.stack([x - column - 0.5, y - row - 0.5], -1).reshape(-1, 2).astype(np.float32))
         held += x.size
         if held >= LOOKED_AT or view + 1 == dataset.views:
-            yield np.concatenate(ids), np.concatenate(away)
-            ids, away, held = [], [], 0
+            yield np.concatenate(ids), np.concatenate(pixel_offset)
+            ids, pixel_offset, held = [], [], 0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baker.reports import published
-from baker.reports.published import GPU_GB, MILLISECONDS, QUALITY, RELEASE, SCENES, SPEED, Kind
+from baker.reports import paper_figures
+from baker.reports.paper_figures import GPU_GB, MILLISECONDS, QUALITY, RELEASE, SCENES, SPEED, Kind
 
 
 @pytest.mark.parametrize("kind", list(QUALITY))
@@ -31,10 +31,10 @@ def test_the_printed_means_are_the_means_of_the_printed_scenes(kind: Kind) -> No
 
 
 def test_a_scene_of_the_papers_gets_its_own_figures_and_others_the_mean_of_their_kind() -> None:
-    assert published.quality("synthetic", "Lego", "snerg") == {"psnr": 33.82, "ssim": 0.973, "lpips": 0.022}
-    assert published.quality("synthetic", "jewels", "snerg") == {"psnr": 30.38, "ssim": 0.950, "lpips": 0.050}
-    assert published.quality("real360", "mary_rose", "tinyview") is None
-    assert published.release("forward", "fern", "snerg") == 24.93
-    assert published.performance("real360", "pine_cone", "ours") == {"fps": 39.5}
-    assert published.performance("synthetic", "ficus", "no-sparsity") == {"ms": None, "gpu_gb": 7.57}
-    assert "lego" in published.whose("synthetic", "lego") and "mean" in published.whose("synthetic", "jewels")
+    assert paper_figures.quality("synthetic", "Lego", "snerg") == {"psnr": 33.82, "ssim": 0.973, "lpips": 0.022}
+    assert paper_figures.quality("synthetic", "jewels", "snerg") == {"psnr": 30.38, "ssim": 0.950, "lpips": 0.050}
+    assert paper_figures.quality("real360", "mary_rose", "tinyview") is None
+    assert paper_figures.release("forward", "fern", "snerg") == 24.93
+    assert paper_figures.performance("real360", "pine_cone", "ours") == {"fps": 39.5}
+    assert paper_figures.performance("synthetic", "ficus", "no-sparsity") == {"ms": None, "gpu_gb": 7.57}
+    assert "lego" in paper_figures.whose("synthetic", "lego") and "mean" in paper_figures.whose("synthetic", "jewels")

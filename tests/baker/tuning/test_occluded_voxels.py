@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baker.tuning.hidden import HIDDEN, follow_neighbours, smooth_hidden
-from baker.tuning.pruning import Light
+from baker.tuning.occluded_voxels import HIDDEN, follow_neighbours, smooth_hidden
+from baker.tuning.pruning import ArrivingTransmittance
 from scenepack import Pack, save_pack
 from scenepack.blocks import dense_from_pack
 from scenepack.codecs.quantisation import EXACT, Steps, steps_of
@@ -22,13 +22,13 @@ def pack() -> Pack:
     return in_steps(pack_of(), STEPS.colour, STEPS.feature, STEPS.alpha)
 
 
-def light(pack: Pack, *, hidden: bool) -> Light:
+def light(pack: Pack, *, hidden: bool) -> ArrivingTransmittance:
     """Little light on all of the pack, or full light on its far half along x and little on the rest."""
     size, blocks = pack.block_size, pack.occupied.shape
     arriving = np.full([n * size for n in blocks], HIDDEN[0] - 1, np.uint8)
     if not hidden:
         arriving[:, :, arriving.shape[2] // 2 :] = 255
-    return Light(arriving, size, 0)
+    return ArrivingTransmittance(arriving, size, 0)
 
 
 def test_only_what_little_light_reaches_changes_and_no_alpha_does(pack: Pack) -> None:
