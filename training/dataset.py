@@ -255,10 +255,10 @@ def row_step_for(scene: Scene, split: str) -> int:
             raise UserError("too many pixels", where=scene.path, expected=f"at most {MOST_RAYS:,}", found=f"{count:,}",
                             remedy="use --downscale")  # fmt: skip
     if step > 1:
-        told = f"{scene.path}: {count:,} pixels are more than the {MOST_RAYS:,} rays that training can count"
+        problem = f"{scene.path}: {count:,} pixels are more than the {MOST_RAYS:,} rays that training can count"
         shrink = math.ceil(math.sqrt(count / MOST_RAYS)) * int(str(scene.notes.get("downscale", 1)))
         remedy = f"it takes one row in {step} of each photograph (or use --downscale {shrink})"
-        warnings.warn(Notice(f"{told}; {remedy}"), stacklevel=2)
+        warnings.warn(Notice(f"{problem}; {remedy}"), stacklevel=2)
     return step
 
 

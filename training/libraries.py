@@ -79,19 +79,19 @@ def _told_by_variable(library: str, prefixes: Sequence[str]) -> Iterator[None]:
     except ImportError:
         raise  # it is not installed
     except Exception as error:
-        told = str(error) or type(error).__name__
-        name = _variable_of(told, [name for name in sorted(os.environ) if name.startswith(tuple(prefixes))])
+        message = str(error) or type(error).__name__
+        name = _variable_of(message, [name for name in sorted(os.environ) if name.startswith(tuple(prefixes))])
         if name is None:
             raise
-        reason = told.partition(" The parse failed")[0].partition("\n")[0]
+        reason = message.partition(" The parse failed")[0].partition("\n")[0]
         if isinstance(error, AssertionError):
             reason = f"{library} finds no such devices"
         raise _problem(name, os.environ[name], reason) from error
 
 
-def _variable_of(told: str, names: Sequence[str]) -> str | None:
-    named = [name for name in names if name.lower() in told.lower()]
-    valued = [name for name in names if os.environ[name] and repr(os.environ[name]).strip("'") in told]
+def _variable_of(message: str, names: Sequence[str]) -> str | None:
+    named = [name for name in names if name.lower() in message.lower()]
+    valued = [name for name in names if os.environ[name] and repr(os.environ[name]).strip("'") in message]
     platforms = [name for name in PLATFORMS if name in names]
     return next(iter([*sorted(named, key=len, reverse=True), *valued, *platforms, *names]), None)
 

@@ -33,7 +33,7 @@ from training.scenes.read import AS_IT_IS
 from training.scenes.scene import few_line, split_line
 from training.scenes.scene_options import box_line, box_text
 
-AGREE_EVERY = 10  # steps between asking the other processes whether one was told to stop
+AGREE_EVERY = 10  # steps between asking the other processes whether one is to stop
 
 
 class Watcher(Protocol):

@@ -25,7 +25,7 @@ from console.child_process import json_answers
 from training.scenes import Camera, Photograph, Scene
 
 PRESETS = ("quick", "normal", "full")  # of the multi-resolution field
-SETTLED, TIMED = 60, 60  # steps: until programs are compiled and air is told from content; then timed
+SETTLED, TIMED = 60, 60  # steps: until programs are compiled and empty space is known; then timed
 # A sample of a real run over one of the ball, whose features stay in the processor's caches.
 REAL_BY_SMALL = 1.4
 DISK_BY_FINENESS = 4500.0  # bytes by cells of the finest level squared: two checkpoints of 150 MB for lego at 256

@@ -120,8 +120,8 @@ def opaque_macroblocks(
     if occupied is not None:
         corners = np.argwhere(holds)[:, ::-1] * size
         ends = grid.training_points(corners), grid.training_points(corners + size)
-        told = occupied(np.minimum(*ends), np.maximum(*ends))
-        holds = holds if told is None else told.reshape(bz, by, bx)
+        may_hold = occupied(np.minimum(*ends), np.maximum(*ends))
+        holds = holds if may_hold is None else may_hold.reshape(bz, by, bx)
     opaque = np.zeros((bz, by, bx), bool)
     density = np.zeros((bz * per_block, by * per_block, bx * per_block), np.float32)
     total, done = max(int(holds.sum()), 1), 0

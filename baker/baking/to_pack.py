@@ -1,4 +1,4 @@
-"""A run baked into a pack on disk: resumable, alone or with other processes, and told on stdout."""
+"""A run baked into a pack on disk: resumable, alone or with other processes, with a summary on stdout."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from training.run import Run
 
 def share_of(processes: int | None, process_id: int | None) -> Share:
     """This process's share of the work, from the options or the launcher. UserError where they do not fit together."""
-    told = launched() if processes is None and process_id is None else (processes, process_id)
-    count, index = told or (1, 0)
+    launch = launched() if processes is None and process_id is None else (processes, process_id)
+    count, index = launch or (1, 0)
     if count is None or index is None or not 0 <= index < count:
         raise UserError(
             "do not fit together", where="--processes, --process-id",

@@ -53,15 +53,15 @@ def draw_figure(
     view = max(range(len(views)), key=lambda i: abs(shown[0]["views"][views[i]] - shown[-1]["views"][views[i]]))
     pairs = [_pictures(study.out / row["pictures"] / f"{study.stem(view)}.png") for row in shown]
     box = _most_different(pairs[0][0], pairs[-1][0], pairs[0][1])
-    panels, told = [], []
+    panels, labels = [], []
     for row, (picture, _) in zip(shown, pairs, strict=True):
         psnr = row["views"][views[view]]
         label = SHORT.get(row["row"]) or str(row["label"])
         panels.append(Panel(picture, f"{label} ({psnr:.2f} dB)"))
-        told.append({"row": row["row"], "label": label, "psnr": psnr})
+        labels.append({"row": row["row"], "label": label, "psnr": psnr})
     panels.append(Panel(pairs[0][1], "photograph"))
     draw_panels(panels, box, path)
-    return {"picture": path.name, "view": views[view], "box": list(box), "panels": told}
+    return {"picture": path.name, "view": views[view], "box": list(box), "panels": labels}
 
 
 def _pictures(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -152,11 +152,11 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
         + (f" The paper prints {', '.join(means)} as means over its synthetic scenes only." if means else ""),
         *_to_fill(rows),
     ]  # fmt: skip
-    for name, told in table.get(FIGURES_NAME, {}).items():
-        lines += ["", f"![{name}: {told['view']}]({told['picture']})", ""]
+    for name, figure in table.get(FIGURES_NAME, {}).items():
+        lines += ["", f"![{name}: {figure['view']}]({figure['picture']})", ""]
         lines.append(
-            f"View {told['view']}, and a crop of it where the first and the last picture differ most. PSNR of the whole view in "
-            "brackets."
+            f"View {figure['view']}, and a crop of it where the first and the last picture differ most. PSNR of the whole view "
+            "in brackets."
         )
     return lines
 
@@ -314,12 +314,12 @@ def _sparsity(table: Table, about: Mapping[str, Any]) -> list[str]:
         "stored macroblocks are blue); below, diffuse colours over white.",
     ]  # fmt: skip
     for cut in table["sections"]:
-        told = "; ".join(
+        shares = "; ".join(
             f"{label}: {100 * s['opaque']:.2f} % opaque, {100 * s['with_alpha']:.2f} % with alpha, "
             f"{100 * s['stored']:.1f} % in stored macroblocks"
             for label, s in cut["shares"].items()
         )
-        lines += ["", f"Across {cut['axis']} at {cut['at']:.3g}. {told}."]
+        lines += ["", f"Across {cut['axis']} at {cut['at']:.3g}. {shares}."]
         lines += ["", f"![Cross-section across {cut['axis']}]({cut['picture']})"]
     return lines
 

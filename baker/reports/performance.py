@@ -141,5 +141,5 @@ def _power(turns: Turns, contender: Contender, flown: Flight, seconds: float) ->
         return {"watts": None, "fps_per_watt": None}
     own = contender.pack or turns.pack
     views = [same_view(camera, turns.pack, own) for camera in flown.cameras]
-    told = sustained(turns.drawn_by[contender.name], views, contender.settings, seconds)
-    return {key: told[key] for key in ("watts", "fps_per_watt")}
+    times = sustained(turns.drawn_by[contender.name], views, contender.settings, seconds)
+    return {key: times[key] for key in ("watts", "fps_per_watt")}

@@ -83,7 +83,7 @@ def write_tables(study: Study, chosen: Sequence[str], wanted: Wanted) -> None:
         made = makers[name]()
         if name == "quality":
             drawn = {f: draw_figure(study, made["rows"], rows, study.out / f"{f}.png") for f, rows in FIGURES.items()}
-            made[FIGURES_NAME] = {f: told for f, told in drawn.items() if told is not None}
+            made[FIGURES_NAME] = {f: figure for f, figure in drawn.items() if figure is not None}
         made = json.loads(json.dumps(made))
         if name not in document["made"] or document["tables"].get(name) != made:  # else it was made by an earlier call
             document["made"][name] = provenance()
@@ -126,11 +126,11 @@ def open_study(sources: Sources) -> Study:
 
 
 def _require_same_scene(run: Run, other: Path) -> None:
-    told = read_description(other)
-    if told.scene.name != run.description.scene.name or told.options != run.options:
+    description = read_description(other)
+    if description.scene.name != run.description.scene.name or description.options != run.options:
         raise UserError(
             "is a run of another scene, or reads the scene differently", where=other,
-            expected=f"{run.description.scene}, {vars(run.options)}", found=f"{told.scene}, {vars(told.options)}",
+            expected=f"{run.description.scene}, {vars(run.options)}", found=f"{description.scene}, {vars(description.options)}",
         )  # fmt: skip
 
 
@@ -171,10 +171,10 @@ def _begun(study: Study) -> dict[str, Any]:
 def provenance() -> dict[str, str]:
     """What a table was made by: this program's command line, its commit (or version), and the machine."""
     program, *words = sys.argv
-    told = run_program(["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"])
+    commit = run_program(["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"])
     cores = f"{os.cpu_count()} x {platform.machine()} cores, JAX on {jax.devices()[0].device_kind}"
     return {
-        "command": shlex.join([Path(program).name, *words]), "commit": told or version("snerg"), "device": cores,
+        "command": shlex.join([Path(program).name, *words]), "commit": commit or version("snerg"), "device": cores,
     }  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """The packs and scores behind a report: each is made once, and stays in the report's folder for the next time.
 
 Beside the pack NAME lies NAME.json: what it was baked from and how (`key`), and the seconds of each stage. scores/NAME.json holds
-what evaluating it told, and of what. A pack or a score whose key is another one (the run went on, other options) is made anew.
+its scores, and of what. A pack or a score whose key is another one (the run went on, other options) is made anew.
 """
 
 from __future__ import annotations
@@ -155,9 +155,9 @@ class Study:
             return kept["score"]
         images = self.out / "pictures" / name
         mask = None if mask_of is None else mask_of.path
-        told = evaluate(subject(), self.scene, self.split, images, mask_of=mask)
-        psnr_of = {view["name"]: view["psnr"] for view in told["views"]}
-        score = {**{metric: told[metric] for metric in ("psnr", "ssim", "lpips")}, "views": psnr_of, **more()}
+        scores = evaluate(subject(), self.scene, self.split, images, mask_of=mask)
+        psnr_of = {view["name"]: view["psnr"] for view in scores["views"]}
+        score = {**{metric: scores[metric] for metric in ("psnr", "ssim", "lpips")}, "views": psnr_of, **more()}
         score["pictures"] = f"pictures/{name}"
         note.parent.mkdir(parents=True, exist_ok=True)
         write_file(note, json.dumps({"of": about, "score": score}, indent=2) + "\n")

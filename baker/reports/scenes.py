@@ -100,9 +100,9 @@ def _printed(kind: paper_figures.Kind, scene: str, table: str, row: str, key: st
         return None
     if table == "quality":
         return (paper_figures.quality(kind, scene, row) or {}).get(key)
-    told = paper_figures.performance(kind, scene, "ours" if row == "paper" else row) or {}
-    gigabytes = told.get("gpu_gb")
-    return told.get("ms") if key == "ms_mean" else None if gigabytes is None else 1e9 * gigabytes
+    printed = paper_figures.performance(kind, scene, "ours" if row == "paper" else row) or {}
+    gigabytes = printed.get("gpu_gb")
+    return printed.get("ms") if key == "ms_mean" else None if gigabytes is None else 1e9 * gigabytes
 
 
 def _mean(values: Mapping[str, float | None]) -> float | None:

@@ -141,8 +141,8 @@ def _shelf_name(study: Study, run: Run, name: str) -> str:
 
 
 def _baked_row(study: Study, row: str, label: str, baked: Baked) -> Row:
-    told = {"bytes": stored_bytes(baked.path), "seconds": sum(baked.seconds.values()), "stages": baked.seconds}
-    return _beside(study, {"row": row, "label": label, **study.score(baked), **told, "pack": baked.name})
+    measured = {"bytes": stored_bytes(baked.path), "seconds": sum(baked.seconds.values()), "stages": baked.seconds}
+    return _beside(study, {"row": row, "label": label, **study.score(baked), **measured, "pack": baked.name})
 
 
 def no_sparsity_row(study: Study) -> Row:
@@ -171,8 +171,8 @@ def _stored(study: Study, row: Row) -> Row:
 
 def trained_seconds(run: Run) -> float | None:
     """Seconds of training, where the run's journal tells."""
-    told = [row["training_seconds"] for row in read_metrics(run.path / "metrics.jsonl") if "training_seconds" in row]
-    return told[-1] if told else None
+    seconds = [row["training_seconds"] for row in read_metrics(run.path / "metrics.jsonl") if "training_seconds" in row]
+    return seconds[-1] if seconds else None
 
 
 def network_bytes(run: Run) -> int:
