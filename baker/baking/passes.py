@@ -31,7 +31,7 @@ COMPACT = Steps(3, 12, 8)  # of what a compact pack stores
 # dB of training rays that COMPACT may cost before it is tuned in. Surfaces lose half as much, and regain it. Mist, which is made
 # of faint voxels, loses more, and keeps a grain on walls.
 MOST_LOST_ROUNDED = 0.4
-MOST_LOST_PRUNED = 0.2  # dB of training rays; tuning regains it, quality draft does not
+MOST_LOST_PRUNED = 0.1  # dB of training rays; tuning regains it, quality draft does not
 MOST_LOST_HIDDEN = 0.03  # dB of training rays, which nothing regains
 
 
