@@ -1,7 +1,7 @@
 #!/bin/sh
 # Makes sure that OpenGL can be had without a display: libEGL and libGL. Where CI is set, also the programs that tests of
-# the window need, for nothing may be skipped there. Installs them with apt where that is permitted; otherwise prints the
-# line to type and stops.
+# the window and of the web page need, for nothing may be skipped there. Installs them with apt where that is permitted;
+# otherwise prints the line to type and stops.
 set -u
 [ "$(uname -s)" = Linux ] || exit 0
 
@@ -17,6 +17,7 @@ if [ -n "${CI:-}" ]; then
     command -v Xvfb >/dev/null 2>&1 || needed="$needed xvfb"
     command -v xdotool >/dev/null 2>&1 || needed="$needed xdotool"
     command -v setxkbmap >/dev/null 2>&1 || needed="$needed x11-xkb-utils"
+    command -v chromium >/dev/null 2>&1 || command -v google-chrome >/dev/null 2>&1 || needed="$needed chromium"
 fi
 [ -n "$needed" ] || exit 0
 

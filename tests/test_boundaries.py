@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "console": set(),
     "scenepack": {"console"},
     "training": {"console", "scenepack.constants", "scenepack.contraction"},
-    "baker": {"console", "scenepack", "training", "viewer.rendering", "viewer.benchmark"},
+    "baker": {"console", "scenepack", "training", "viewer.rendering", "viewer.benchmark", "viewer.web"},
     "viewer": {"console", "scenepack", "training.scenes"},
     "tools": SHIPPED | {"tests"},
 }
@@ -126,6 +126,7 @@ FLOORS = {
         "viewer.window",
         "viewer.interface",
         PANELS,
+        "viewer.web",
         "viewer.benchmark",
         "viewer.app",
         "viewer.features",

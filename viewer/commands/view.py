@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -32,6 +33,8 @@ from viewer.features.opening import session
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import PreferencesAutosave, apply_preferences
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
+from viewer.web.page import PageContent, scene_page
+from viewer.web.server import PageServer
 from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
 
@@ -39,6 +42,7 @@ DEMO = "demo.zip"
 OUT = Path("out")
 STILL_SUFFIX = ".png"
 SCRIPTED = ("--frames", "--screenshot")
+SERVED_ON = 8090  # port
 SMALLEST_SIDE = 64  # of a window, screen units
 PageName = Literal[
     "view", "camera", "bookmarks", "crop", "measure", "photographs", "compare", "film", "performance", "settings", "log"
@@ -74,6 +78,8 @@ class View:
         size: Window size in screen units, for example 1280x800. The default is the last size.
         frames: For scripts: draw this many frames, wait until the picture is sharp, and quit.
         screenshot: For scripts: before quitting, save the window with its panels as this PNG. Implies --frames 1.
+        serve: Show the pack as a web page on this port instead of opening a window. Without a number: 8090.
+        host: Address to serve it on. The default is reached from this computer alone.
         register: Add the viewer to the menus of your Linux desktop, and to the programs that open packs and folders.
         unregister: Take it out again.
     """
@@ -94,6 +100,8 @@ class View:
     size: str | None = None
     frames: int | None = None
     screenshot: Path | None = None
+    serve: int | None = None
+    host: str = "127.0.0.1"
     register: bool = False
     unregister: bool = False
 
@@ -101,6 +109,8 @@ class View:
         """Shows the window until it is closed; the exit status."""
         if self.register or self.unregister:
             return _register(self.register and not self.unregister)
+        if self.serve is not None:
+            return _serve(self.pack or demo_pack(), self.host, self.serve)
         frames = 1 if self.frames is None and self.screenshot is not None else self.frames
         window_size = parse_size(self.size, least=SMALLEST_SIDE) if self.size else None
         if frames is not None and frames < 1:
@@ -198,6 +208,16 @@ def _try(app: App, title: str, action: Callable[[], object]) -> None:
         action()
     except Exception as error:  # a dialog, and the program goes on
         app.messages.fail(title, error)
+
+
+def _serve(path: Path | None, host: str, port: int) -> int:
+    """Serves the page of a pack until it is interrupted."""
+    if path is None or kind_of(path) != "pack":
+        raise UserError("is not a pack", where=path or "--serve", remedy="name one: snerg-view PACK --serve")
+    with PageServer(scene_page(load_pack(path), PageContent(name_of(path))), host, port) as server:
+        print(f"{server.address}\nCtrl-C ends it.", flush=True)
+        server.serve_forever()
+    return 0
 
 
 def _register(wanted: bool) -> int:
@@ -336,9 +356,17 @@ def _render_instead(path: Path | None, settings: RenderSettings, reason: NoDispl
         print(written)
 
 
+def _with_port(words: Sequence[str]) -> list[str]:
+    """The words with SERVED_ON behind a --serve that has no number."""
+    joined = []
+    for word, after in pairwise([*words, ""]):
+        joined.append(f"{word}={SERVED_ON}" if word == "--serve" and not after.lstrip("-").isdigit() else word)
+    return joined
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-view; returns the exit status."""
-    words = join_negative_values(sys.argv[1:] if args is None else args, ("--pose",))
+    words = _with_port(join_negative_values(sys.argv[1:] if args is None else args, ("--pose",)))
     scripted = any(word.startswith(SCRIPTED) for word in words)  # nobody is there to close a box
     return run_command(View, prog="snerg-view", args=words, on_failure=None if scripted else tell_if_unseen)
 

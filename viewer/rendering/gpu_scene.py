@@ -140,6 +140,22 @@ def tightest_atlas(count: int, padded_block_size: int, max_side: int, parts: int
     return min((x, y, z) for x, y, z in layouts if x * y * z <= TOLERATED_WASTE * fewest)
 
 
+def indirection_grid(occupied: np.ndarray, slots: Triple, arrived: np.ndarray | None = None) -> np.ndarray:
+    """uint8 [z + 2, y + 2, x + 2, 4]: slot (x, y, z) and 0, or 1 in the last for empty, as the border is.
+
+    occupied: bool [blocks z, y, x]; they take the atlas's slots in this order. arrived: bool, layers of slots that are filled
+    (None: all); macroblocks that have not arrived count as empty.
+    """
+    nx, ny, nz = slots
+    order = np.arange(int(occupied.sum()))
+    layer = order // (nx * ny)
+    arrived = np.ones(nz, bool) if arrived is None else arrived
+    grid = np.zeros((*(n + 2 for n in occupied.shape), 4), np.uint8)
+    grid[..., 3] = 1
+    grid[1:-1, 1:-1, 1:-1][occupied] = np.stack([order % nx, order // nx % ny, layer, ~arrived[layer]], axis=1)
+    return grid
+
+
 def float_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
     """Trilinear filtering in floating point.
 
@@ -184,18 +200,8 @@ class AtlasWriter:
         self.indirection = uploader.filled("indirection", self._indirection())
 
     def _indirection(self) -> np.ndarray:
-        """uint8 [z + 2, y + 2, x + 2, 4]: slot (x, y, z) and 0, or 1 in the last for empty, as the border is.
-
-        Macroblocks that have not arrived count as empty.
-        """
-        occupied = self.pack.occupied
-        nx, ny, _ = self.slots
-        order = np.arange(len(self.places))
-        grid = np.zeros((*(n + 2 for n in occupied.shape), 4), np.uint8)
-        grid[..., 3] = 1
-        slots = [order % nx, order // nx % ny, self._layer_of, ~self._arrived[self._layer_of]]
-        grid[1:-1, 1:-1, 1:-1][occupied] = np.stack(slots, axis=1)
-        return grid
+        """indirection_grid of what has arrived."""
+        return indirection_grid(self.pack.occupied, self.slots, self._arrived)
 
     def texture(self, name: str, *parts: Part) -> moderngl.Texture3D:
         """An empty texture for `parts`, side by side in x; steps() fills it."""

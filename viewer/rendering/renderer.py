@@ -6,6 +6,7 @@ Every GL state that drawing relies on is set in each call, since imgui shares th
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from scenepack.contraction import contract
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_memory import Limits, NoRoomError, half_resolution
-from viewer.rendering.gpu_scene import GpuScene, upload
+from viewer.rendering.gpu_scene import GpuScene, features_stored, upload
 from viewer.rendering.opengl import Drawing
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
@@ -155,7 +156,7 @@ class Renderer:
         ctx.disable_direct(GL_FRAMEBUFFER_SRGB)
         ctx.wireframe = False
         scene.bind(rays.linked)
-        if self._sees_hull(settings, camera):
+        if shades_hull_alone(self.pack, settings) and not any(camera.distortion):
             over_background = settings.mode in MODES_OVER_BACKGROUND and not settings.counts
             empty = (*settings.background, 1.0) if over_background else (0.0, 0.0, 0.0, 1.0)
             framebuffer.depth_mask = True
@@ -220,66 +221,18 @@ class Renderer:
         key = (settings.marcher, settings.mode, settings.counts, settings.raw, ablated, lens, camera.orthographic)
         key += (_style(settings),)
         if key not in self._drawings:
-            text = assemble("snerg.frag", self._defines(settings, camera), self._generated())
+            scene = self.scene(settings.marcher)
+            defines = shader_defines(
+                self.pack,
+                settings,
+                sizes=scene.sizes,
+                features_beside=scene.features_beside,
+                distortion=any(camera.distortion),
+                orthographic=camera.orthographic,
+            )
+            text = assemble("snerg.frag", defines, view_mlp_text(self.pack))
             self._drawings[key] = Drawing(self.ctx, assemble("fullscreen.vert"), text)
         return self._drawings[key]
-
-    def _sees_hull(self, settings: RenderSettings, camera: ViewCamera) -> bool:
-        """Whether only the pixels that see the hull of all content are shaded; bent rays see no hull."""
-        return (
-            settings.marcher == "exact"
-            and settings.mode != "atlas"
-            and not self.pack.ndc
-            and self.pack.contraction is None
-            and not any(camera.distortion)
-        )
-
-    def _defines(self, settings: RenderSettings, camera: ViewCamera) -> dict[str, object]:
-        """Structure of the shader; see shaders/snerg.frag for the names."""
-        pack, mode = self.pack, settings.mode
-        shaded = mode in SHADED_MODES and pack.view_mlp is not None
-        defines: dict[str, object] = {f"MARCHER_{name.upper()}": i for i, name in enumerate(MARCHERS)}
-        defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
-        stored = pack.view_mlp is not None and pack.atlas_features is not None
-        scene = self.scene(settings.marcher)
-        counting = settings.counts or mode in ("samples", "jumps")
-        accumulates_features = stored and (shaded or mode == "features")
-        return defines | {
-            "MARCHER": MARCHERS.index(settings.marcher),
-            "MODE": MODES.index(mode),
-            "BLOCK_SIZE": pack.block_size,
-            "PADDED_BLOCK_SIZE": pack.padded_block_size,
-            "SLOT_WIDTH": pack.padded_block_size * (2 if scene.features_beside else 1),
-            **{f"{name.upper()}_TEXEL": glsl_reciprocals(size) for name, size in scene.sizes.items()},
-            "CELL": CELL,
-            # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much. The
-            # cost modes take the steps that the picture takes.
-            "SAMPLES_A_TEST": 1 if accumulates_features or (stored and counting) else 2,
-            "NDC": pack.ndc,
-            "CONTRACTED": pack.contraction is not None and mode != "atlas",
-            "DISTORTION": any(camera.distortion),
-            "ORTHOGRAPHIC": camera.orthographic,
-            "FEATURES_STORED": stored,
-            "FEATURES_BESIDE": scene.features_beside,
-            "ACCUMULATE_FEATURES": accumulates_features,
-            "VIEW_MLP": shaded,
-            "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
-            "ACCUMULATE_DEPTH": mode in ("depth", "normals"),
-            "ACCUMULATE_NORMAL": mode == "normals",
-            "NORMAL_REACH": NORMAL_REACH,
-            "FIRST_BLOCK": mode == "macroblocks",
-            "COUNT_COST": counting,
-            "RAW_COUNTS": settings.counts,
-            "RAW": settings.raw,
-            "OVER_BACKGROUND": int(mode in MODES_OVER_BACKGROUND),
-            **_backdrop_defines(settings),
-        }
-
-    def _generated(self) -> dict[str, str]:
-        mlp = self.pack.view_mlp
-        if mlp is None:
-            return {"view_mlp_weights": "", "view_mlp_biases": ""}
-        return {"view_mlp_weights": view_mlp_weights(mlp), "view_mlp_biases": view_mlp_biases(mlp)}
 
     def _uniforms(
         self, scene: GpuScene, camera: ViewCamera, settings: RenderSettings, viewport: tuple[int, int, int, int]
@@ -296,6 +249,75 @@ class Renderer:
             "cost_scale": settings.cost_scale,
             **_backdrop_uniforms(settings, camera),
         }
+
+
+def shader_defines(
+    pack: Pack,
+    settings: RenderSettings,
+    *,
+    sizes: Mapping[str, tuple[int, int, int]],
+    features_beside: bool,
+    distortion: bool = False,
+    orthographic: bool = False,
+) -> dict[str, object]:
+    """Options of shaders/snerg.frag, which names them.
+
+    sizes: texels (x, y, z) of the textures (GpuScene.sizes). features_beside: features lie beside rgba in one atlas.
+    distortion, orthographic: what the camera has.
+    """
+    mode = settings.mode
+    shaded = mode in SHADED_MODES and pack.view_mlp is not None
+    defines: dict[str, object] = {f"MARCHER_{name.upper()}": i for i, name in enumerate(MARCHERS)}
+    defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
+    stored = features_stored(pack)
+    counting = settings.counts or mode in ("samples", "jumps")
+    accumulates_features = stored and (shaded or mode == "features")
+    return defines | {
+        "MARCHER": MARCHERS.index(settings.marcher),
+        "MODE": MODES.index(mode),
+        "BLOCK_SIZE": pack.block_size,
+        "PADDED_BLOCK_SIZE": pack.padded_block_size,
+        "SLOT_WIDTH": pack.padded_block_size * (2 if features_beside else 1),
+        **{f"{name.upper()}_TEXEL": glsl_reciprocals(size) for name, size in sizes.items()},
+        "CELL": CELL,
+        # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much. The
+        # cost modes take the steps that the picture takes.
+        "SAMPLES_A_TEST": 1 if accumulates_features or (stored and counting) else 2,
+        "NDC": pack.ndc,
+        "CONTRACTED": pack.contraction is not None and mode != "atlas",
+        "DISTORTION": distortion,
+        "ORTHOGRAPHIC": orthographic,
+        "FEATURES_STORED": stored,
+        "FEATURES_BESIDE": features_beside,
+        "ACCUMULATE_FEATURES": accumulates_features,
+        "VIEW_MLP": shaded,
+        "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
+        "ACCUMULATE_DEPTH": mode in ("depth", "normals"),
+        "ACCUMULATE_NORMAL": mode == "normals",
+        "NORMAL_REACH": NORMAL_REACH,
+        "FIRST_BLOCK": mode == "macroblocks",
+        "COUNT_COST": counting,
+        "RAW_COUNTS": settings.counts,
+        "RAW": settings.raw,
+        "OVER_BACKGROUND": int(mode in MODES_OVER_BACKGROUND),
+        **_backdrop_defines(settings),
+    }
+
+
+def view_mlp_text(pack: Pack) -> dict[str, str]:
+    """The includes that shaders/view_mlp.glsl and view_mlp_textures.glsl need, generated from the pack."""
+    mlp = pack.view_mlp
+    if mlp is None:
+        return {"view_mlp_weights": "", "view_mlp_biases": ""}
+    return {"view_mlp_weights": view_mlp_weights(mlp), "view_mlp_biases": view_mlp_biases(mlp)}
+
+
+def shades_hull_alone(pack: Pack, settings: RenderSettings) -> bool:
+    """Whether only the pixels that see the hull of all content are shaded, through a lens without distortion; bent rays see no
+    hull.
+    """
+    straight = not pack.ndc and pack.contraction is None
+    return settings.marcher == "exact" and settings.mode != "atlas" and straight
 
 
 BACKDROPS = {"gradient": 1, "checker": 2}

@@ -1,4 +1,4 @@
-"""The scene as a mesh, points or Gaussians for other programs: choices, preview, and the process that writes the file."""
+"""The scene as a mesh, points or Gaussians for other programs, or as a web page: choices, preview, the writing process."""
 
 from __future__ import annotations
 
@@ -21,10 +21,15 @@ if TYPE_CHECKING:
     from scenepack.exports.scene import Export
     from viewer.app.application import App
 
-Kind = Literal["mesh", "points", "gaussians"]
+Kind = Literal["mesh", "points", "gaussians", "page"]
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
-KINDS: dict[Kind, str] = {"mesh": "Mesh", "points": "Points", "gaussians": "Gaussians"}
-SUFFIXES: dict[Kind, tuple[str, ...]] = {"mesh": (".glb", ".ply"), "points": (".ply",), "gaussians": (".ply",)}
+KINDS: dict[Kind, str] = {"mesh": "Mesh", "points": "Points", "gaussians": "Gaussians", "page": "Web page"}
+SUFFIXES: dict[Kind, tuple[str, ...]] = {
+    "mesh": (".glb", ".ply"),
+    "points": (".ply",),
+    "gaussians": (".ply",),
+    "page": (".html",),
+}
 FACES: dict[str, int] = {"100,000": 100_000, "500,000": 500_000, "All": 0}  # triangles of a mesh, at most
 SPACINGS: dict[str, float] = {"Dense": 0.5, "Usual": 1.0, "Sparse": 2.0}  # of points, in voxels
 KEPT: dict[str, str] = {"All": "all", "Large": "0.001", "Largest": "largest"}  # components of the surface
@@ -48,6 +53,9 @@ class ExportPlan:
 
     def arguments(self, pack: Path, file: Path, crop: Corners | None) -> list[str]:
         """Of `snerg-pack`. crop: the box that is shown, if there is one."""
+        cropped = crop if self.crop else None
+        if self.kind == "page":
+            return ["export", str(pack), "--to", str(file), *_crop_words(cropped)]
         words = [
             "export",
             str(pack),
@@ -64,14 +72,14 @@ class ExportPlan:
         words += ["--scale", f"{self.scale:.9g}"] * (self.scale != 1.0)
         words += ["--faces", str(FACES[self.faces])] * (self.kind == "mesh")
         words += ["--spacing", f"{SPACINGS[self.spacing]:g}"] * (self.kind == "points")
-        if crop is not None and self.crop:
-            words.append("--crop=" + ",".join(f"{number:.9g}" for corner in crop for number in corner))
+        words += _crop_words(cropped)
         return words
 
     def export(self, crop: Corners | None) -> Export:
         """The same as `arguments`, for a preview: in the grid's frame and unscaled."""
         from scenepack.exports.scene import Export
 
+        assert self.kind != "page"
         usual = Export(self.kind)
         kept = KEPT[self.keep]
         return replace(
@@ -83,6 +91,10 @@ class ExportPlan:
             spacing=SPACINGS[self.spacing],
             crop=crop if self.crop else None,
         )
+
+
+def _crop_words(crop: Corners | None) -> list[str]:
+    return [] if crop is None else ["--crop=" + ",".join(f"{number:.9g}" for corner in crop for number in corner)]
 
 
 @dataclass
@@ -160,7 +172,8 @@ class Exporting:
     def tick(self, app: App) -> None:
         """Time passes: looks at what the process is doing, and at the preview."""
         if self.preview is not None and app.scene is not None:
-            self.preview.follow(app.scene.pack, self.plan.export(app.settings.crop))
+            if self.plan.kind != "page":  # that looks like the scene
+                self.preview.follow(app.scene.pack, self.plan.export(app.settings.crop))
             if self.preview.news():
                 app.touch(1)
         writing, now = self.writing, time.monotonic()

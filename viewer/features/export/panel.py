@@ -35,6 +35,7 @@ HINTS = {
     "mesh": "Triangles with vertex colours: a .glb or .ply file.",
     "points": "Points on the surface with normals and colours: a .ply file.",
     "gaussians": "A Gaussian for each voxel: a .ply file for splat viewers, without highlights.",
+    "page": "One .html file that shows the scene in any browser.",
 }
 
 
@@ -64,7 +65,10 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane
         imgui.end_child()
         imgui.same_line(0, px(GAP))
         imgui.begin_group()
-        pane.show(app, canvas, px(beside), px(ROWS_HIGH))
+        if exporting.plan.kind == "page":
+            imgui.dummy(ImVec2(px(beside), px(ROWS_HIGH)))  # it looks like the scene
+        else:
+            pane.show(app, canvas, px(beside), px(ROWS_HIGH))
         imgui.end_group()
     else:
         _choices(app, exporting.plan)
@@ -79,7 +83,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
     if picked in KINDS:
         plan.kind = picked  # type: ignore[assignment]
     hint(HINTS[plan.kind])
-    if plan.kind != "gaussians":
+    if plan.kind in ("mesh", "points"):
         label("Opacity level", LABELS)
         imgui.set_next_item_width(-1)
         plan.level = imgui.slider_float("##level", plan.level, *LEVELS, "%.2f")[1]
@@ -94,11 +98,12 @@ def _choices(app: App, plan: ExportPlan) -> None:
     elif plan.kind == "points":
         label("Density", LABELS)
         plan.spacing = segments("spacing", list(SPACINGS), plan.spacing) or plan.spacing
-    label("Training frame", LABELS)
-    plan.world = switch("world", plan.world)
-    tip("The frame of the photographs' poses, instead of the grid's (y up)")
-    if plan.scale != 1.0:
-        hint(f"Lengths are in {app.annotations.current.scale.unit}.")
+    if plan.kind != "page":
+        label("Training frame", LABELS)
+        plan.world = switch("world", plan.world)
+        tip("The frame of the photographs' poses, instead of the grid's (y up)")
+        if plan.scale != 1.0:
+            hint(f"Lengths are in {app.annotations.current.scale.unit}.")
     if app.settings.crop is not None:
         label("Crop box only", LABELS)
         plan.crop = switch("cropped", plan.crop)

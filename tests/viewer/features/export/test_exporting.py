@@ -32,9 +32,21 @@ def test_all_choices_of_the_dialog_are_options_of_the_command(kind, tmp_path: Pa
     words = plan.arguments(Path("pack"), tmp_path / "a.ply", BOX)
     assert command.main(words) == 0 and asked == [words]
     text = " ".join(words)
-    assert "--scale 2.5" in text and "--frame world" in text and "--crop=-1,-1,-1,1,1,1" in text
+    assert "--crop=-1,-1,-1,1,1,1" in text
+    assert ("--scale 2.5" in text and "--frame world" in text) == (kind != "page")
     assert ("--faces 100000" in text) == (kind == "mesh") and ("--spacing 0.5" in text) == (kind == "points")
     assert "--crop" not in " ".join(replace(plan, crop=False).arguments(Path("pack"), tmp_path / "a.ply", BOX))
+
+
+def test_the_scene_is_exported_as_a_web_page(shown: App, tmp_path: Path) -> None:
+    shown.exporting.ask(shown)
+    shown.exporting.plan.kind = "page"
+    shown.exporting.tick(shown)  # there is no preview of a page
+    shown.exporting.dismiss()
+    shown.exporting.begin(shown, tmp_path / "scene.html")
+    until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)
+    assert not shown.messages.dialogs
+    assert (tmp_path / "scene.html").read_bytes().startswith(b"<!doctype html>")
 
 
 def test_a_failure_is_a_dialog_with_the_commands_own_line(shown: App, tmp_path: Path) -> None:

@@ -1,0 +1,182 @@
+"""Real mouse, touch and key events move the page's camera as the desktop's moves; nothing is drawn while nothing moves."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenepack.pack import Pack
+from tests.viewer.rendering.shapes import shapes_pack
+from tests.viewer.web.browser import Browser
+from viewer.core.annotations import KEY, Annotations, Bookmark, annotations_to_json
+from viewer.features.camera.forward_facing import orbit_camera_for
+from viewer.features.film.camera_path import CameraPath, Keyframe
+from viewer.rendering.camera import ViewCamera
+from viewer.web.page import PageContent
+
+pytestmark = pytest.mark.slow
+SIZE = (400, 300)
+Show = Callable[..., Browser]
+
+
+@pytest.fixture(scope="module")
+def shapes() -> Pack:
+    return shapes_pack(42)
+
+
+def goal(browser: Browser) -> dict[str, Any]:
+    return browser.evaluate("snerg.camera.goal")
+
+
+def drag(browser: Browser, start: tuple[float, float], end: tuple[float, float], button: str = "left") -> None:
+    browser.mouse("mousePressed", *start, button=button, clickCount=1)
+    browser.mouse("mouseMoved", *end, button=button)
+    browser.mouse("mouseReleased", *end, button=button, clickCount=1)
+
+
+def settle(browser: Browser) -> None:
+    browser.until("snerg.camera.shown === snerg.camera.goal && snerg.resting")
+
+
+def assert_as_desktop(browser: Browser, rig: Any) -> None:
+    settle(browser)
+    view = browser.evaluate("snerg.camera.view(0)")
+    matrix = rig.goal.matrix(rig.table)
+    np.testing.assert_allclose(np.array(view["axes"]).T, matrix[:3, :3], atol=1e-6)
+    np.testing.assert_allclose(view["eye"], matrix[:3, 3], atol=1e-5)
+
+
+@pytest.mark.parametrize("ndc", [False, True])
+def test_the_mouse_moves_the_camera_as_the_desktops_does(ndc: bool, show: Show) -> None:
+    pack = shapes_pack(42, ndc=ndc)
+    browser, rig = show(pack, size=SIZE), orbit_camera_for(pack)
+    rig.go(replace(rig.home_pose, distance=goal(browser)["distance"]))
+    before = browser.screenshot()
+    dx, dy = 80 / SIZE[1], 30 / SIZE[1]
+    drag(browser, (200, 150), (280, 180))
+    rig.pan(dx, dy) if ndc else rig.orbit(dx, dy)
+    assert_as_desktop(browser, rig)
+    assert browser.screenshot() != before
+    drag(browser, (200, 150), (280, 180), "right")
+    rig.orbit(dx, dy) if ndc else rig.pan(dx, dy)
+    assert_as_desktop(browser, rig)
+    browser.mouse("mouseWheel", 300, 100, deltaX=0, deltaY=-200)
+    rig.dolly(2, ((2 * 300 - 400) / 300, 1 - 2 * 100 / 300))
+    assert_as_desktop(browser, rig)
+    assert not browser.problems
+
+
+def test_the_wheel_keeps_what_lies_under_the_cursor(show: Show, shapes: Pack) -> None:
+    browser = show(shapes, size=SIZE)
+
+    def under_cursor() -> np.ndarray:
+        settle(browser)
+        view, pose = browser.evaluate("snerg.camera.view(0)"), goal(browser)
+        half = np.tan(np.radians(view["fov"]) / 2) * pose["distance"]
+        right, up, back = np.array(view["axes"])
+        at = np.array([(2 * 310 - 400) / 300, 1 - 2 * 60 / 300])
+        return np.array(view["eye"]) - back * pose["distance"] + half * (at[0] * right + at[1] * up)
+
+    first = under_cursor()
+    browser.mouse("mouseWheel", 310, 60, deltaX=0, deltaY=-300)
+    np.testing.assert_allclose(under_cursor(), first, atol=1e-6)
+
+
+def test_one_finger_turns_two_fingers_move_and_zoom(show: Show, shapes: Pack) -> None:
+    browser = show(shapes, size=SIZE)
+    browser.resize(*SIZE, touch=True)
+    try:
+        start = goal(browser)
+        browser.touch("touchStart", (200, 150))
+        browser.touch("touchMove", (240, 150))
+        browser.touch("touchEnd")
+        turned = goal(browser)
+        assert turned["azimuth"] == pytest.approx(start["azimuth"] - 200 * 40 / SIZE[1])
+        assert turned["pivot"] == start["pivot"] and turned["distance"] == start["distance"]
+        browser.touch("touchStart", (180, 150), (220, 150))
+        browser.touch("touchMove", (140, 150), (260, 150))
+        browser.touch("touchEnd")
+        pinched = goal(browser)
+        assert pinched["distance"] == pytest.approx(turned["distance"] / 3, rel=1e-6)
+        assert pinched["azimuth"] == turned["azimuth"]
+        browser.touch("touchStart", (180, 150), (220, 150))
+        browser.touch("touchMove", (180, 190), (220, 190))
+        browser.touch("touchEnd")
+        moved = goal(browser)
+        assert moved["distance"] == pytest.approx(pinched["distance"], rel=0.1)
+        assert np.linalg.norm(np.subtract(moved["pivot"], pinched["pivot"])) > 0.05 * moved["distance"]
+        assert browser.evaluate("!snerg.camera.held && document.querySelectorAll('#bar button').length") == 6
+    finally:
+        browser.resize(*SIZE)
+
+
+def test_keys_fly_turn_choose_and_reset(show: Show, shapes: Pack) -> None:
+    browser = show(shapes, size=SIZE)
+    start = goal(browser)
+    browser.key("keyDown", "w")
+    browser.until(f"snerg.camera.goal.pivot.some((v, i) => Math.abs(v - {start['pivot']}[i]) > 0.05)")
+    browser.key("keyUp", "w")
+    assert goal(browser)["distance"] == start["distance"]
+    browser.key("keyDown", "ArrowLeft", "ArrowLeft")
+    assert goal(browser)["azimuth"] == pytest.approx(start["azimuth"] + 15)
+    browser.key("keyDown", "2")
+    assert browser.evaluate("document.querySelector('#modes [aria-checked=true]').value") == "diffuse"
+    browser.key("keyDown", "b")
+    assert browser.evaluate("document.querySelector('#backgrounds [aria-checked=true]').title") == "White"
+    browser.key("keyDown", "?", "Slash")
+    assert browser.evaluate("!document.getElementById('keys').hidden")
+    browser.key("keyDown", "r")
+    settle(browser)
+    assert goal(browser) == start
+
+
+def test_nothing_is_drawn_while_nothing_moves_and_the_picture_at_rest_is_sharp(show: Show, shapes: Pack) -> None:
+    browser = show(shapes, size=SIZE)
+    browser.key("keyDown", "h")  # hides the buttons
+    drag(browser, (200, 150), (210, 155))
+    settle(browser)
+    browser.evaluate("""(() => {
+        window.draws = 0;
+        const draw = WebGL2RenderingContext.prototype.drawArrays;
+        WebGL2RenderingContext.prototype.drawArrays = function (...words) { window.draws++; return draw.apply(this, words); };
+    })()""")
+    assert browser.evaluate("new Promise((done) => setTimeout(() => done(window.draws), 700))") == 0
+    shown = np.asarray(Image.open(io.BytesIO(browser.screenshot()), formats=["PNG"]).convert("RGB")).astype(int)
+    drawn = browser.evaluate(f"Array.from(snerg.picture(snerg.camera.view(0), {{}}, {SIZE[0]}, {SIZE[1]}).data)")
+    difference = np.abs(np.reshape(drawn, (SIZE[1], SIZE[0], 4))[..., :3] - shown)
+    assert difference.max() <= 1, "the screen does not show the picture of every pixel"
+
+
+def test_bookmarks_are_buttons_and_a_camera_path_is_played(show: Show, shapes: Pack) -> None:
+    views = (
+        Bookmark("From above", (0.0, 3.0, 0.1), (0.0, 0.0, 0.0)),
+        Bookmark("z up", (2.0, 0.0, 1.0), (0.0, 0.0, 0.2), "z", 50.0),
+    )
+    pack = shapes.with_metadata(**{KEY: annotations_to_json(Annotations(bookmarks=views))})
+    keys = [ViewCamera.orbit(pack, azimuth, 20, 3.0).grid_T_camera for azimuth in (0, 40, 80)]
+    path = CameraPath([Keyframe(key, 40.0, 0.5) for key in keys])
+    browser = show(pack, PageContent("Two views", path), size=SIZE)
+    buttons = "[...document.querySelectorAll('#bookmarks button')]"
+    assert browser.evaluate(f"{buttons}.map((each) => each.textContent)") == ["From above", "z up"]
+    for i, view in enumerate(views):
+        browser.evaluate(f"{buttons}[{i}].click()")
+        settle(browser)
+        seen = browser.evaluate("snerg.camera.view(0)")
+        np.testing.assert_allclose(seen["eye"], view.eye, atol=1e-6)
+        expected = np.subtract(view.eye, view.target) / np.linalg.norm(np.subtract(view.eye, view.target))
+        np.testing.assert_allclose(seen["axes"][2], expected, atol=1e-6)
+        assert seen["fov"] == view.fov
+    browser.evaluate("document.getElementById('play').click()")
+    browser.until("snerg.camera.held")
+    browser.until("!document.getElementById('play').classList.contains('on') && snerg.resting")
+    last = browser.evaluate("snerg.camera.held")
+    np.testing.assert_allclose(last["eye"], keys[-1][:3, 3], atol=1e-5)
+    np.testing.assert_allclose(np.array(last["axes"]).T, keys[-1][:3, :3], atol=1e-5)
+    drag(browser, (200, 150), (210, 155))
+    assert browser.evaluate("snerg.camera.held") is None

@@ -1,0 +1,89 @@
+"""The page's worker brings back the bytes that the desktop has on its card."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenepack.pack import Pack
+from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
+from tests.viewer.web.browser import Browser
+from viewer.rendering.gpu_memory import Limits
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.web import atlas_stream
+from viewer.web.atlas_stream import differences_from_prediction, has_copied_padding
+from viewer.web.page import SIDES, PageContent, scene_page
+
+HARNESS = """<script>
+    const page = new DOMParser().parseFromString(new TextDecoder().decode(Uint8Array.from(atob("PAGE"), c => c.charCodeAt(0))), "text/html");
+    const text = (id) => page.getElementById(id).textContent;
+    const worker = new Worker(URL.createObjectURL(new Blob([text("worker")])));
+    const base64 = (bytes) => { let s = ""; for (let i = 0; i < bytes.length; i += 4096) s += String.fromCharCode(...bytes.subarray(i, i + 4096)); return btoa(s); };
+    window.decoded = new Promise((resolve) => { worker.onmessage = ({ data }) => { if (data.progress === undefined) resolve(data); }; });
+    worker.postMessage({ data: text("data").trim(), scene: JSON.parse(text("scene")) });
+</script>"""  # noqa: E501
+
+
+def noisy_padding(pack: Pack) -> Pack:
+    """The same scene with padding that copies nothing, as packs from elsewhere may have it."""
+    rng = np.random.default_rng(3)
+    noise = rng.integers(0, 255, pack.atlas_rgba.shape, np.uint8)
+    return replace(pack, atlas_rgba=np.where(rng.random(pack.atlas_rgba.shape) < 0.01, noise, pack.atlas_rgba))
+
+
+PACKS: dict[str, Callable[[], Pack]] = {
+    "features": shapes_pack,
+    "diffuse": lambda: shapes_pack(diffuse=True),
+    "contracted": surroundings_pack,
+    "padding that copies nothing": lambda: noisy_padding(shapes_pack()),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PACKS)
+def test_every_byte_of_the_textures_is_that_of_the_desktop(
+    name: str, browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(atlas_stream, "BLOCKS_A_CHUNK", 7)  # several chunks, the last of them smaller
+    pack = PACKS[name]()
+    assert has_copied_padding(pack) == ("padding" not in name)
+    file = tmp_path / "decode.html"
+    file.write_text(HARNESS.replace("PAGE", base64.b64encode(scene_page(pack, PageContent("test"))).decode()))
+    browser.open(file.as_uri())
+    names = {"indirection": "indirection", "skip_grid": "skipGrid", "atlas_rgba": "atlas"}
+    with OffscreenRenderer(pack, limits=Limits(SIDES[0])) as desktop:
+        textures = desktop.renderer.scene("exact").textures
+        for texture, key in names.items():
+            decoded = base64.b64decode(
+                browser.evaluate(f"decoded.then((answer) => answer.error ?? base64(answer.{key}))")
+            )
+            assert decoded == textures[texture].read(alignment=1), f"{name}: {key}"
+
+
+@pytest.mark.slow
+def test_damaged_data_are_told_and_never_shown(browser: Browser, tmp_path: Path) -> None:
+    page = scene_page(shapes_pack(), PageContent("test")).decode()
+    start = page.index('id="data">') + 10
+    middle = start + (page.index("</script>", start) - start) // 2
+    for damaged in (page[:middle] + "AAAAAAAA" + page[middle + 8 :], page[:start] + page[middle // 4 * 4 :]):
+        file = tmp_path / "damaged.html"
+        file.write_text(damaged)
+        browser.open(file.as_uri())
+        assert browser.evaluate("snerg.ready.then(() => 'shown', () => 'refused')") == "refused"
+        assert browser.evaluate("document.getElementById('notice').className") == "failed"
+
+
+def test_predictions_are_good_and_cost_nothing_where_all_is_even() -> None:
+    even = np.full((1, 6, 6, 6, 8), 100, np.uint8)
+    even[..., 3] = 200
+    filled, differences = differences_from_prediction(even)
+    assert filled.all() and np.count_nonzero(differences) == 8  # the first voxel alone has none to be predicted from
+    faded = even.copy()
+    faded[:, :, :, 3:] //= 2  # the same colour at half the opacity
+    _, differences = differences_from_prediction(faded)
+    assert np.count_nonzero(differences) <= 8 + 36  # of alpha where it changes; the colours follow it

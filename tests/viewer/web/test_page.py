@@ -1,0 +1,182 @@
+"""What stands in the page: small, closed to the network, and with nothing of a pack's text as markup or as shader."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import zlib
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from baker.commands import pack as command
+from scenepack import load_pack, save_pack
+from scenepack.pack import Pack
+from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
+from tests.viewer.web.browser import Browser
+from viewer.commands.view import demo_pack
+from viewer.core.annotations import KEY
+from viewer.rendering.shader_source import assemble_es
+from viewer.web import page
+from viewer.web.page import FOLDER, MODULES, PageContent, bundle, scene_page
+
+MOST_BYTES, MOST_OF_DEMO = 60_000, 9_000_000
+HOSTILE = (
+    "</script><script>window.broken = 1</script>",
+    "<!--<script>",
+    "--><img src=x onerror='window.broken = 1'>",
+    "{{data}} {{script}} \\u003c ${1} \"'&lt;&amp;",
+    "#version 300 es\nvoid main() {}",
+    "https://example.org/\u2028\u2029\x00\x1b[31m",
+    "</title></style>" * 400,
+)
+
+
+@pytest.fixture(scope="module")
+def shapes() -> Pack:
+    return shapes_pack(42)
+
+
+class Tags(HTMLParser):
+    """The tags of a page, in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, tuple[tuple[str, str | None], ...]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, tuple((name, value) for name, value in attrs if name != "content")))
+
+
+def described(html: bytes) -> dict:
+    """The description and the shaders of a page."""
+    texts = dict(re.findall(r'<script type="[a-z/]+" id="(\w+)">(.*?)</script>', html.decode(), re.S))
+    return {**json.loads(texts["scene"]), "shaders": json.loads(zlib.decompress(base64.b64decode(texts["shaders"])))}
+
+
+def with_texts(pack: Pack, text: str) -> Pack:
+    view = {"name": text, "eye": [0, 2, 2], "target": [0, 0, 0], "up": "y", "fov": 40}
+    spoilt = {"bookmarks": [view, {**view, "up": text}, {**view, "eye": text}, text], "scale": text}
+    return pack.with_metadata(**{KEY: spoilt, "version": text, text: text, "provenance": {text: text}})
+
+
+def test_the_page_without_its_pack_is_small() -> None:
+    # Contracted packs have the longest shaders; the weights of a view MLP, 9 kB, are the pack's.
+    html = scene_page(surroundings_pack(side=42, diffuse=True), PageContent("x"))
+    data = re.search(rb'id="data">([^<]*)<', html)
+    assert data is not None and len(html) - len(data[1]) < MOST_BYTES
+
+
+@pytest.mark.slow
+def test_the_demos_page_is_small() -> None:
+    path = demo_pack()
+    assert path is not None
+    assert len(scene_page(load_pack(path), PageContent("demo"))) < MOST_OF_DEMO
+
+
+def test_modules_are_joined_without_clashes_and_in_an_order_that_works() -> None:
+    declared: list[str] = []
+    for number, name in enumerate(MODULES):
+        text = (FOLDER / name).read_text(encoding="utf-8")
+        for imported in re.findall(r'from "\./(\S+?)";', text):
+            assert imported in MODULES[:number], f"{name} needs {imported} before it"
+        declared += re.findall(r"^(?:export )?(?:async )?(?:const|let|class|function) (\w+)", text, re.M)
+        for group in re.findall(r"^(?:const|let) \[([^\]]+)\] =", text, re.M):
+            declared += [each.strip() for each in group.split(",")]
+    assert len(declared) == len(set(declared)), sorted(declared)
+    joined = bundle(MODULES)
+    assert not re.search(r"^(import|export)\b", joined, re.M) and "function unpack" in joined
+
+
+def test_the_policy_allows_the_pages_own_script_and_nothing_from_elsewhere(shapes: Pack) -> None:
+    html = scene_page(shapes, PageContent("x")).decode()
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', html)
+    assert policy is not None and "default-src 'none'" in policy[1] and "unsafe" not in policy[1]
+    assert not re.search(r"\b(?:https?:)?//[a-z]", re.sub(r"<script.*", "", html, flags=re.S))
+    assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\(|new Function|https?://", html)
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_of_a_pack_adds_no_markup_and_no_shader(text: str, shapes: Pack) -> None:
+    plain = scene_page(shapes, PageContent("x"))
+    html = scene_page(with_texts(shapes, text), PageContent(text))
+    assert Tags(html.decode()).tags == Tags(plain.decode()).tags
+    assert described(html)["shaders"] == described(plain)["shaders"]
+    assert [view["fov"] for view in described(html)["camera"]["bookmarks"]] == [40]
+
+
+@pytest.mark.slow
+def test_hostile_text_is_shown_as_text(show: Callable[..., Browser], shapes: Pack) -> None:
+    text = "".join(HOSTILE[:3])
+    browser = show(with_texts(shapes, text), PageContent(text))
+    assert browser.evaluate("window.broken") is None and not browser.problems
+    shown = browser.evaluate("document.getElementById('title').textContent")
+    assert shown and text.startswith(shown.removesuffix("…")) and "<script>" in shown
+    assert "<script>" in browser.evaluate("document.querySelector('#bookmarks button').textContent")
+
+
+@pytest.mark.slow
+def test_what_a_browser_lacks_is_told_in_words(browser: Browser, shapes: Pack, tmp_path: Path) -> None:
+    file = tmp_path / "scene.html"
+    file.write_bytes(scene_page(shapes, PageContent("x")))
+    lacks = {
+        "WebGL 2": "HTMLCanvasElement.prototype.getContext = () => null",
+        "this device takes 64": "const get = WebGL2RenderingContext.prototype.getParameter;"
+        "WebGL2RenderingContext.prototype.getParameter = function (name) { return name === 0x8073 ? 64 : get.call(this, name) }",
+        "too old": "delete window.DecompressionStream",
+    }
+    for words, script in lacks.items():
+        with browser.before_scripts(script):
+            browser.open(file.as_uri())
+            assert browser.evaluate("snerg.ready.then(() => '', (error) => error.message)").count(words) == 1
+            assert words in browser.evaluate("document.getElementById('notice').textContent")
+
+
+def test_shaders_for_webgl_have_their_includes_and_no_comments() -> None:
+    text = assemble_es("snerg.frag", {"view_mlp_weights": "", "view_mlp_textures.glsl": ""})
+    assert text.startswith("precision highp float;\n") and "precision highp usampler3D;" in text
+    assert not re.search(r"//|#version|#line|#include|^\s*$", text.rstrip("\n"), re.M)
+    assert "void march(" in text and "skip_word" in text
+
+
+def test_the_command_writes_a_page_and_names_what_it_cannot(tmp_path: Path, capsys, shapes: Pack) -> None:
+    folder, to = tmp_path / "shapes", tmp_path / "scene.html"
+    save_pack(shapes, folder)
+    assert (
+        command.main(["export", str(folder), "--to", str(to), "--title", "A <b>title</b>", "--crop=-1,-1,-1,0,1,1"])
+        == 0
+    )
+    assert "a web page" in capsys.readouterr().out
+    scene = described(to.read_bytes())
+    assert scene["title"] == "A <b>title</b>" and b"<b>" not in to.read_bytes()
+    assert scene["box"] == [[0, 0, 0], [21, 42, 42]]
+    for words, complaint in (
+        (["--to", str(tmp_path / "a.html"), "--kind", "mesh"], "cannot hold mesh"),
+        (["--to", str(tmp_path / "a.glb"), "--title", "x"], "has no title"),
+        (["--to", str(tmp_path / "b.html"), "--path", str(folder / "scene_params.json")], "is not a camera path"),
+    ):
+        assert command.main(["export", str(folder), *words]) == 2
+        assert complaint in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.html", "shapes"]
+
+
+@pytest.mark.parametrize(
+    "spoil", [{"voxel_size": "1); evil("}, {"grid_width": 10**9}, {"0_bias": ["</script>"] * 16}, {"block_size": -1}]
+)
+def test_what_the_reader_refuses_the_export_refuses(spoil: dict, tmp_path: Path, capsys, shapes: Pack) -> None:
+    folder, to = tmp_path / "shapes", tmp_path / "scene.html"
+    save_pack(shapes, folder)
+    file = folder / "scene_params.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), **spoil}))
+    assert command.main(["export", str(folder), "--to", str(to)]) == 2
+    assert "scene_params.json" in capsys.readouterr().err and not to.exists()
+
+
+def test_pages_hold_what_the_code_says() -> None:
+    assert {path.name for path in FOLDER.iterdir()} == {*MODULES, page.WORKER, "index.html", "style.css"}
+    names = re.findall(r"\{\{(\w+)\}\}", (FOLDER / "index.html").read_text(encoding="utf-8"))
+    assert sorted(names) == sorted({"title", "policy", "style", "script", "worker", "scene", "shaders", "data"})

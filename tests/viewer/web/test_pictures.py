@@ -1,0 +1,107 @@
+"""The page draws what the desktop draws, in every mode, of packs of every kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scenepack import load_pack
+from scenepack.pack import Pack
+from tests.viewer.rendering.golden_variants import camera_for
+from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
+from tests.viewer.web.browser import Browser
+from tests.viewer.web.conftest import page_picture
+from viewer.commands.view import demo_pack
+from viewer.features.display.display import backdrop
+from viewer.rendering.camera import ViewCamera, forward_facing_path
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.settings import RenderSettings
+from viewer.web.page import MODES
+
+SIZE = (160, 120)
+DIFFERS, SHARE = 2, 0.001  # of 255; of the channels that may differ by more
+WHITE = "background: [1, 1, 1]"
+
+Show = Callable[..., Browser]
+
+
+@pytest.fixture
+def desktop() -> Iterator[Callable[[Pack], OffscreenRenderer]]:
+    made: list[OffscreenRenderer] = []
+
+    def make(pack: Pack) -> OffscreenRenderer:
+        made.append(OffscreenRenderer(pack))
+        return made[-1]
+
+    yield make
+    for renderer in made:
+        renderer.release()
+
+
+def assert_same(page: np.ndarray, desktop: np.ndarray, what: str) -> None:
+    difference = np.abs(page.astype(int) - desktop)
+    share = float(np.mean(difference > DIFFERS))
+    assert share <= SHARE, (
+        f"{what}: {100 * share:.3f} % of the channels differ by more, the worst by {difference.max()}/255"
+    )
+    assert len(np.unique(page)) > 3, f"{what}: nothing is seen"
+
+
+@pytest.mark.slow
+def test_the_demo_looks_the_same_from_four_cameras(show: Show, desktop: Callable[[Pack], OffscreenRenderer]) -> None:
+    path = demo_pack()
+    assert path is not None
+    pack = load_pack(path)
+    browser, renderer = show(pack), desktop(pack)
+    assert not browser.problems
+    for azimuth, elevation, distance in ((205, 22, None), (20, 60, 3.0), (120, -10, 1.5), (300, 8, 0.4)):
+        camera = ViewCamera.orbit(pack, azimuth, elevation, distance, size=SIZE)
+        assert_same(page_picture(browser, camera), renderer.render(camera), f"azimuth {azimuth}")
+
+
+PACKS: dict[str, Callable[[], Pack]] = {
+    "shapes": shapes_pack,
+    "forward-facing": lambda: shapes_pack(ndc=True),
+    "contracted": surroundings_pack,
+    "diffuse": lambda: shapes_pack(diffuse=True),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PACKS)
+def test_every_mode_of_every_kind_of_pack_looks_the_same(
+    name: str, show: Show, desktop: Callable[[Pack], OffscreenRenderer]
+) -> None:
+    pack = PACKS[name]()
+    browser, renderer, camera = show(pack), desktop(pack), camera_for(pack).resized(*SIZE)
+    assert browser.evaluate("Object.keys(snerg.scene.shaders.modes)") == [
+        mode for mode in MODES if pack.view_mlp is not None or mode not in ("features", "view-dependent")
+    ]
+    for mode in browser.evaluate("Object.keys(snerg.scene.shaders.modes)"):
+        expected = renderer.render(camera, RenderSettings(mode=mode))
+        assert_same(page_picture(browser, camera, f"{{mode: '{mode}', {WHITE}}}"), expected, f"{name}, {mode}")
+    dark = RenderSettings(background=(0.1, 0.2, 0.3))
+    assert_same(page_picture(browser, camera, "{background: [0.1, 0.2, 0.3]}"), renderer.render(camera, dark), name)
+    gradient = RenderSettings(backdrop=backdrop("gradient", "dark"))
+    assert_same(page_picture(browser, camera, "{background: null}"), renderer.render(camera, gradient), name)
+    if not pack.ndc:
+        near = replace(camera, near=2.6)
+        assert_same(page_picture(browser, near), renderer.render(near), f"{name}, near plane")
+    if pack.contraction is not None:
+        inner = RenderSettings(surroundings=False)
+        page = page_picture(browser, camera, f"{{surroundings: false, {WHITE}}}")
+        assert_same(page, renderer.render(camera, inner), f"{name}, inner cube")
+    assert not browser.problems
+
+
+@pytest.mark.slow
+def test_a_forward_facing_scene_looks_the_same_from_four_cameras(
+    show: Show, desktop: Callable[[Pack], OffscreenRenderer]
+) -> None:
+    pack = shapes_pack(ndc=True)
+    browser, renderer = show(pack), desktop(pack)
+    for camera in forward_facing_path(pack, 4, size=SIZE):
+        assert_same(page_picture(browser, camera), renderer.render(camera), "forward-facing")

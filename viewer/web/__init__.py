@@ -1,0 +1,1 @@
+"""A pack as one web page that shows it in any browser (docs/sharing.md)."""

@@ -1,0 +1,107 @@
+// Mouse, touch and keys. Everything that moves the camera calls `moved`; keys that are commands call `commands[name]()`.
+
+const NOTCH = 100; // pixels that browsers scroll for a notch of the wheel
+const LINES = 3; // a notch in lines
+const TURN = 15; // degrees for an arrow key
+const AXES = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, 1, 0], q: [0, -1, 0] };
+const COMMANDS = {
+  r: "reset", home: "reset", f: "fullscreen", b: "background", " ": "play", p: "save", h: "hide", "?": "help", escape: "close",
+};
+
+export class Controls {
+  constructor(canvas, camera, moved, commands) {
+    Object.assign(this, { canvas, camera, moved, commands });
+    this.pointers = new Map(); // by id: { x, y } in pixels of the page
+    this.keys = new Set();
+    const listen = (target, name, action) => target.addEventListener(name, action.bind(this), { passive: false });
+    listen(canvas, "pointerdown", this.down);
+    listen(canvas, "pointermove", this.move);
+    for (const name of ["pointerup", "pointercancel"]) listen(canvas, name, this.up);
+    listen(canvas, "wheel", this.wheel);
+    listen(canvas, "contextmenu", (event) => event.preventDefault());
+    listen(window, "keydown", this.keyDown);
+    listen(window, "keyup", (event) => this.keys.delete(event.key.toLowerCase()));
+    listen(window, "blur", () => this.keys.clear());
+  }
+
+  // Whether the camera is in somebody's hands.
+  get busy() {
+    return this.pointers.size > 0 || this.keys.size > 0;
+  }
+
+  // Flies for some time with the keys that are held.
+  update(seconds) {
+    if (!this.keys.size) return;
+    const sum = [0, 0, 0];
+    for (const key of this.keys) AXES[key].forEach((v, i) => (sum[i] += v));
+    this.camera.fly(...sum, seconds);
+  }
+
+  down(event) {
+    this.canvas.focus({ preventScroll: true });
+    this.canvas.setPointerCapture(event.pointerId);
+    this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    this.pans = event.button !== 0 || event.shiftKey || event.ctrlKey;
+    event.preventDefault();
+    this.moved();
+  }
+
+  up(event) {
+    this.pointers.delete(event.pointerId);
+    this.moved();
+  }
+
+  move(event) {
+    const before = this.pointers.get(event.pointerId);
+    if (!before) return;
+    const height = this.canvas.clientHeight;
+    const [dx, dy] = [(event.clientX - before.x) / height, (event.clientY - before.y) / height];
+    if (this.pointers.size === 1) {
+      // Forward-facing scenes slide with the left button, as there is only one side to look from.
+      if (this.pans !== this.camera.bounded) this.camera.pan(dx, dy);
+      else this.camera.orbit(dx, dy, this.keys.size > 0);
+    } else this.pinch(event, before, dx, dy);
+    this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    this.moved();
+  }
+
+  // One of two fingers moves: half of its way pans, and the fingers' distance zooms.
+  pinch(event, before, dx, dy) {
+    const other = [...this.pointers].find(([id]) => id !== event.pointerId)[1];
+    const apart = ({ x, y }) => Math.max(Math.hypot(x - other.x, y - other.y), 1);
+    const after = { x: event.clientX, y: event.clientY };
+    const notches = Math.log(apart(before) / apart(after)) / Math.log(0.9);
+    this.camera.pan(dx / 2, dy / 2);
+    this.camera.dolly(notches, this.cursor({ x: (after.x + other.x) / 2, y: (after.y + other.y) / 2 }));
+  }
+
+  // A point of the page as the camera has it: -1 … 1, y up, x times the aspect.
+  cursor({ x, y }) {
+    const box = this.canvas.getBoundingClientRect();
+    return [(2 * (x - box.left) - box.width) / box.height, 1 - (2 * (y - box.top)) / box.height];
+  }
+
+  wheel(event) {
+    event.preventDefault();
+    const unit = event.deltaMode === WheelEvent.DOM_DELTA_PIXEL ? NOTCH : LINES;
+    const notches = Math.min(Math.max(-event.deltaY / unit, -4), 4);
+    if (this.keys.size) this.camera.faster(notches);
+    else this.camera.dolly(notches, this.cursor({ x: event.clientX, y: event.clientY }));
+    this.moved();
+  }
+
+  keyDown(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || /^(input|select)$/i.test(event.target.tagName)) return;
+    const key = event.key.toLowerCase();
+    const turns = { arrowleft: [-TURN, 0], arrowright: [TURN, 0], arrowup: [0, TURN], arrowdown: [0, -TURN] }[key];
+    if (AXES[key]) this.keys.add(key);
+    else if (turns) this.camera.orbit(...turns.map((v) => v / 200));
+    else if (key === "+" || key === "=") this.camera.dolly(1);
+    else if (key === "-") this.camera.dolly(-1);
+    else if (/^[1-9]$/.test(key)) this.commands.mode(Number(key) - 1);
+    else if (COMMANDS[key] && !(key === " " && event.target.tagName === "BUTTON")) this.commands[COMMANDS[key]]();
+    else return;
+    event.preventDefault();
+    this.moved();
+  }
+}

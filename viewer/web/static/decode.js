@@ -1,0 +1,133 @@
+// The worker that unpacks a scene: the other end of viewer/web/atlas_stream.py, which has the notation.
+//
+// Receives { data: base64, scene: the page's description }; answers { progress } while it works, then { indirection, skipGrid,
+// hull, atlas }: bytes of the textures as they are uploaded, and of the hull's corners. { error } where the file is damaged.
+
+function bytesOfBase64(text) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
+  const bytes = new Uint8Array((text.length * 3) / 4 - (text.endsWith("==") ? 2 : text.endsWith("=") ? 1 : 0));
+  const step = 1 << 20; // characters, a multiple of four
+  for (let start = 0, at = 0; start < text.length; start += step) {
+    const piece = atob(text.slice(start, start + step));
+    for (let i = 0; i < piece.length; i++) bytes[at++] = piece.charCodeAt(i);
+  }
+  return bytes;
+}
+
+async function inflate(bytes, [offset, length]) {
+  const stream = new Blob([bytes.subarray(offset, offset + length)]).stream();
+  return new Uint8Array(await new Response(stream.pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
+}
+
+// Where a macroblock's padded copy begins in the atlas, in voxels.
+function originOf(slot, { size: [width, height], slots: [nx, ny], block, features }) {
+  const x = (slot % nx) * (features ? 2 : 1);
+  const y = Math.floor(slot / nx) % ny;
+  const z = Math.floor(slot / (nx * ny));
+  return block * (x + width * (y + height * z));
+}
+
+// Macroblocks from `first` on, as many as `bits` are of.
+function decodeChunk(bits, differences, first, layout, atlas) {
+  const { size: [width, height], block, features, padding, count } = layout;
+  const side = padding ? block : block - 2;
+  const parts = features ? 2 : 1;
+  const stored = differences.length / (4 * parts);
+  const wide = side + 1; // of the scratch volumes: zeros lie before the first voxel along each axis
+  const volumes = Array.from({ length: parts }, () => new Uint8Array(4 * wide ** 3));
+  const [rgba] = volumes;
+  const words = volumes.map((volume) => new Uint32Array(volume.buffer));
+  const back = [1, wide, wide * wide];
+  const blocks = Math.min(Math.floor((8 * bits.length) / side ** 3), count - first);
+  let bit = 0;
+  let next = 0;
+  for (let number = 0; number < blocks; number++) {
+    for (const volume of volumes) volume.fill(0);
+    for (let z = 0; z < side; z++)
+      for (let y = 0; y < side; y++)
+        for (let x = 0; x < side; x++, bit++) {
+          if (!((bits[bit >> 3] >> (bit & 7)) & 1)) continue;
+          const voxel = x + 1 + wide * (y + 1 + wide * (z + 1));
+          let filled = 0;
+          for (const step of back) filled += words.some((word) => word[voxel - step]) ? 1 : 0;
+          const [i, j, k] = [4 * voxel - 4, 4 * (voxel - wide), 4 * (voxel - wide * wide)];
+          const total = rgba[i + 3] + rgba[j + 3] + rgba[k + 3];
+          const mean = filled ? Math.floor((2 * total + filled) / (2 * filled)) : 0;
+          const alpha = (differences[3 * stored + next] + mean) & 255;
+          for (let part = 0; part < parts; part++) {
+            const volume = volumes[part];
+            for (let c = 0; c < 4; c++) {
+              const sum = volume[i + c] + volume[j + c] + volume[k + c];
+              const predicted = total ? Math.min(Math.floor((2 * sum * alpha + total) / (2 * total)), 255) : 0;
+              volume[4 * voxel + c] = (differences[(4 * part + c) * stored + next] + predicted) & 255;
+            }
+          }
+          rgba[4 * voxel + 3] = alpha;
+          next++;
+        }
+    const inner = padding ? 0 : 1 + width * (1 + height);
+    for (let part = 0; part < parts; part++)
+      for (let z = 0; z < side; z++)
+        for (let y = 0; y < side; y++) {
+          const from = 1 + wide * (y + 1 + wide * (z + 1));
+          const to = originOf(first + number, layout) + part * block + inner + width * (y + height * z);
+          atlas.set(words[part].subarray(from, from + side), to);
+        }
+  }
+  if (next !== stored || !blocks) throw new Error("the scene's data are damaged");
+  return blocks;
+}
+
+// Copies the neighbours' voxels around each macroblock: what scenepack.padding does. atlas: Uint32Array, a voxel each.
+function restorePadding(atlas, indirection, layout, [nx, ny, nz]) {
+  const { size: [width, height], slots, block, features } = layout;
+  const entry = (x, y, z) => 4 * (x + nx * (y + ny * z));
+  const slotAt = (at) => indirection[at] + slots[0] * (indirection[at + 1] + slots[1] * indirection[at + 2]);
+  const [last, steps] = [block - 1, [-1, 0, 1]];
+  const to = { "-1": 0, 0: 1, 1: last };
+  const from = { "-1": last - 1, 0: 1, 1: 1 };
+  const lengths = { "-1": 1, 0: block - 2, 1: 1 };
+  for (let z = 1; z < nz - 1; z++)
+    for (let y = 1; y < ny - 1; y++)
+      for (let x = 1; x < nx - 1; x++) {
+        if (indirection[entry(x, y, z) + 3]) continue;
+        const own = originOf(slotAt(entry(x, y, z)), layout);
+        for (const dz of steps)
+          for (const dy of steps)
+            for (const dx of steps) {
+              const near = entry(x + dx, y + dy, z + dz);
+              if (indirection[near + 3] || !(dx || dy || dz)) continue;
+              const other = originOf(slotAt(near), layout);
+              for (let part = 0; part < (features ? 2 : 1); part++)
+                for (let k = 0; k < lengths[dz]; k++)
+                  for (let j = 0; j < lengths[dy]; j++) {
+                    const target = own + part * block + to[dx] + width * (to[dy] + j + height * (to[dz] + k));
+                    const source = other + part * block + from[dx] + width * (from[dy] + j + height * (from[dz] + k));
+                    atlas.copyWithin(target, source, source + lengths[dx]);
+                  }
+            }
+      }
+}
+
+async function decode({ data, scene }) {
+  const bytes = bytesOfBase64(data);
+  const layout = scene.atlas;
+  const indirection = await inflate(bytes, scene.indirection.at);
+  const skipGrid = await inflate(bytes, scene.skip_grid.at);
+  const hull = scene.hull ? await inflate(bytes, scene.hull) : null;
+  const atlas = new Uint32Array(layout.size[0] * layout.size[1] * layout.size[2]);
+  let done = 0;
+  for (const [bits, differences] of layout.chunks) {
+    done += decodeChunk(await inflate(bytes, bits), await inflate(bytes, differences), done, layout, atlas);
+    postMessage({ progress: done / layout.count });
+  }
+  if (done !== layout.count) throw new Error("the scene's data are damaged");
+  if (!layout.padding) restorePadding(atlas, indirection, layout, scene.indirection.size);
+  const answer = { indirection, skipGrid, hull, atlas: new Uint8Array(atlas.buffer) };
+  postMessage(answer, [atlas.buffer]);
+}
+
+onmessage = (event) =>
+  decode(event.data).catch((error) =>
+    postMessage({ error: error instanceof RangeError ? "there is not enough memory for this scene" : error.message }),
+  );

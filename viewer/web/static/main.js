@@ -1,0 +1,257 @@
+// The page: unpacks the scene, draws it when something moves, and wires up buttons.
+import { Camera } from "./camera.js";
+import { Controls } from "./controls.js";
+import { Renderer } from "./renderer.js";
+import { Resolution } from "./resolution.js";
+import { readShaders, scene, unpack } from "./scene.js";
+import { add, cross, mix, norm, scaled } from "./vectors.js";
+
+const NAMES = {
+  normal: "Picture", diffuse: "Diffuse", features: "Features", "view-dependent": "Reflections", depth: "Depth", normals: "Normals",
+};
+const BACKGROUNDS = { Gradient: null, White: [1, 1, 1], Grey: [0.5, 0.5, 0.5], Black: [0, 0, 0] };
+const REST_MS = 120; // without movement, before the sharp picture is begun
+const SHARPEST = 2; // pixels of a screen pixel that is larger than others, at most
+const TURNTABLE = 0.06; // of a picture's height that a second's dragging would be
+
+const element = (id) => document.getElementById(id);
+const canvas = element("view");
+const settings = { mode: "normal", background: null, surroundings: true };
+const resolution = new Resolution();
+const camera = new Camera(scene.camera);
+const player = { playing: false, seconds: 0 };
+let renderer = null;
+let near = 0;
+
+// Frames. `changed`: what is on the canvas is of yesterday. `tiles`: what is left of the sharp picture; null before it is begun.
+let [frame, changed, tiles, restAt, last] = [0, true, null, 0, 0];
+
+function touch() {
+  changed = true;
+  request();
+}
+
+function request() {
+  if (!frame && renderer?.textures?.atlas_rgba) frame = requestAnimationFrame(tick);
+}
+
+function tick(now) {
+  frame = 0;
+  const seconds = Math.min((now - last) / 1000, 0.1);
+  last = now;
+  controls.update(seconds);
+  const played = play(seconds);
+  if (camera.update(seconds) || played || controls.keys.size || changed) {
+    changed = false;
+    const size = resolution.size(canvas.width, canvas.height);
+    timed(size, [0, 0, ...size], true);
+    renderer.show(...size);
+    restAt = now + REST_MS;
+    tiles = size[0] === canvas.width && size[1] === canvas.height ? [] : null;
+    return request();
+  }
+  if (now < restAt) return request();
+  if (tiles === null) tiles = resolution.tiles(canvas.width, canvas.height);
+  if (!tiles.length) return;
+  const size = [canvas.width, canvas.height];
+  timed(size, tiles.shift(), false);
+  if (tiles.length) return request();
+  renderer.show(...size);
+}
+
+function timed(size, box, moving) {
+  const start = performance.now();
+  renderer.draw(camera.view(near), settings, ...size, box);
+  renderer.finish();
+  resolution.measured(box[2] * box[3], performance.now() - start, moving);
+}
+
+// The camera path, or a turntable; whether it moves.
+function play(seconds) {
+  if (!player.playing) return false;
+  const { path } = scene;
+  if (!path) camera.orbit(-TURNTABLE * seconds * 10, 0);
+  else {
+    player.seconds += seconds;
+    const count = path.frames.length;
+    const at = player.seconds * path.fps;
+    if (!path.closed && at >= count - 1) setPlaying(false);
+    const index = path.closed ? Math.floor(at) % count : Math.min(Math.floor(at), count - 1);
+    camera.hold(between(path.frames[index], path.frames[path.closed ? (index + 1) % count : Math.min(index + 1, count - 1)], at % 1));
+  }
+  return true;
+}
+
+// The view between two rows of a camera path: 3 x 4 numbers, row-major, and the field of view.
+function between(a, b, share) {
+  const row = mix(a, b, share);
+  const column = (j) => [row[j], row[4 + j], row[8 + j]];
+  const unit = (v) => scaled(v, 1 / norm(v));
+  const back = unit(column(2));
+  const side = cross(column(1), back);
+  const right = unit(side);
+  const handed = side[0] * row[0] + side[1] * row[4] + side[2] * row[8] < 0 ? -1 : 1;
+  const axes = [scaled(right, handed), cross(back, right), back];
+  return { axes, eye: column(3), fov: row[12] };
+}
+
+function setPlaying(playing) {
+  if (playing) player.seconds = 0;
+  player.playing = playing;
+  element("play").classList.toggle("on", playing);
+}
+
+// Buttons and commands
+
+const commands = {
+  reset() { setPlaying(false); camera.reset(); },
+  play() { setPlaying(!player.playing); },
+  background() {
+    const names = Object.keys(BACKGROUNDS);
+    const at = names.findIndex((name) => String(BACKGROUNDS[name]) === String(settings.background));
+    setBackground(BACKGROUNDS[names[(at + 1) % names.length]]);
+  },
+  mode(index) { if (Object.keys(scene.shaders.modes)[index]) setMode(Object.keys(scene.shaders.modes)[index]); },
+  fullscreen() {
+    if (document.fullscreenElement) document.exitFullscreen();
+    else document.documentElement.requestFullscreen?.().catch(() => {});
+  },
+  hide() { document.body.classList.toggle("quiet"); },
+  help() { open("keys", "help"); },
+  display() { open("panel", "display"); },
+  close() { document.body.classList.remove("quiet"); open(null); },
+  save() {
+    const picture = document.createElement("canvas");
+    [picture.width, picture.height] = [canvas.width, canvas.height];
+    picture.getContext("2d").putImageData(renderer.picture(camera.view(near), settings, canvas.width, canvas.height), 0, 0);
+    picture.toBlob((blob) => {
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(blob);
+      link.download = `${scene.title || "scene"}.png`;
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+    });
+  },
+};
+
+const sections = { panel: "display", keys: "help" };
+
+// Opens a section, or closes it where it is open already; the others close.
+function open(id) {
+  for (const [section, button] of Object.entries(sections)) {
+    const shown = section === id && element(section).hidden;
+    element(section).hidden = !shown;
+    element(button).setAttribute("aria-expanded", String(shown));
+  }
+  element("bookmarks").hidden = !scene.camera.bookmarks.length || Object.keys(sections).some((each) => !element(each).hidden);
+}
+
+function setMode(mode) {
+  settings.mode = mode;
+  for (const button of element("modes").children) button.setAttribute("aria-checked", String(button.value === mode));
+  touch();
+}
+
+function setBackground(colour) {
+  settings.background = colour;
+  for (const button of element("backgrounds").children)
+    button.setAttribute("aria-checked", String(button.value === String(colour)));
+  touch();
+}
+
+function button(parent, { text = "", title = "", value = "" }, action) {
+  const made = document.createElement("button");
+  Object.assign(made, { textContent: text, title, value });
+  if (parent.getAttribute("role") === "radiogroup") made.setAttribute("role", "radio");
+  made.addEventListener("click", action);
+  parent.append(made);
+  return made;
+}
+
+function buildInterface() {
+  element("title").textContent = scene.title;
+  element("facts").textContent = `${scene.gridSize.join(" × ")} voxels`;
+  for (const name of ["reset", "play", "display", "save", "fullscreen", "help"])
+    element(name).addEventListener("click", () => { commands[name](); touch(); });
+  element("play").title = scene.path ? "Play the camera path (space)" : "Turntable (space)";
+  element("play").hidden = !scene.path && scene.camera.bounded;
+  for (const mode of Object.keys(scene.shaders.modes)) button(element("modes"), { text: NAMES[mode], value: mode }, () => setMode(mode));
+  for (const [title, colour] of Object.entries(BACKGROUNDS)) {
+    const swatch = button(element("backgrounds"), { title, value: String(colour) }, () => setBackground(colour));
+    const css = (rgb) => `rgb(${rgb.map((v) => Math.round(255 * v)).join()})`;
+    swatch.style.background = colour ? css(colour) : `linear-gradient(${scene.shaders.backdropColours.map(css).join()})`;
+  }
+  const picker = document.createElement("input");
+  Object.assign(picker, { type: "color", title: "Another colour" });
+  picker.addEventListener("input", () => setBackground([1, 3, 5].map((i) => parseInt(picker.value.slice(i, i + 2), 16) / 255)));
+  element("backgrounds").append(picker);
+  element("around").hidden = !scene.contracted;
+  element("surroundings").addEventListener("change", (event) => { settings.surroundings = event.target.checked; touch(); });
+  element("cut").hidden = scene.ndc;
+  element("near").addEventListener("input", (event) => {
+    near = event.target.value * 2 * scene.camera.radius;
+    touch();
+  });
+  for (const bookmark of scene.camera.bookmarks)
+    button(element("bookmarks"), { text: bookmark.name, title: bookmark.name }, () => {
+      setPlaying(false);
+      camera.go(bookmark, bookmark.fov);
+      touch();
+    });
+  if (scene.camera.bounded) [element("drag").textContent, element("slide").textContent] = ["move", "turn a little"];
+  setMode(settings.mode);
+  setBackground(settings.background);
+}
+
+const controls = new Controls(canvas, camera, () => {
+  if (controls.busy) setPlaying(false);
+  touch();
+}, commands);
+
+function fit() {
+  const density = Math.min(window.devicePixelRatio || 1, SHARPEST);
+  canvas.width = Math.max(1, Math.round(canvas.clientWidth * density));
+  canvas.height = Math.max(1, Math.round(canvas.clientHeight * density));
+  camera.shape(canvas.width / canvas.height);
+  touch();
+}
+
+function fail(message, title = "This scene cannot be shown") {
+  element("notice").className = "failed";
+  element("notice-title").textContent = title;
+  element("notice-text").textContent = message;
+}
+
+function report(share, words) {
+  element("progress").value = share;
+  element("notice-text").textContent = words;
+}
+
+async function start() {
+  element("notice-title").textContent = scene.title;
+  report(0, "Unpacking…");
+  const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
+  if (!gl) throw new Error("This browser has no WebGL 2. Try a current Chrome, Edge, Firefox or Safari, with hardware acceleration.");
+  if (!("DecompressionStream" in window)) throw new Error("This browser is too old. Try a current Chrome, Edge, Firefox or Safari.");
+  canvas.addEventListener("webglcontextlost", () => fail("The graphics driver restarted. Load the page again."));
+  await readShaders();
+  buildInterface();
+  renderer = new Renderer(gl, scene);
+  const unpacked = await unpack((share) => report(0.8 * share, "Unpacking…"));
+  await renderer.upload(unpacked, (share) => report(0.8 + 0.2 * share, "To the graphics card…"));
+  new ResizeObserver(fit).observe(canvas);
+  fit();
+  element("bar").hidden = false;
+  open(null);
+  element("notice").classList.add("done");
+}
+
+// For pages around this one, and for tests: the camera, and pictures of any view.
+globalThis.snerg = {
+  camera,
+  scene,
+  ready: start(),
+  get resting() { return !frame; },
+  picture: (view, wanted, width, height) => renderer.picture(view, { ...settings, ...wanted }, width, height),
+};
+globalThis.snerg.ready.catch((error) => fail(error.message));
