@@ -27,6 +27,7 @@ PACKAGES = {
     "Xvfb": "xvfb",
     "xdotool": "xdotool",
     "setxkbmap": "x11-xkb-utils",
+    "chromium": "chromium",
 }  # Debian's; scripts/ensure-gl.sh has them
 
 
