@@ -125,7 +125,7 @@ LONGEST_NOTICE = 600  # characters
 
 
 class Notice(UserWarning):
-    """A warning for the user of a command, in one line: something was repaired or left out, and work goes on."""
+    """A one-line warning to the user of a command: it repaired something or left something out, and goes on."""
 
     def __init__(self, text: object) -> None:
         super().__init__(one_line(str(text), LONGEST_NOTICE))

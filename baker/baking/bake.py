@@ -41,7 +41,7 @@ from training.scenes.scene_options import AABB, box_text, with_box
 
 BYTES = 32**3 * 8  # of a macroblock, with padding: colour, opacity, features
 COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
-FORMAT = 3  # of a work folder: raised whenever the same key would give other pieces
+FORMAT = 4  # of a work folder: raised whenever the same key would give other pieces
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
         "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
         "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
         "resolution": config.resolution, "preset": config.preset, "most_macroblocks": config.block_limit,
-        "aabb": config.aabb, **({"keeps_hidden": True} if config.keeps_hidden else {}),
+        "aabb": config.aabb, "keeps_hidden": config.keeps_hidden,
     }  # fmt: skip
 
 

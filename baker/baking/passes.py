@@ -4,7 +4,7 @@ padding         the borders of macroblocks repeat their neighbours              
 pruning         voxels that hardly show in any photograph are emptied                    not in the paper
 tuning          voxels and view MLP together, on what the viewer shows                   not in the paper
 view MLP        the view MLP alone, on what the viewer shows                             section 5.5
-hidden voxels   occluded voxels copy their neighbours, which takes fewer bytes         not in the paper
+hidden voxels   occluded voxels copy their neighbours, which takes fewer bytes           not in the paper
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Views midway between photographs, and wider: baking keeps what only they show (baker.tuning.pruning)."""
+"""Views midway between photographs, with a wider field of view: baking keeps what only they show (baker.tuning.pruning)."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from training.dataset import MOST_RAYS, RayDataset
 
-WIDER = 0.6  # focal lengths of views between photographs, relative to these
+FOCAL_SCALE = 0.6  # of views between photographs: other cameras also show what lies just beyond their frames
 
 
 def with_views_between(dataset: RayDataset, neighbours: int = 1) -> RayDataset:
     """The geometry of the photographs, and after them of a view midway between each and its nearest `neighbours`; no pixels.
 
-    Such a view has the lens and size of one of its photographs, but WIDER: other views show what lies beyond the frames of these.
-    Where there would be more rays than ids, there are none.
+    Such a view has the lens and size of one of its photographs, and FOCAL_SCALE times its focal lengths. Where there would be
+    more rays than ids, there are none.
     """
     photographs, poses = _midway(np.asarray(dataset.world_T_camera, np.float64), neighbours)
     first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
     rays = np.diff(np.append(first, dataset.count))[photographs]
     count = dataset.count + int(rays.sum())
-    wider = jnp.asarray([WIDER, WIDER, 1.0, 1.0])
     without_pixels = replace(dataset, pixels=jnp.zeros((0, dataset.pixels.shape[1]), jnp.uint8))
     if count > MOST_RAYS:
         return without_pixels
+    scale = jnp.asarray([FOCAL_SCALE, FOCAL_SCALE, 1.0, 1.0])  # of fx, fy, cx, cy
     return replace(
         without_pixels,
         world_T_camera=jnp.concatenate([dataset.world_T_camera, jnp.asarray(poses, jnp.float32)]),
-        intrinsics=jnp.concatenate([dataset.intrinsics, dataset.intrinsics[photographs] * wider]),
+        intrinsics=jnp.concatenate([dataset.intrinsics, dataset.intrinsics[photographs] * scale]),
         distortion=jnp.concatenate([dataset.distortion, dataset.distortion[photographs]]),
         first=jnp.asarray(np.append(first, dataset.count + np.cumsum(rays) - rays).astype(np.int32)),
         width=jnp.asarray(np.append(width, width[photographs]).astype(np.int32)),

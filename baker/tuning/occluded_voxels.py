@@ -26,8 +26,8 @@ HIDDEN = (128, 64, 32)
 def smooth_hidden(
     pack: Pack, arriving: ArrivingTransmittance, steps: Steps, score: Callable[[Pack], float], most_lost: float
 ) -> tuple[Pack, int]:
-    """The pack with hidden voxels like their neighbours, and the transmittance below which they are; as it is, and 0, if that
-    costs too much.
+    """The pack after hidden voxels took their neighbours' values, and the transmittance below which voxels count as hidden. Where
+    that costs too much, the pack as it is, and 0.
 
     arriving: at its voxels. steps: what it is stored in, and stays in. score (dB): may fall by most_lost.
     """

@@ -114,7 +114,7 @@ def _hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
 
 
-# --- What the page is told ---
+# --- Description of the scene, and its data ---
 
 
 class _Sections:

@@ -89,13 +89,15 @@ def test_hidden_voxels_follow_their_neighbours_in_compact_packs_alone(
 ) -> None:
     calls = []
 
-    def follow(pack: Any, light: Any, steps: Any, score: Any, most_lost: float) -> Any:
+    def follow(pack: Any, arriving: Any, steps: Any, score: Any, most_lost: float) -> Any:
         calls.append("follow")
-        assert light == "light" and score(pack) == 29.0 and most_lost == passes.MOST_LOST_HIDDEN and steps == COMPACT
+        assert (
+            arriving == "arriving" and score(pack) == 29.0 and most_lost == passes.MOST_LOST_HIDDEN and steps == COMPACT
+        )
         return pack, 64
 
     monkeypatch.setattr(passes, "smooth_hidden", follow)
-    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: "light")
+    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: "arriving")
     monkeypatch.setattr(passes, "with_views_between", lambda dataset: dataset)
     monkeypatch.setattr(passes, "shown_psnr", lambda *args, **options: 29.0)
     made = passes.smoothed(voxels_of(steps=steps), BAR)
@@ -103,12 +105,12 @@ def test_hidden_voxels_follow_their_neighbours_in_compact_packs_alone(
 
 
 def test_pruning_tells_what_it_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    def prune(pack: Any, light: Any, score: Any, most_lost: float) -> Any:
-        assert light == "light" and score(pack) == 29.0 and most_lost == passes.MOST_LOST_PRUNED
+    def prune(pack: Any, arriving: Any, score: Any, most_lost: float) -> Any:
+        assert arriving == "arriving" and score(pack) == 29.0 and most_lost == passes.MOST_LOST_PRUNED
         return replace(pack, params={"thinner": True}), Pruned(100, 80, 3, 0.02)
 
     monkeypatch.setattr(passes, "prune", prune)
-    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: "light")
+    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: "arriving")
     monkeypatch.setattr(passes, "with_views_between", lambda dataset: dataset)
     monkeypatch.setattr(passes, "shown_psnr", lambda *args, **options: 29.0)
     made = passes.pruned(voxels_of(), BAR)

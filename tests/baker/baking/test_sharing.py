@@ -20,7 +20,6 @@ from baker.baking.to_pack import share_of
 from baker.baking.work_folder import BakeEnded, Share, WorkFolder
 from baker.commands.bake import main as snerg_bake
 from console import UserError
-from scenepack import load_pack
 from scenepack.blocks import fill_atlas
 from tests.baker.analytic import ball, culled
 from tests.older import OLDER, SCENE
@@ -130,7 +129,8 @@ def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> N
     description = json.loads((run / "config.json").read_text())
     description["config"]["engine"] = "jax"  # which several devices have, and rounds otherwise than compiled loops
     (run / "config.json").write_text(json.dumps(description))
-    options = ["--scene", str(SCENE), "--resolution", "60", "--quality", "draft"]
+    # without pruning, by rays that two devices may round otherwise
+    options = ["--scene", str(SCENE), "--resolution", "60", "--preset", "paper", "--quality", "draft"]
     assert snerg_bake([str(run), "--out", str(one), *options]) == 0
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
     environment = os.environ | {"XLA_FLAGS": flags}
@@ -146,8 +146,6 @@ def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> N
             child.kill()
     assert [child.returncode for child in children] == [0, 0], said
     assert "pieces of it made here" in said[1]
-    expected, found = load_pack(one), load_pack(two)
-    assert np.array_equal(found.atlas_indices, expected.atlas_indices) and expected.atlas_features is not None
-    for ours, theirs in ((found.atlas_rgba, expected.atlas_rgba), (found.atlas_features, expected.atlas_features)):
-        assert (ours != theirs).mean() < 1e-3, "two devices round otherwise, by which a voxel may be pruned or stay"
+    expected, found = ({path.name: path.read_bytes() for path in pack.iterdir()} for pack in (one, two))
+    assert found == expected
     assert not list(tmp_path.glob(".*.bake"))

@@ -156,7 +156,7 @@ def choose(app: App, line: int | None = None) -> None:
 
 
 def browse(app: App, kind: Literal["open", "folder"], *, other: bool = False) -> None:
-    """Goes on with a file dialog: for a file, or for a folder."""
+    """Replaces the prompt by a file dialog, for a file or for a folder."""
     app.open_prompt = None
     title = "Compare with a pack" if other else "Open a pack, photographs, a film or a training run"
     suffixes = () if kind == "folder" else (".zip",) if other else OPENABLE
