@@ -12,12 +12,12 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
-from numba import njit
 
 from baker.baking.grid import BakeGrid
 from baker.tuning.marcher import PART, TOGETHER, box_of, lines_in_grid
 from training.dataset import RayDataset
 from training.marching.rays import GridFrameRays
+from training.multires.fused.compiled import kernel
 from training.multires.fused.march import piece_from
 from training.multires.fused.workers import Workers
 
@@ -53,7 +53,7 @@ def best_transmittance(
     return np.maximum.reduce(best)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _raise_best(density, blocks, rays, length, low, high, best):
     """Raises best [cells] to the T of rays low … high - 1 at the cells that they meet. length [N]: world units per cell."""
     depth, height, width = density.shape
@@ -80,7 +80,7 @@ def _raise_best(density, blocks, rays, length, low, high, best):
             along = rays.start[ray] + half + np.float32(k)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _leaving(place, direction):
     """Distance to where a ray leaves, along one axis, the block of cells around `place`."""
     if direction == 0:

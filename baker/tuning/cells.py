@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from baker.tuning.marcher import Tables
 from scenepack.pack import Pack
+from training.multires.fused.compiled import kernel
 
 BETAS = (0.9, 0.99)
 TINY = 1e-12  # keeps Adam's denominator from zero
@@ -68,7 +68,7 @@ def cells_of(pack: Pack, tables: Tables, side: int) -> Cells:
     return cells
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def cell_at(numbers, dims, side, x, y, z):
     """The cell of a grid voxel, 0 outside of the grid."""
     if x < 0 or y < 0 or z < 0:
@@ -79,7 +79,7 @@ def cell_at(numbers, dims, side, x, y, z):
     return numbers[(z * dims[1] + y) * dims[0] + x]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _mark(tables, corners, side, dims, numbers):
     """numbers = 1 where a macroblock's own voxels have alpha."""
     size = tables.size
@@ -92,7 +92,7 @@ def _mark(tables, corners, side, dims, numbers):
                         numbers[((k // side) * dims[1] + j // side) * dims[0] + i // side] = 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _count(tables, corners, side, dims, numbers, counts):
     """counts[cell + 1] += places."""
     wide = tables.size + 2
@@ -107,7 +107,7 @@ def _count(tables, corners, side, dims, numbers, counts):
                             counts[cell + 1] += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _place(tables, cells, free):
     """Fills places, content and odd; free [K + 1]: where each cell's next place goes."""
     wide, corners = tables.size + 2, cells.corners
@@ -131,7 +131,7 @@ def _place(tables, cells, free):
                                 cells.content[place, 4 + c] = tables.features[at, c]
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _rounded(value, step, up, alpha):
     """The value in units, or as one of the two levels beside it: multiples of `step`, and alpha, for all is premultiplied.
     up: what is added, in levels, before it is rounded down."""
@@ -142,7 +142,7 @@ def _rounded(value, step, up, alpha):
     return np.uint8(high if value - low + up * (high - low) >= high - low else low)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def store_cells(cells, depths, delta, steps, some, rgba, features, low, high):
     """Writes the voxels of cells some[low … high - 1], moved by delta float32 [K + 1, 8], to all their places in the atlas, in
     multiples of steps float32 [8]."""
@@ -167,7 +167,7 @@ def store_cells(cells, depths, delta, steps, some, rgba, features, low, high):
                     features[at, c] = _rounded(value, steps[4 + c], HALF, alpha)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def add_slopes(work, slopes, met, low, high):
     """slopes [K + 1, 8] += what baker.tuning.gradients.Work lists of cells low … high - 1; met uint8 [K + 1]: which any is
     listed of. In the work's order, however many threads share the cells."""
@@ -180,7 +180,7 @@ def add_slopes(work, slopes, met, low, high):
                     slopes[cell, c] += work.slopes[chunk, n, c]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def move_moments(slopes, met, first, second, sums, part, low, high):
     """First and second moments of cells low … high - 1 that were met; sums float64 [parts, 2, 8]: of second moments, and how
     many are not 0."""
@@ -202,7 +202,7 @@ def move_moments(slopes, met, first, second, sums, part, low, high):
                 sums[part, 1, c] += 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def move_cells(delta, slopes, first, second, floor, rates, some, low, high):
     """A step of Adam on cells some[low … high - 1], whose slopes are then 0; rates, floor float32 [8]."""
     for n in range(low, high):

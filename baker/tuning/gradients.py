@@ -15,6 +15,7 @@ from numba import njit
 from baker.tuning.cells import cell_at
 from baker.tuning.marcher import LISTED, MAX_ALPHA, Tables, list_contributing
 from scenepack.constants import TRANSMITTANCE_STOP
+from training.multires.fused.compiled import kernel
 
 CHUNK = 256  # rays
 MOST_CORNERS = 8  # cells that a sample may touch
@@ -129,7 +130,7 @@ def slope_chunk(tables: Tables, cells, log_density, slopes, chunk, low, high, wo
     work.entries[chunk] = entries
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _interpolate(tables, at, weights, value):
     """value float32 [8]: colour, alpha, features between the eight voxels from `at` on."""
     rgba, features, coloured = tables.rgba, tables.features, tables.features.shape[0] > 0
@@ -143,7 +144,7 @@ def _interpolate(tables, at, weights, value):
                 value[4 + c] += share * np.float32(features[place, c])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _list_cells(tables, cells, log_density, of_value, chunk, n, entries, work):
     """Lists, from `entries` on, what the slopes of a sample's value float32 [8] say of the cells of its eight voxels; where
     others go. A stored voxel is alpha (colour, 1, features); delta adds to what is in brackets."""

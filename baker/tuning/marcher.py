@@ -25,6 +25,7 @@ from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.layout import GridBox
 from training.marching.rays import GridFrameRays, GridRays, to_grid
+from training.multires.fused.compiled import kernel
 from training.multires.fused.march import piece_from
 from training.multires.fused.workers import Workers
 
@@ -118,7 +119,7 @@ def tables_of(pack: Pack) -> Tables:
     return Tables(slots.ravel(), blocks, pack.block_size, first, width, width * height, support, near, rgba, features)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_support(rgba, first, row, layer, side, support, near):
     """Fills support and near of Tables from the alphas of the atlas."""
     across = -(-side // 4)
@@ -135,7 +136,7 @@ def mark_support(rgba, first, row, layer, side, support, near):
                         near[slot, ((z >> 2) * across + (y >> 2)) * across + (x >> 2)] = 1
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _wall(origin, direction, low, high):
     """t at which a ray leaves low … high along one axis."""
     if direction == 0:
@@ -143,7 +144,7 @@ def _wall(origin, direction, low, high):
     return ((high if direction > 0 else low) - origin) / direction
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def list_samples(tables: Tables, rays, ray, k, room, found):
     """Lists up to `room` samples with support of a ray, from its k-th place on: how many, and the place to go on from.
 
@@ -194,14 +195,14 @@ def list_samples(tables: Tables, rays, ray, k, room, found):
     return count, k
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _cube(origin, direction, cell, low, size):
     """t at which a ray leaves, along one axis, the 4³ cells around `cell`, or the macroblock that begins at `low`."""
     at = low - np.float32(0.5) + np.float32(cell >> 2 << 2)
     return _wall(origin, direction, max(at, low), min(at + np.float32(4.0), low + np.float32(size)))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def list_contributing(tables: Tables, rays, ray, k, found):
     """The contributing ones of up to LISTED samples of a ray: how many, where to go on, and of how many: fewer are the last."""
     rgba, first, row, layer = tables.rgba, tables.first, np.int64(tables.row), np.int64(tables.layer)
@@ -259,7 +260,7 @@ def accumulate_rays(tables: Tables, rays, low, high, found, sums):
         sums[ray, 7] = passed
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def raise_transmittance(tables: Tables, rays, low, high, found, best):
     """Raises best uint8 [slots, B³] to the T before each sample of rays low … high - 1, where it contributes."""
     side, one, weights = np.int64(tables.size) + 2, np.float32(1.0), found.weights
@@ -279,7 +280,7 @@ def raise_transmittance(tables: Tables, rays, low, high, found, best):
                     break
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def half_depth_rays(tables: Tables, rays, low, high, found, depths):
     """depths float32 [N] of rays low … high - 1: t of the last sample that half of the light or more arrives at."""
     one, half = np.float32(1.0), np.float32(0.5)
@@ -295,7 +296,7 @@ def half_depth_rays(tables: Tables, rays, low, high, found, depths):
         depths[ray] = depth
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def meeting_rays(tables: Tables, rays, low, high, found, meets):
     """meets bool [N] of rays low … high - 1: whether any sample has support."""
     for ray in range(low, high):

@@ -31,6 +31,7 @@ from scenepack.blocks import block_copy, fill_atlas
 from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.dataset import RayDataset
+from training.multires.fused.compiled import kernel
 
 TAU_WEIGHT = 0.0085  # twice as much costs lego nothing, but views that fern was not trained on 0.3 dB
 MILDER = (0.5, 0.25)  # parts of tau_weight that are tried where it costs too much
@@ -122,7 +123,7 @@ def _gains(tau_weight: float) -> np.ndarray:
     return (stays * closing_gain(alpha, transmittance)).astype(np.float32)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _count(rgba, arriving, gain):
     """How many voxels of a macroblock have alpha, and how many stay."""
     before = after = 0

@@ -6,8 +6,8 @@ A feature without a gradient is left alone, moments included (the masked Adam of
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from training.multires.fused.compiled import kernel
 from training.multires.fused.vectors import FEATURES
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON
 
@@ -16,7 +16,7 @@ KEEP_1, KEEP_2 = (np.float32(beta) for beta in ADAM_BETAS)
 NEW_1, NEW_2, EPSILON = (np.float32(value) for value in (1 - ADAM_BETAS[0], 1 - ADAM_BETAS[1], ADAM_EPSILON))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def move_marked(values, first, second, gradient, marks, scale, rate, low, high):
     """Moves the marked blocks low … high - 1 of flat arrays by gradient * scale, which is set to zero with its marks."""
     zero, one = np.float32(0.0), np.float32(1.0)

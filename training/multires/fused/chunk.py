@@ -13,19 +13,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from training.multires.field import HIDDEN, OUTPUTS
+from training.multires.fused.compiled import kernel
 from training.multires.fused.corners import BLOCK, CORNERS, encode
-from training.multires.fused.march import next_sample
+from training.multires.fused.march import march_ray
 from training.multires.fused.network import SAMPLES as TOGETHER
-from training.multires.fused.network import activate, add_gradient, decode
-from training.multires.fused.vectors import FEATURES
+from training.multires.fused.network import activate, add_gradient, decode, opacity_in_place
+from training.multires.fused.vectors import FEATURES, add_to_row, colour_slopes
 from training.multires.fused.view_mlp import DISTORTION, SAMPLES, SMOOTHNESS, SPARSITY, shade_chunk
 from training.multires.levels import Levels
 
 CHUNK = 128  # rays
 FIRST_WAVE, LATER_WAVES, LONGEST_WAVE = 4, 3, 8  # samples of each ray: more where few rays are left, to fill blocks
+LARGEST_PRODUCT = 1e250  # times one more factor, it is finite
 
 
 class Field(NamedTuple):
@@ -70,7 +71,7 @@ class Scratch(NamedTuple):
     Of each sample: its ray int32 (-1: padding), place x, y, z in the unit cube, t, density, weight, light, T behind it (0: it
     does not count), and pull, dL/dweight of the distortion loss; x [., I], hidden [., 64], raw [., 8], slopes [., 8]. Then what
     encoding and decoding need. Of each ray: behind, k of its next sample, alive, depth, sums [., 8] (unused, colours, features)
-    and their slopes.
+    and their slopes; ray_sums float64 [4, .].
     """
 
     ray: np.ndarray
@@ -97,6 +98,7 @@ class Scratch(NamedTuple):
     depth: np.ndarray
     sums: np.ndarray
     ray_slopes: np.ndarray
+    ray_sums: np.ndarray
 
 
 def make_scratch(room: int, levels: int, inputs: int) -> Scratch:
@@ -111,32 +113,23 @@ def make_scratch(room: int, levels: int, inputs: int) -> Scratch:
         floats(room, OUTPUTS), floats(room, OUTPUTS), np.zeros(corner, np.int32), floats(corner), np.zeros(3 * BLOCK, np.int32),
         floats(TOGETHER, HIDDEN), floats(TOGETHER, inputs), floats(CHUNK), np.zeros(CHUNK, np.int64),
         np.zeros(CHUNK, np.bool_), floats(CHUNK), floats(CHUNK, 8), floats(CHUNK, 8),
+        np.zeros((4, CHUNK)),
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _march_wave(low, high, grid, batch, numbers, scratch, count, wave):
     """Adds up to `wave` samples of each ray that is alive; the number of samples then, -1 where the room does not suffice."""
-    room, unit = scratch.ray.size - BLOCK, np.float32(1.0) / np.float32(grid.side)
+    room = scratch.ray.size - BLOCK
     for r in range(high - low):
-        ray, got = low + r, 0
-        while scratch.alive[r] and got < wave:
-            k, t, piece = next_sample(grid, batch, ray, scratch.next_k[r], numbers.step)
-            if k < 0:
-                scratch.alive[r] = False
-                break
-            if count >= room:
+        if scratch.alive[r]:
+            count = march_ray(grid, batch, low + r, r, numbers.step, wave, scratch, count, room)
+            if count < 0:
                 return -1
-            scratch.ray[count], scratch.t[count] = r, t
-            scratch.xs[count] = (batch.origins[ray, piece, 0] + t * batch.directions[ray, piece, 0]) * unit
-            scratch.ys[count] = (batch.origins[ray, piece, 1] + t * batch.directions[ray, piece, 1]) * unit
-            scratch.zs[count] = (batch.origins[ray, piece, 2] + t * batch.directions[ray, piece, 2]) * unit
-            scratch.next_k[r] = k + 1
-            count, got = count + 1, got + 1
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _pad(scratch, count):
     """Fills up the last block of samples; their number then."""
     end = (count + BLOCK - 1) // BLOCK * BLOCK
@@ -147,7 +140,7 @@ def _pad(scratch, count):
     return end
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def evaluate(field, largest_raw, scratch, begin, end):
     """Features, raw values and activations of samples begin … end - 1, whole blocks."""
     for first in range(begin, end, TOGETHER):
@@ -157,7 +150,7 @@ def evaluate(field, largest_raw, scratch, begin, end):
         activate(scratch.raw, scratch.density, first, some, largest_raw)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def forward(low, high, grid, field, batch, numbers, scratch):
     """Samples of rays low … high - 1 and what the rays gather: sums, behind, depth. The number of samples, with
     padding; -1 where the room does not suffice."""
@@ -166,7 +159,7 @@ def forward(low, high, grid, field, batch, numbers, scratch):
         scratch.alive[r] = batch.start[low + r] < batch.end[low + r]
     sums = scratch.sums
     sums[:] = np.float32(0.0)
-    begin, wave = 0, FIRST_WAVE
+    begin, wave, per_length = 0, FIRST_WAVE, numbers.step / numbers.reference
     while True:
         count = _march_wave(low, high, grid, batch, numbers, scratch, begin, wave)
         if count < 0 or count == begin:
@@ -174,19 +167,21 @@ def forward(low, high, grid, field, batch, numbers, scratch):
         end = _pad(scratch, count)
         evaluate(field, numbers.largest_raw, scratch, begin, end)
         for n in range(begin, count):
+            scratch.weight[n] = scratch.density[n] * (batch.length[low + scratch.ray[n]] * per_length)
+        opacity_in_place(scratch.weight[begin:count])
+        for n in range(begin, count):
             r = scratch.ray[n]
             before = scratch.behind[r]
             if before < numbers.least_light:
                 scratch.weight[n] = scratch.light[n] = np.float32(0.0)
                 continue
-            length = numbers.step * batch.length[low + r] / numbers.reference
-            weight = before * -np.expm1(-scratch.density[n] * length)
+            weight = before * scratch.weight[n]
             after = before - weight
             scratch.weight[n], scratch.light[n], scratch.behind[r] = weight, max(after, np.float32(1e-30)), after
             scratch.alive[r] = scratch.alive[r] and after >= numbers.least_light
             scratch.depth[r] += weight * scratch.t[n]
-            for c in range(OUTPUTS):
-                sums[r * OUTPUTS + c] += weight * scratch.raw[n * OUTPUTS + c]
+            add_to_row(sums, 2 * r, weight, scratch.raw, n * OUTPUTS)
+            add_to_row(sums, 2 * r + 1, weight, scratch.raw, n * OUTPUTS + FEATURES)
         begin, wave = end, LATER_WAVES
         alive = 0
         for r in range(high - low):
@@ -195,11 +190,13 @@ def forward(low, high, grid, field, batch, numbers, scratch):
             wave = min(max(LATER_WAVES, BLOCK // alive), LONGEST_WAVE)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _pull_together(low, count, batch, numbers, scratch, metrics):
     """The distortion loss of a chunk's rays: scratch.pull, dL/dweight of each sample."""
-    inside, inside_t = np.zeros(CHUNK), np.zeros(CHUNK)  # weights of the samples before, and weights times t
-    whole, whole_t = np.zeros(CHUNK), np.zeros(CHUNK)
+    # weights of the samples before, weights times t, and the same of all
+    sums = scratch.ray_sums
+    inside, inside_t, whole, whole_t = sums[0], sums[1], sums[2], sums[3]
+    sums[:] = 0.0
     for n in range(count):
         r = scratch.ray[n]
         if r >= 0:
@@ -220,36 +217,40 @@ def _pull_together(low, count, batch, numbers, scratch, metrics):
         scratch.pull[n] = np.float32(numbers.distortion * (2.0 * (before + behind) + 2.0 * own * weight))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics):
     """scratch.slopes [., 8] = dL/draw from dL/d what each ray gathered, ray_slopes [CHUNK, 8]: T behind it, then 7 sums."""
-    behind, ray_slopes = np.empty(CHUNK, np.float32), scratch.ray_slopes
-    sparsity = 0.0
-    one, two, largest = np.float32(1.0), np.float32(2.0), np.exp(numbers.largest_raw) * np.float32(0.9999)
+    behind, ray_slopes = scratch.depth, scratch.ray_slopes  # depths are not needed any more
+    product, logs = scratch.ray_sums[0], scratch.ray_sums[1]  # of each ray's 1 + (density² / scale)
+    zero, one, two, largest = (
+        np.float32(0.0), np.float32(1.0), np.float32(2.0), np.exp(numbers.largest_raw) * np.float32(0.9999)
+    )  # fmt: skip
+    per_world, per_scale = one / numbers.reference, one / numbers.sparsity_scale
+    per_length = numbers.step / numbers.reference
     for r in range(high - low):
-        behind[r] = scratch.behind[r] * ray_slopes[r * OUTPUTS]
+        behind[r], product[r], logs[r] = scratch.behind[r] * ray_slopes[r * OUTPUTS], 1.0, 0.0
     for n in range(count - 1, -1, -1):
         r, at = scratch.ray[n], n * OUTPUTS
         if r < 0 or scratch.light[n] == 0:
             for c in range(OUTPUTS):
-                scratch.slopes[at + c] = np.float32(0.0)
+                scratch.slopes[at + c] = zero
             continue
-        weight, of_weight = scratch.weight[n], scratch.pull[n]
-        for c in range(1, OUTPUTS):
-            value, slope = scratch.raw[at + c], ray_slopes[r * OUTPUTS + c]
-            of_weight += slope * value
-            scratch.slopes[at + c] = slope * weight * value * (one - value)
-        length = numbers.step * batch.length[low + r] / numbers.reference
-        sigma = scratch.density[n] / numbers.reference
-        scaled = numbers.sparsity_scale + sigma * sigma
-        of_density = (scratch.light[n] * of_weight - behind[r] + two * numbers.sparsity * sigma / scaled) * length
-        sparsity += np.float64(np.log(scaled / numbers.sparsity_scale) * length)
+        weight = scratch.weight[n]
+        of_weight = scratch.pull[n] + colour_slopes(ray_slopes, r * OUTPUTS, scratch.raw, at, weight, scratch.slopes)
+        sigma = scratch.density[n] * per_world
+        scaled = one + sigma * sigma * per_scale
+        of_sparsity = two * numbers.sparsity * sigma * per_scale / scaled
+        product[r] *= np.float64(scaled)
+        if product[r] > LARGEST_PRODUCT:
+            logs[r], product[r] = logs[r] + np.log(product[r]), 1.0
+        slope = (scratch.light[n] * of_weight - behind[r] + of_sparsity) * (batch.length[low + r] * per_length)
         behind[r] += weight * of_weight
-        slope = of_density * scratch.density[n]
+        slope *= scratch.density[n]
         if scratch.density[n] >= largest:  # beyond the largest density only what leads back counts
-            slope = max(slope, np.float32(0.0))
+            slope = max(slope, zero)
         scratch.slopes[at] = slope
-    metrics[SPARSITY] = sparsity
+    for r in range(high - low):
+        metrics[SPARSITY] += (logs[r] + np.log(product[r])) * np.float64(batch.length[low + r] * per_length)
 
 
 class Output(NamedTuple):
@@ -267,10 +268,11 @@ class Output(NamedTuple):
     gradient: np.ndarray
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _list_rays(count, scratch, shading):
     """Sets shading.ray to the rays that have samples; how many these are."""
-    seen, listed = np.zeros(CHUNK, np.bool_), 0
+    seen, listed = scratch.alive, 0  # no ray is alive any more
+    seen[:] = False
     for n in range(count):
         r = scratch.ray[n]
         if r >= 0 and not seen[r]:
@@ -279,7 +281,7 @@ def _list_rays(count, scratch, shading):
     return listed
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, output):
     """Samples, loss and gradients of one chunk into `output`."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
@@ -296,7 +298,7 @@ def train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, outp
     metrics[SAMPLES] = _leave_slopes(chunk, count, field, scratch, output, gradient)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _leave_slopes(chunk, count, field, scratch, output, gradient):
     """From scratch.slopes of `count` samples to gradients of the parameters and to slopes of features in `output`; how many
     samples count."""
@@ -318,7 +320,7 @@ def _leave_slopes(chunk, count, field, scratch, output, gradient):
     return place
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def smooth_chunk(chunk, part, pairs, low, high, scale, field, numbers, scratch, output):
     """The smoothness loss of pairs low … high - 1 of points [M, 2, 3], times scale: gradients into `output`."""
     one, two, count = np.float32(1.0), np.float32(2.0), 2 * (high - low)
@@ -349,7 +351,7 @@ def smooth_chunk(chunk, part, pairs, low, high, scale, field, numbers, scratch, 
     _leave_slopes(chunk, end, field, scratch, output, output.gradient[part])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def gather_chunk(chunk, grid, field, batch, numbers, scratch, gathered):
     """gathered [N, 9] of a chunk's rays: see training.multires.field.composite. Whether the room sufficed."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
@@ -362,7 +364,7 @@ def gather_chunk(chunk, grid, field, batch, numbers, scratch, gathered):
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def query_points(field, largest_raw, points, values, low, high, scratch):
     """values [N, 8] of points low … high - 1 [N, 3] of the unit cube: density per side of it, colours and features."""
     step = scratch.ray.size // TOGETHER * TOGETHER

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from training.multires.fused.compiled import kernel
 from training.multires.fused.vectors import FEATURES, add_to_row, blend_row, prefetch_row
 from training.multires.levels import DENSE, HASH_Y, HASH_Z, HASHED, HASHED_ROWS
 
@@ -21,7 +22,7 @@ PREFETCHED_ROWS = 16_384  # a level of fewer rows stays in the cache by itself
 U = np.uintp
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def corners(levels, level, xs, ys, zs, at, ids, weights, out, cells):
     """Sets ids and weights, from `out`, of the samples at … at + BLOCK - 1 at a level; ids count from the table's first row."""
     side = levels.resolution[level]
@@ -49,7 +50,7 @@ def corners(levels, level, xs, ys, zs, at, ids, weights, out, cells):
         _brick_rows(side // 4 + 1, levels.place[level], levels.offset[level], levels.maps, ids, out, cells)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _dense_rows(width, first, ids, out, cells):
     """Rows of a level with a row for each of width³ vertices."""
     line, plane = np.int32(width), np.int32(width * width)
@@ -61,7 +62,7 @@ def _dense_rows(width, first, ids, out, cells):
         ids[U(out + 6 * BLOCK + s)], ids[U(out + 7 * BLOCK + s)] = row + plane + line, row + plane + line + 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _hashed_rows(first, ids, out, cells):
     """Rows of a level whose vertices share HASHED_ROWS."""
     mask, one, of_y, of_z = np.uint32(HASHED_ROWS - 1), np.uint32(1), np.uint32(HASH_Y), np.uint32(HASH_Z)
@@ -80,26 +81,30 @@ def _hashed_rows(first, ids, out, cells):
         ids[U(out + 7 * BLOCK + s)] = start + np.int32((x1 ^ y1 ^ z1) & mask)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _brick_rows(bricks, place, first, maps, ids, out, cells):
     """Rows of a level of bricks, so many along each axis, whose map begins at place."""
+    bricks, place, first = np.int32(bricks), np.int32(place), np.int32(first)
+    one, two, three, four, six = np.int32(1), np.int32(2), np.int32(3), np.int32(4), np.int32(6)
     for s in range(BLOCK):
         i, j, k = cells[U(s)], cells[U(BLOCK + s)], cells[U(2 * BLOCK + s)]
-        if (i & 3) < 3 and (j & 3) < 3 and (k & 3) < 3:  # all corners in one brick
-            brick = maps[U(place + ((k >> 2) * bricks + (j >> 2)) * bricks + (i >> 2))]
-            row = first + (brick << 6) + ((k & 3) << 4) + ((j & 3) << 2) + (i & 3)
-            ids[U(out + s)], ids[U(out + BLOCK + s)] = row, row + 1
-            ids[U(out + 2 * BLOCK + s)], ids[U(out + 3 * BLOCK + s)] = row + 4, row + 5
-            ids[U(out + 4 * BLOCK + s)], ids[U(out + 5 * BLOCK + s)] = row + 16, row + 17
-            ids[U(out + 6 * BLOCK + s)], ids[U(out + 7 * BLOCK + s)] = row + 20, row + 21
-            continue
-        for q in range(8):
-            a, b, c = i + (q & 1), j + (q >> 1 & 1), k + (q >> 2)
-            brick = maps[U(place + ((c >> 2) * bricks + (b >> 2)) * bricks + (a >> 2))]
-            ids[U(out + q * BLOCK + s)] = first + (brick << 6) + ((c & 3) << 4) + ((b & 3) << 2) + (a & 3)
+        i1, j1, k1 = i + one, j + one, k + one
+        x, x1 = i >> two, i1 >> two
+        near, far = place + (k >> two) * bricks * bricks, place + (k1 >> two) * bricks * bricks
+        y, y1 = (j >> two) * bricks, (j1 >> two) * bricks
+        i, i1 = first + (i & three), first + (i1 & three)
+        j, j1, k, k1 = (j & three) << two, (j1 & three) << two, (k & three) << four, (k1 & three) << four
+        ids[U(out + s)] = (maps[U(near + y + x)] << six) + i + j + k
+        ids[U(out + BLOCK + s)] = (maps[U(near + y + x1)] << six) + i1 + j + k
+        ids[U(out + 2 * BLOCK + s)] = (maps[U(near + y1 + x)] << six) + i + j1 + k
+        ids[U(out + 3 * BLOCK + s)] = (maps[U(near + y1 + x1)] << six) + i1 + j1 + k
+        ids[U(out + 4 * BLOCK + s)] = (maps[U(far + y + x)] << six) + i + j + k1
+        ids[U(out + 5 * BLOCK + s)] = (maps[U(far + y + x1)] << six) + i1 + j + k1
+        ids[U(out + 6 * BLOCK + s)] = (maps[U(far + y1 + x)] << six) + i + j1 + k1
+        ids[U(out + 7 * BLOCK + s)] = (maps[U(far + y1 + x1)] << six) + i1 + j1 + k1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _prepare(levels, table, xs, ys, zs, first, ids, weights, out, cells):
     """Corners of the samples first … first + BLOCK - 1 at all levels, from `out`, and their rows on the way to the cache."""
     for level in range(levels.resolution.size):
@@ -109,7 +114,7 @@ def _prepare(levels, table, xs, ys, zs, first, ids, weights, out, cells):
                 _prefetch(table, ids, out + level * CORNERS)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _prefetch(table, ids, out):
     """Asks for the rows of ids from `out`; a neighbour along x mostly shares the cache line."""
     for i in range(0, CORNERS, 2 * BLOCK):
@@ -117,7 +122,7 @@ def _prefetch(table, ids, out):
             prefetch_row(table, ids[U(out + i + s)])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def encode(field, scratch, first, samples):
     """scratch.x [., inputs]: the features of so many samples from `first`, whole blocks; see training.multires.fused.chunk."""
     levels, table, ids, weights, cells = field.levels, field.table, scratch.ids, scratch.corner_weights, scratch.cells

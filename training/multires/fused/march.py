@@ -11,9 +11,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from training.multires.fused.compiled import kernel
 
 BLOCK_BITS = 3  # blocks of 8³ cells are skipped at once where all are off
+FLAT = np.float32(1e-12)  # a direction's component this small leaves no cell
+U = np.uintp  # of indices, which Numba then does not turn around
 CLOSE = 1e-3  # steps: a stretch that is skipped ends so much early, for rounding
 
 
@@ -36,17 +39,20 @@ def grid_of(occupied: np.ndarray) -> Grid:
     return Grid(bits, np.ascontiguousarray(blocks.ravel(), np.uint8), side)
 
 
-@njit(nogil=True, cache=True, inline="always")
-def _leaving(origin, direction, cell, bits):
-    """t where a ray leaves, along one axis, the block of 2^bits cells around `cell`."""
-    if direction == 0:
-        return np.float32(3e38)
-    block = cell >> bits
-    wall = ((block + 1) << bits) if direction > 0 else (block << bits)
-    return (np.float32(wall) - origin) / direction
+@kernel(inline="always")
+def _inverse(direction):
+    """1 / direction, finite."""
+    return np.float32(1.0) / direction if abs(direction) > FLAT else np.float32(3e38)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
+def _leaving(origin, inverse, cell, bits):
+    """t where a ray leaves, along one axis, the block of 2^bits cells around `cell`; inverse: of its direction."""
+    wall = ((cell >> bits) + (inverse > 0)) << bits
+    return (np.float32(wall) - origin) * inverse
+
+
+@kernel(inline="always")
 def piece_from(rays, ray, piece, t):
     """The piece of a ray that holds t, found from `piece` on: its number, its end, origin (x, y, z) and direction (x, y, z).
 
@@ -63,29 +69,44 @@ def piece_from(rays, ray, piece, t):
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
-def next_sample(grid, batch, ray, k, step):
-    """(k of the next sample at or after k in an occupied cell, its t, its piece of the ray); k is -1 where there is none before
-    the ray's end."""
+@kernel
+def march_ray(grid, batch, ray, chunk_ray, step, most, scratch, count, room):
+    """Adds at most so many samples of a ray in occupied cells to scratch, from its scratch.next_k on; their number then, -1 where
+    the room does not suffice. scratch: see training.multires.fused.chunk; scratch.alive is false where the ray has ended."""
     bits, blocks, side = grid.bits, grid.blocks, np.int64(grid.side)
-    coarse = side >> BLOCK_BITS
-    start, stop, phase = batch.start[ray], batch.end[ray], batch.phase[ray]
+    unit, close, one, last = np.float32(1.0) / np.float32(side), np.float32(CLOSE), np.float32(1.0), side - 1
+    coarse, block_bits = side >> BLOCK_BITS, np.int64(BLOCK_BITS)
+    start, stop, phase, k = batch.start[ray], batch.end[ray], batch.phase[ray], scratch.next_k[chunk_ray]
     t = start + (phase + np.float32(k)) * step
     piece, until, ox, oy, oz, dx, dy, dz = piece_from(batch, ray, 0, t)
+    ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
+    per_step, full = one / step, count + most
     while t < stop:
         if t >= until:
             piece, until, ox, oy, oz, dx, dy, dz = piece_from(batch, ray, piece, t)
-        x = min(max(np.int64(ox + t * dx), 0), side - 1)
-        y = min(max(np.int64(oy + t * dy), 0), side - 1)
-        z = min(max(np.int64(oz + t * dz), 0), side - 1)
-        size = 0
-        if blocks[((z >> BLOCK_BITS) * coarse + (y >> BLOCK_BITS)) * coarse + (x >> BLOCK_BITS)] == 0:
-            size = BLOCK_BITS
+            ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
+        px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
+        x, y, z = min(max(np.int64(px), 0), last), min(max(np.int64(py), 0), last), min(max(np.int64(pz), 0), last)
+        size = np.int64(0)
+        if blocks[U(((z >> BLOCK_BITS) * coarse + (y >> BLOCK_BITS)) * coarse + (x >> BLOCK_BITS))] == 0:
+            size = block_bits
         else:
             cell = (z * side + y) * side + x
-            if bits[cell >> 5] >> np.uint32(cell & 31) & np.uint32(1):
-                return k, t, piece
-        out = min(_leaving(ox, dx, x, size), _leaving(oy, dy, y, size), _leaving(oz, dz, z, size), until)
-        k = max(k + 1, np.int64((out - start) / step - phase - np.float32(CLOSE)) + 1)
+            if bits[U(cell >> 5)] >> np.uint32(cell & 31) & np.uint32(1):
+                if count >= room:
+                    return -1
+                at = U(count)
+                scratch.ray[at], scratch.t[at] = chunk_ray, t
+                scratch.xs[at], scratch.ys[at], scratch.zs[at] = px * unit, py * unit, pz * unit
+                count += 1
+                k += 1
+                if count == full:
+                    scratch.next_k[chunk_ray] = k
+                    return count
+                t = start + (phase + np.float32(k)) * step
+                continue
+        out = min(_leaving(ox, ix, x, size), _leaving(oy, iy, y, size), _leaving(oz, iz, z, size), until)
+        k = max(k + 1, np.int64((out - start) * per_step - phase - close) + 1)
         t = start + (phase + np.float32(k)) * step
-    return -1, t, piece
+    scratch.alive[chunk_ray] = False
+    return count

@@ -9,9 +9,9 @@ Parameters are one flat array: w0 [I, 64], b0 [64], w1 [64, 8], b1 [8], then tho
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from training.multires.field import HIDDEN, OUTPUTS
+from training.multires.fused.compiled import kernel
 from training.multires.fused.vectors import (
     add_product_4x16,
     add_product_8x8,
@@ -25,7 +25,7 @@ LARGEST = np.float32(87.0)  # e^x of float32 stays finite and normal for |x| up 
 _LOG2_E, _LN_2 = np.float32(1.4426950408889634), np.float32(0.6931471805599453)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def add_product(left, right, out, inner, rows, columns):
     """out [rows, columns] += left [rows, inner] right [inner, columns]; rows and columns are multiples of 8, or rows of 4 and
     columns of 16.
@@ -48,7 +48,7 @@ def add_product(left, right, out, inner, rows, columns):
             )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def set_product(left, right, out, bias, inner, rows, columns):
     """out = max(left right + bias, least), bias (array, start, least) of `columns` values; otherwise as add_product."""
     wide = columns // 16 * 16
@@ -66,24 +66,37 @@ def set_product(left, right, out, bias, inner, rows, columns):
             )  # fmt: skip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(inline="always")
+def _power(x):
+    """(n, e^r - 1) where e^x = 2^n e^r and |r| < 0.35, of x cut to ± LARGEST; to float32 rounding."""
+    y = min(max(x, -LARGEST), LARGEST) * _LOG2_E
+    whole = np.floor(y + np.float32(0.5))
+    f = (y - whole) * _LN_2
+    p = np.float32(1 / 5040) * f + np.float32(1 / 720)
+    p = p * f + np.float32(1 / 120)
+    p = p * f + np.float32(1 / 24)
+    p = p * f + np.float32(1 / 6)
+    p = p * f + np.float32(0.5)
+    return np.int32((np.int32(whole) + np.int32(127)) << np.int32(23)).view(np.float32), (p * f + np.float32(1.0)) * f
+
+
+@kernel(error_model="numpy")
 def exp_in_place(values):
     """e^values, to float32 rounding, of values cut to ± LARGEST: a polynomial, computed as vectors."""
-    one = np.float32(1.0)
     for i in range(values.size):
-        y = min(max(values[i], -LARGEST), LARGEST) * _LOG2_E
-        whole = np.floor(y + np.float32(0.5))
-        f = (y - whole) * _LN_2
-        p = np.float32(1 / 5040) * f + np.float32(1 / 720)
-        p = p * f + np.float32(1 / 120)
-        p = p * f + np.float32(1 / 24)
-        p = p * f + np.float32(1 / 6)
-        p = p * f + np.float32(0.5)
-        p = (p * f + one) * f + one
-        values[i] = p * np.int32((np.int32(whole) + np.int32(127)) << np.int32(23)).view(np.float32)
+        scale, rest = _power(values[i])
+        values[i] = scale * (rest + np.float32(1.0))
 
 
-@njit(nogil=True, cache=True)
+@kernel(error_model="numpy")
+def opacity_in_place(values):
+    """1 - e^-values, as exp_in_place."""
+    for i in range(values.size):
+        scale, rest = _power(-values[i])
+        values[i] = (np.float32(1.0) - scale) - scale * rest
+
+
+@kernel
 def decode(field, scratch, first, samples):
     """Sets hidden and raw of so many samples from `first`; field and scratch: see training.multires.fused.chunk."""
     inputs, parameters, zero = field.inputs, field.parameters, np.float32(0.0)
@@ -98,7 +111,7 @@ def decode(field, scratch, first, samples):
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def activate(raw, density, first, samples, largest_raw):
     """Raw outputs [n, 8] become [unused, colours and features in [0, 1]]; density [n] = e^min(raw 0, largest_raw)."""
     one = np.float32(1.0)
@@ -114,7 +127,7 @@ def activate(raw, density, first, samples, largest_raw):
         values[i] = one / (one + values[i])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def add_gradient(field, scratch, first, samples, gradient):
     """Adds dL/dparameters of so many samples from `first` to gradient, and sets scratch.x_slopes [samples, I] = dL/dx.
 
@@ -147,7 +160,7 @@ def add_gradient(field, scratch, first, samples, gradient):
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def add_sums(rows, count, sums, first, width):
     """Adds so many rows of `width` values to sums, from `first`."""
     into = sums[first : first + width]

@@ -14,6 +14,7 @@ from numba import njit
 
 from scenepack.contraction import MOST_PIECES
 from training.dataset import NEWTON_STEPS, RayDataset
+from training.multires.fused.compiled import kernel
 from training.scenes.rays import NDC_NEAR
 
 
@@ -137,7 +138,7 @@ def take_rays(origins, directions, near, far, contraction, origin, voxel, dims, 
             _into_grid(batch, n, position, direction, np.float64(near[n]), np.float64(far[n]), origin, voxel, dims)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _undistorted(u, v, distortion):
     """training.dataset.undistort for one point."""
     k1, k2, p1, p2 = distortion[0], distortion[1], distortion[2], distortion[3]
@@ -158,7 +159,7 @@ def _undistorted(u, v, distortion):
     return a, b
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _warp_to_ndc(position, direction, ndc):
     """training.dataset.ndc_warp for one ray, in place."""
     ahead = (NDC_NEAR + position[2]) / direction[2]
@@ -172,7 +173,7 @@ def _warp_to_ndc(position, direction, ndc):
     position[2], direction[2] = 1.0 + inverse, -inverse
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _into_grid(batch, n, position, direction, near, far, origin, voxel, dims):
     """Clips a ray to the grid's box and measures it in voxels."""
     world = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
@@ -237,7 +238,7 @@ def _into_contracted_grid(batch, n, position, direction, near, inner, origin, vo
     batch.start[n], batch.end[n], batch.length[n] = 0.0, s * scale, voxel[0]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _colour(pixels, gains, view, id_, batch, n):
     """The pixel's colour, in the average look, over the ray's background where it is not opaque."""
     opaque = pixels.shape[1] == 3

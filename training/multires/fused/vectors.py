@@ -151,6 +151,30 @@ def add_to_row(typing_context, table, n, weight, source, start):
 
 
 @intrinsic
+def colour_slopes(typing_context, slopes, at, values, start, weight, out):
+    """out[start : start + 8] = weight s v (1 - v) of s = slopes[at : at + 8] and v = values[start : start + 8]; returns the sum
+    of s v without the first."""
+
+    def generate(context, builder, signature, arguments):
+        slopes, at, values, start, weight, out = arguments
+        kinds, vector = signature.args, ir.VectorType(_FLOAT, 8)
+        slope, value = (
+            builder.load(_vector_at(builder, _data(context, builder, kinds[i], array), place, vector), align=4)
+            for i, array, place in ((0, slopes, at), (2, values, start))
+        )
+        product = builder.fmul(slope, builder.insert_element(value, ir.Constant(_FLOAT, 0.0), ir.Constant(_INT, 0)))
+        ones = ir.Constant(vector, [1.0] * 8)
+        scaled = builder.fmul(builder.fmul(product, builder.fsub(ones, value)), _splat(builder, weight, vector))
+        builder.store(scaled, _vector_at(builder, _data(context, builder, kinds[5], out), start, vector), align=4)
+        kind = ir.FunctionType(_FLOAT, [_FLOAT, vector])
+        add = cgutils.get_or_insert_function(builder.module, kind, "llvm.vector.reduce.fadd.v8f32")
+        return builder.call(add, [ir.Constant(_FLOAT, 0.0), product], fastmath=("reassoc",))
+
+    whole = types.int64
+    return types.float32(slopes, whole, values, whole, types.float32, out), generate
+
+
+@intrinsic
 def prefetch_row(typing_context, table, n):
     """Asks for table[n] to be brought into the cache."""
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from training.multires.fused.compiled import kernel
 from training.multires.fused.network import ANYTHING, add_product, add_sums, set_product
 
 INPUTS, HIDDEN, OUTPUTS = 36, 16, 8
@@ -84,7 +84,7 @@ def make_shading(rays: int) -> Shading:
     return Shading(np.zeros(rays, np.int64), *(np.zeros(rays * width, np.float32) for width in widths))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _encode(viewdirs, ray, octaves, inputs, at):
     """v, sin(2^k v), sin(2^k v + pi/2), frequency-major, by doubling the angle; zero from octave k = octaves on."""
     one, two = np.float32(1.0), np.float32(2.0)
@@ -98,14 +98,14 @@ def _encode(viewdirs, ray, octaves, inputs, at):
             sine, cosine = two * sine * cosine, one - two * sine * sine
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _cut(slopes, hidden, count):
     """Slopes are zero where a rectified layer is."""
     for i in range(count):
         slopes[i] = slopes[i] if hidden[i] > np.float32(0.0) else np.float32(0.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def shade_chunk(low, count, batch, field, numbers, scratch, work, metrics, gradient):
     """Adds errors of `count` rays, work.ray of the chunk from `low`, to metrics, and the view MLP's gradient to `gradient`.
 
@@ -164,7 +164,7 @@ def shade_chunk(low, count, batch, field, numbers, scratch, work, metrics, gradi
         slopes[r * 8] = to_background
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _backward(rows, field, numbers, work, gradient):
     """From dL/doutput before the sigmoid: adds to the gradient of the parameters, and sets those of the first inputs."""
     x, h0, h1, turned = work.inputs, work.hidden0, work.hidden1, field.turned
