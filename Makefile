@@ -38,16 +38,16 @@ test: $(VENV)/.developer gl
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
 
 fuzz: $(VENV)/.developer
-	$(BIN)/python -m tests.fuzz --minutes $(MINUTES) --seed $(SEED) $(FUZZ)
+	$(BIN)/python -m tools.fuzz --minutes $(MINUTES) --seed $(SEED) $(FUZZ)
 
 events: $(VENV)/.developer gl
 	$(BIN)/python -m tests.viewer.interface.scripted_hour --events $(EVENTS) --seed $(SEED)
 
 kills: $(VENV)/.developer gl
-	$(BIN)/python -m tests.fuzz.interruptions --times $(TIMES) --disks $(TIMES) --seed $(SEED) $(ONLY)
+	$(BIN)/python -m tools.fuzz.interruptions --times $(TIMES) --disks $(TIMES) --seed $(SEED) $(ONLY)
 
 long-run: $(VENV)/.developer gl
-	$(BIN)/python -m tests.fuzz.long_run --minutes $(MINUTES)
+	$(BIN)/python -m tools.fuzz.long_run --minutes $(MINUTES)
 
 oldest: $(VENV)-oldest/.made gl
 	$(VENV)-oldest/bin/python -m pytest -n 2 --dist loadfile -m "not slow" $(or $(TESTS),$(QUICK))

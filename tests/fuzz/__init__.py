@@ -1,1 +1,1 @@
-"""Fuzzing of all that snerg opens: packs, scenes, runs, settings. `python -m tests.fuzz --help`, or `make fuzz`."""
+"""Spoilt files: what is done to valid ones, the process that opens them, and all that ever broke. Campaigns: tools.fuzz."""

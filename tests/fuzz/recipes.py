@@ -14,8 +14,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from tests.fuzz.proposals import propose
 from tests.fuzz.trees import Tree, read_tree
+from tools.fuzz.proposals import propose
 
 SUBJECTS = ("packs", "scenes", "settings", "runs")
 FINDINGS = Path(__file__).parent / "findings"

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import moderngl
 
-from tests.fuzz.memory import resident, with_steady_memory
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.waiting import until
+from tools.fuzz.memory import resident, with_steady_memory
 from viewer.app.application import App
 
 

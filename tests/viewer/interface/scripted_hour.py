@@ -27,10 +27,10 @@ import moderngl
 from imgui_bundle import imgui
 
 from scenepack import save_pack
-from tests.fuzz.memory import resident, with_steady_memory
 from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import PLACES, OffscreenUi
 from tests.viewer.scenes import photographed
+from tools.fuzz.memory import resident, with_steady_memory
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS, run
 from viewer.core.input import ControllerState

@@ -3,7 +3,7 @@
 import moderngl
 import pytest
 
-from tests.fuzz.memory import resident
+from tools.fuzz.memory import resident
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 
 

@@ -1,6 +1,6 @@
 """snerg-view in which a scene is being made by the real snerg-make; it closes once that has ended.
 
-python -m tests.fuzz.making_window SCENE OUT STEPS RESOLUTION. Exit status 2 where snerg-make says why there
+python -m tools.fuzz.making_window SCENE OUT STEPS RESOLUTION. Exit status 2 where snerg-make says why there
 is no pack then, 1 where it does not.
 """
 

@@ -1,6 +1,6 @@
 """Two processes that bake one pack together, and are interrupted: both, or one of the two while the other goes on.
 
-python -m tests.fuzz.sharing RUN ... --out PACK starts them. Its exit status is that of the process that writes the pack.
+python -m tools.fuzz.sharing RUN ... --out PACK starts them. Its exit status is that of the process that writes the pack.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import signal
 import subprocess
 import sys
 
-from tests.fuzz.interruptions import MODULES, Writer
-from tests.fuzz.windows import working_on
+from tools.fuzz.interruptions import MODULES, Writer
+from tools.fuzz.windows import working_on
 
 
 class SharingBake(Writer):
@@ -22,7 +22,7 @@ class SharingBake(Writer):
     kills = 0
 
     def line(self, out: str | os.PathLike[str]) -> list[str]:
-        return [sys.executable, "-m", "tests.fuzz.sharing", *self.words, "--out", str(out)]
+        return [sys.executable, "-m", "tools.fuzz.sharing", *self.words, "--out", str(out)]
 
     def end(self, child: subprocess.Popen[str]) -> None:
         struck = (("0", "1"), ("0",), ("1",))[self.kills % 3]

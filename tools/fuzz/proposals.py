@@ -8,9 +8,10 @@ from pathlib import PurePosixPath
 from random import Random
 from typing import Any
 
-from tests.fuzz import claims, fields, hostile
+from tests.fuzz import claims, hostile
 from tests.fuzz.mutations import Step, documents, png_chunks, tensors
-from tests.fuzz.trees import ARCHIVE, SPECIAL, Tree
+from tests.fuzz.trees import ARCHIVE, SPECIAL, Tree, zipped
+from tools.fuzz import fields
 
 _HOW_MANY = (1, 1, 1, 1, 2, 2, 3)
 _DTYPES = ("float64", "float16", "int64", "int32", "uint8", "bool")
@@ -48,8 +49,6 @@ def _claim(random: Random) -> Step:
 
 
 def _of_archive(random: Random, tree: Tree) -> Step:
-    from tests.fuzz.trees import zipped
-
     data = zipped(tree)
     return (
         _of_fields(random, ARCHIVE, data, fields.archive(data))

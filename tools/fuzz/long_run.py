@@ -1,4 +1,4 @@
-"""Trains, bakes, evaluates, renders, opens and closes, over and over in one process: python -m tests.fuzz.long_run --minutes 120
+"""Trains, bakes, evaluates, renders, opens and closes, over and over in one process: python -m tools.fuzz.long_run --minutes 120
 
 After each lap nothing may be left: no file, no descriptor, no thread, no process; and over all laps memory stays flat. What
 each lap held is printed, and kept as JSON where --json names a file. The exit status is 1 where something grew.
@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 
-from tests.fuzz.memory import resident, with_steady_memory
+from tools.fuzz.memory import resident, with_steady_memory
 
 WARM_UP = 4  # laps: programs are compiled, pools filled, arenas taken
 FEWEST = 4  # laps after these
@@ -149,11 +149,11 @@ def run(minutes: float, base: Path, tell: Callable[[Lap], None]) -> list[Lap]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.long_run", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.fuzz.long_run", description=__doc__)
     parser.add_argument("--minutes", type=float, default=120.0, help="how long (default 120)")
     parser.add_argument("--json", type=Path, help="file for what each lap held")
     given = parser.parse_args()
-    with_steady_memory("tests.fuzz.long_run")
+    with_steady_memory("tools.fuzz.long_run")
     if threading.active_count() > 1 or not Path("/proc/self/statm").exists():
         parser.error("this needs Linux, which tells what a process holds, and a process of its own")
 

@@ -1,4 +1,4 @@
-"""Fuzzes for as long as one likes: `python -m tests.fuzz --minutes 10 --seed 3 --only packs`.
+"""Fuzzes for as long as one likes: `python -m tools.fuzz --minutes 10 --seed 3 --only packs`.
 
 What breaks is made smaller and kept under tests/fuzz/findings, one for each cause; the exit status is then 1. The same seed
 draws the same files.
@@ -83,7 +83,7 @@ class Campaign:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.fuzz", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0, help="how long (default 10)")
     parser.add_argument("--count", type=int, help="so many files of each kind at most")
     parser.add_argument("--seed", type=int, default=0)

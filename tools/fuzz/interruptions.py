@@ -1,4 +1,4 @@
-"""Commands that are ended with kill -9 at random moments, or whose disk is full: python -m tests.fuzz.interruptions --times 40
+"""Commands that are ended with kill -9 at random moments, or whose disk is full: python -m tools.fuzz.interruptions --times 40
 
 Each writes to a place where an older output is, but for training and making, which go on with what they find. Afterwards that
 output or the new one must be there, whole, and the same command must end with the new one and with nothing else beside it.
@@ -39,8 +39,8 @@ MODULES = {
     "picture": "viewer.commands.render",
     "film": "viewer.commands.render",
 }
-WINDOWS = ("export", "window")  # of snerg-view, see tests.fuzz.windows
-NAMES = (*MODULES, "sharing", *WINDOWS)  # sharing: two bakes of one pack, see tests.fuzz.sharing
+WINDOWS = ("export", "window")  # of snerg-view, see tools.fuzz.windows
+NAMES = (*MODULES, "sharing", *WINDOWS)  # sharing: two bakes of one pack, see tools.fuzz.sharing
 DISK = "64m"  # enough for each of them where it is empty
 PATIENCE_S = 900.0
 LIKE = 4.0  # grey levels: how far pictures of two films of the same pictures may be from each other, on average
@@ -245,9 +245,9 @@ def writers(base: Path) -> list[Writer]:
     from PIL import Image
 
     from scenepack import save_pack
-    from tests.fuzz.sharing import SharingBake
-    from tests.fuzz.windows import ExportingWindow, MakingWindow
     from tests.viewer.conftest import toy_pack
+    from tools.fuzz.sharing import SharingBake
+    from tools.fuzz.windows import ExportingWindow, MakingWindow
     from tools.procedural import write_procedural_scene
 
     scene, run, pack = base / "scene", base / "run", base / "pack"
@@ -318,7 +318,7 @@ def campaign(names: list[str], times: int, disks: int, seed: int) -> tuple[str, 
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.interruptions", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.fuzz.interruptions", description=__doc__)
     parser.add_argument("--times", type=int, default=40, help="kills of each command (default 40)")
     parser.add_argument("--disks", type=int, default=10, help="full disks under each command (default 10)")
     parser.add_argument("--seed", type=int, default=0)

@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from tests.fuzz.interruptions import PATIENCE_S, STEPS, Writer
+from tools.fuzz.interruptions import PATIENCE_S, STEPS, Writer
 
 
 class ExportingWindow(Writer):
@@ -26,7 +26,7 @@ class MakingWindow(Writer):
     patience_s = PATIENCE_S
 
     def line(self, out: Path) -> list[str]:
-        return [sys.executable, "-m", "tests.fuzz.making_window", *self.words[:1], str(out), STEPS, "40"]
+        return [sys.executable, "-m", "tools.fuzz.making_window", *self.words[:1], str(out), STEPS, "40"]
 
     def end(self, child: subprocess.Popen[str]) -> None:
         with contextlib.suppress(ProcessLookupError):
