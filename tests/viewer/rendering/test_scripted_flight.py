@@ -2,7 +2,7 @@
 
 The clock is made up, so that other work on the machine changes nothing: a frame takes the panels' time, a fixed time for
 its picture, and for each pixel what the shader's own counts of the rays of that view say (samples and jumps).
-tests/viewer/window/fly_live.py plays the same path in a real window and prints what the real clock says.
+tools/fly_window.py plays the same path in a real window and prints what the real clock says.
 """
 
 from __future__ import annotations

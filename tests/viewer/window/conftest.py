@@ -1,16 +1,27 @@
-"""The mouse and the keyboard of the display that the live tests' window is on."""
+"""The window that all live tests share, on a display of our own, with its mouse and keyboard."""
+
+from __future__ import annotations
 
 import os
 import shutil
 import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
+import glfw
 import pytest
+from imgui_bundle import imgui
 
+from scenepack import Pack
 from tests.viewer.conftest import missing
+from tests.viewer.window.living import SIZE, draw_only_what_is_looked_at, other_program
+from tests.viewer.window.widgets_seen import Watch, watch
+from viewer.app.application import App
+from viewer.window.window import Window
 
 
 @pytest.fixture
-def xdotool(display):
+def xdotool(display: str) -> Callable[..., None]:
     """Moves the mouse and presses keys on our display."""
     program = shutil.which("xdotool")
     if program is None:
@@ -21,3 +32,43 @@ def xdotool(display):
         subprocess.run(command, check=True, env={**os.environ, "DISPLAY": display}, stdout=subprocess.DEVNULL)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def watched(display: str) -> Iterator[tuple[Window, Watch]]:
+    """The window, and the widgets that it draws. Opening one takes longer than most tests."""
+    with pytest.MonkeyPatch.context() as patch, watch() as seen:
+        patch.setenv("DISPLAY", display)
+        patch.delenv("WAYLAND_DISPLAY", raising=False)
+        with Window(App(), SIZE) as window:
+            window.ui.file_dialogs.native = False
+            yield window, seen
+
+
+@pytest.fixture
+def start_page(watched: tuple[Window, Watch], monkeypatch: pytest.MonkeyPatch) -> Iterator[Window]:
+    """The window with a new app, at its start page; what is being made ends with it."""
+    draw_only_what_is_looked_at(monkeypatch)
+    window, _ = watched
+    imgui.set_current_context(window.ui.context)
+    window.canvas.show(None)
+    app = App(canvas=window.canvas)
+    app.clipboard, window.app = window.app.clipboard, app
+    glfw.set_window_size(window.handle, *SIZE)
+    window.draw_frames(3)
+    yield window
+    app.making.end()
+
+
+@pytest.fixture
+def window(start_page: Window, pack: Pack, pack_folder: Path) -> Window:
+    """The window with the toy open."""
+    start_page.app.show(pack, pack_folder)
+    start_page.draw_frames(3)
+    return start_page
+
+
+@pytest.fixture
+def other_client(display: str, start_page: Window) -> Callable[..., None]:
+    """Another program on our display: other_client("drop", path) and other_client("close"), while the window lives on."""
+    return lambda what, *words: other_program(display, start_page, what, *words)

@@ -22,7 +22,7 @@ from tests.viewer.scenes import photographed
 from tests.viewer.unseen import draw_unseen
 from tests.viewer.waiting import until
 from tests.viewer.window.places import PLACES, WITHOUT_SCENE, Scenes, child
-from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
+from tests.viewer.window.widgets_seen import Seen, Watch, inside
 from viewer.app.application import App
 from viewer.features.making import make_plan, making
 from viewer.features.making.make_plan import Plan
@@ -39,20 +39,8 @@ MODALS = ("##dialog", "##path", "##make", "##export")
 
 
 @pytest.fixture(scope="module")
-def opened(display) -> Iterator[tuple[Window, Watch]]:
-    with pytest.MonkeyPatch.context() as patch, watch() as seen:
-        patch.setenv("DISPLAY", display)
-        patch.delenv("WAYLAND_DISPLAY", raising=False)
-        # Clicks are looked at here, not pictures.
-        patch.setattr(imgui.backends, "opengl3_render_draw_data", draw_unseen)
-        with Window(App(), SIZES[-1]) as window:
-            window.ui.file_dialogs.native = False
-            yield window, seen
-
-
-@pytest.fixture(scope="module")
-def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
-    window, _ = opened
+def scenes(watched, tmp_path_factory) -> Iterator[Scenes]:
+    window, _ = watched
     folder, plain = tmp_path_factory.mktemp("clicks"), toy_pack()
 
     def render(view) -> np.ndarray:
@@ -69,6 +57,9 @@ def scenes(opened, tmp_path_factory) -> Iterator[Scenes]:
     plan.survey.forward = True
     release = threading.Event()
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            imgui.backends, "opengl3_render_draw_data", draw_unseen
+        )  # clicks are looked at here, not pictures
         patch.setattr(making, "CommandProcess", lambda *_: child())
         patch.setattr(make_plan, "trainer_missing", lambda: False)  # nothing is trained here
         read = opening.load_pack
@@ -227,8 +218,8 @@ greyed: dict[tuple[int, int], set[tuple[str, str]]] = {size: set() for size in S
 
 
 @pytest.fixture
-def hand(opened, scenes, xdotool) -> Hand:
-    return Hand(*opened, xdotool, scenes)
+def hand(watched, scenes, xdotool) -> Hand:
+    return Hand(*watched, xdotool, scenes)
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -262,29 +253,3 @@ def test_all_that_was_grey_somewhere_was_clicked_elsewhere(size):
         pytest.skip("the clicks of this size were not run")
     assert not greyed[size] - clicked[size]
     assert len(clicked[size]) > (120 if size[0] >= NARROW else 40)
-
-
-@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-def test_the_picture_takes_the_mouse_after_tab(hand, size):
-    hand.arrange(size, "scene")
-    app, start = hand.window.app, hand.window.app.scene.rig.goal
-    hand.point_at(0.4 * size[0], 0.5 * size[1], "key", "Tab")
-    assert hand.until(lambda: not app.interface.panels_shown)
-    hand.settle()
-    hand.xdotool("mousedown", 1)
-    hand.frames(3)
-    hand.point_at(0.5 * size[0], 0.6 * size[1])
-    hand.frames(3)
-    hand.xdotool("mouseup", 1)
-    assert hand.until(lambda: app.scene.rig.goal.azimuth != start.azimuth)
-
-
-@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-def test_a_click_beside_the_help_closes_it(hand, size):
-    hand.arrange(size, "scene")
-    app = hand.window.app
-    hand.point_at(0.5 * size[0], 0.5 * size[1], "key", "F1")
-    assert hand.until(lambda: app.interface.help_shown)
-    hand.settle()
-    hand.point_at(3, size[1] - 3, *CLICK)
-    assert hand.until(lambda: not app.interface.help_shown)

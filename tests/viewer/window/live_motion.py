@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import glfw
 import numpy as np
@@ -20,15 +20,11 @@ from PIL import Image, ImageFilter, ImageGrab
 
 from tests.viewer.conftest import toy_pack
 from tests.viewer.rendering.pictures import FAILURES
-from tests.viewer.window.live_window import pump
+from tests.viewer.window.living import SIZE, pump
 from viewer.app.application import App
-from viewer.core import theme
-from viewer.core.pose import box_points, project
-from viewer.features.crop import crop
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.window.window import Window
 
-SIZE = (900, 600)
 SCALES = (0.3, 0.75, 0.45, 0.6, 0.35)
 BLURRED = round(1 / min(SCALES)) + 2  # pixels, by the coarsest picture
 CLEAR = 60  # differs from the background: sum over the channels
@@ -51,17 +47,9 @@ class Wavering(DynamicResolution):
         self.now = next(self.scales)
 
 
-@pytest.fixture(scope="module")
-def opened(display) -> Iterator[Window]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DISPLAY", display)
-        patch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Window(App(), SIZE) as window:
-            yield window
-
-
 @pytest.fixture
-def window(opened, pack, pack_folder) -> Window:
+def window(watched, pack, pack_folder) -> Window:
+    opened, _ = watched
     app = opened.app = App(canvas=opened.canvas)
     app.resolution = Wavering()
     app.interface.page, app.interface.axes_shown = "", False
@@ -134,21 +122,6 @@ def slide(window: Window, xdotool, grab, check: Check, button: int = 3, far: flo
     window.step()
 
 
-def test_the_object_keeps_its_size_while_it_slides(window, xdotool, grab):
-    tall, places = [], []
-
-    def check(shown: np.ndarray) -> None:
-        hold_against_camera(window, shown)
-        tall.append(np.ptp(np.flatnonzero(shape(shown)[CHIP[1] :].any(axis=1))))
-        places.append(window.app.viewport.camera.position)
-
-    window.app.scene.rig.dolly(-4)  # all of it stays in view
-    window.app.scene.rig.shown = window.app.scene.rig.goal
-    slide(window, xdotool, grab, check, far=0.2)
-    assert np.ptp(places, axis=0).max() > 0.3
-    assert np.ptp(tall) < 0.12 * np.median(tall)  # it is seen from a little farther to the side
-
-
 def test_it_is_one_picture_while_the_camera_slides_out_of_view_turns_and_flies(window, xdotool, grab):
     for button in (3, 1):
         slide(window, xdotool, grab, lambda shown: hold_against_camera(window, shown), button)
@@ -200,31 +173,3 @@ def test_two_packs_are_seen_through_one_camera_while_it_moves(window, xdotool, g
 
     slide(window, xdotool, grab, check)
     app.comparison.drop_other(app)
-
-
-def test_the_crop_box_is_drawn_around_the_picture_of_the_same_camera(window, xdotool, grab):
-    app = window.app
-    app.interface.page = "crop"
-    app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
-    app.crop_tool = "move"
-    app.scene.rig.dolly(-4)
-    app.scene.rig.shown = app.scene.rig.goal
-    pump(window)
-    accent = np.array([int(theme.code_of(theme.ACCENT)[i : i + 2], 16) for i in (1, 3, 5)])
-
-    seen, covered = 0, 0
-
-    def check(shown: np.ndarray) -> None:
-        nonlocal seen, covered
-        corners, _ = project(app.viewport.camera, box_points(*map(np.asarray, app.settings.crop)))
-        for x, y in corners:
-            if 8 < x < shown.shape[1] - 8 and 8 < y < shown.shape[0] - 8 and not (x < CHIP[0] and y < CHIP[1]):
-                near = shown[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4]
-                if ((near < 60).sum(axis=2) >= 2).mean() > 0.5:  # an arrow lies over it, pure red, green or blue
-                    covered += 1
-                    continue
-                assert (np.abs(near - accent).sum(axis=2) < 150).any(), f"no corner at {x:.0f}, {y:.0f}"
-                seen += 1
-
-    slide(window, xdotool, grab, check, button=2)
-    assert seen > 5 * covered

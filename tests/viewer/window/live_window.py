@@ -5,13 +5,10 @@ is opened while another test's EGL context is current in the same thread.
 """
 
 import sys
-import threading
 import time
 from pathlib import Path
 
 import glfw
-import moderngl
-import numpy as np
 import pytest
 from PIL import Image
 
@@ -19,67 +16,11 @@ from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.screen import SCREEN
 from tests.viewer.waiting import until
-from tests.viewer.window.living import draw_only_what_is_looked_at, live, other_program, pump
+from tests.viewer.window.living import SIZE, pump, wait
 from viewer.app.application import App
 from viewer.features.making.make_plan import Plan
-from viewer.features.opening import opening
-from viewer.rendering.settings import RenderSettings
-from viewer.rendering.software_rasteriser import texture_preallocation
-from viewer.window.window import Window
 
-SIZE = (900, 600)
 FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
-
-
-@pytest.fixture(scope="module")
-def opened(display):
-    """One window for all tests: opening it takes longer than most of them."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DISPLAY", display)
-        patch.delenv("WAYLAND_DISPLAY", raising=False)
-        draw_only_what_is_looked_at(patch)
-        with Window(App(), SIZE) as window:
-            yield window
-
-
-@pytest.fixture
-def window(opened, pack, pack_folder):
-    """The window as it was, with a new app in it and the toy open."""
-    app = App(canvas=opened.canvas)
-    app.clipboard, opened.app = opened.app.clipboard, app
-    glfw.set_window_size(opened.handle, *SIZE)
-    app.show(pack, pack_folder)
-    opened.draw_frames(3)
-    yield opened
-    app.making.end()
-
-
-@pytest.fixture
-def other_client(display, window):
-    """Another program on our display: other_client("drop", path) and other_client("close"), while the window lives on."""
-    return lambda what, *words: other_program(display, window, what, *words)
-
-
-def test_a_screenshot_leaves_nothing_on_the_card(window, monkeypatch):
-    made = []
-    make = type(window.ctx).simple_framebuffer
-
-    def remembered(ctx, *words, **options):
-        framebuffer = make(ctx, *words, **options)
-        made.extend((*framebuffer.color_attachments, framebuffer.depth_attachment))
-        return framebuffer
-
-    monkeypatch.setattr(type(window.ctx), "simple_framebuffer", remembered)
-    assert window.screenshot().any()
-    assert len(made) == 2 and all(isinstance(each.mglo, moderngl.InvalidObject) for each in made)
-
-
-def open_whole(window: Window) -> None:
-    """Lets the window live until what it reads is there."""
-    end = time.monotonic() + 20
-    while window.app.loading is not None:
-        assert time.monotonic() < end
-        pump(window, 0.05)
 
 
 def test_real_events_move_the_camera_and_run_commands(window, xdotool):
@@ -102,18 +43,6 @@ def test_real_events_move_the_camera_and_run_commands(window, xdotool):
     pump(window)
     assert rig.goal == rig.home_pose
     assert window.ctx.error == "GL_NO_ERROR"
-
-
-def test_a_press_after_a_quick_move_leaves_the_camera_where_it_is(window, xdotool):
-    """Both may come within one slow frame, and the move was not a drag."""
-    start = window.app.scene.rig.goal
-    xdotool("mousemove", 100, 200)
-    pump(window)
-    xdotool("mousemove", 400, 400, "mousedown", 1)
-    pump(window)
-    xdotool("mouseup", 1)
-    pump(window)
-    assert window.app.scene.rig.goal == start
 
 
 @pytest.mark.parametrize("button", [1, 3])
@@ -147,56 +76,19 @@ def test_an_idle_window_sleeps(window):
     assert spent / passed < 0.02
 
 
-def test_the_screenshot_shows_scene_and_panel(window):
-    window.draw_frames(2)
-    picture = window.screenshot()
-    assert picture.shape == (SIZE[1], SIZE[0], 3)
-    assert picture[100:500, 50:400].reshape(-1, 3).std(axis=0).max() > 15
-    assert picture[80:, SIZE[0] - 300 :].mean() < 70
-
-
 def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_path):
     save_pack(toy_pack(view_mlp=False), tmp_path / "a dröpped päck")
     other_client("drop", tmp_path / "a dröpped päck")
-    open_whole(window)
+    wait(window, lambda: window.app.loading is None)
     assert window.app.scene.name == "a dröpped päck" and window.app.scene.pack.view_mlp is None
     assert not window.app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
-
-
-def test_room_is_made_beside_the_window_while_a_pack_is_read(window, tmp_path, monkeypatch):
-    monkeypatch.setattr(texture_preallocation, "WORTH_A_THREAD", 0)
-    made, make = [], texture_preallocation.preallocate
-    monkeypatch.setattr(texture_preallocation, "preallocate", lambda *words: made.append(make(*words)) or made[-1])
-    reads, whole = threading.Event(), opening.load_pack
-
-    def once_there_is_room(path, *, on_begin, **options):
-        def begun(pack):
-            on_begin(pack)
-            assert reads.wait(20)
-
-        return whole(path, on_begin=begun, **options)
-
-    monkeypatch.setattr(opening, "load_pack", once_there_is_room)
-    pack = toy_pack(seed=3)
-    save_pack(pack, tmp_path / "roomy")
-    window.app.open(tmp_path / "roomy")
-    live(window, lambda: len(made) == 1)
-    assert not made[0].taken
-    reads.set()
-    open_whole(window)
-    assert made[0].taken and window.canvas.ctx.error == "GL_NO_ERROR"
-    window.draw_frames(2)
-    camera = window.app.scene.rig.camera((96, 64))
-    seen = window.canvas.snapshot(camera, RenderSettings())
-    window.canvas.show(pack)  # without
-    assert np.array_equal(seen, window.canvas.snapshot(camera, RenderSettings())) and np.ptp(seen) > 50
 
 
 def test_what_is_no_pack_is_a_dialog_that_real_keys_answer(window, other_client, xdotool, tmp_path):
     scene = window.app.scene
     (tmp_path / "notes.txt").write_text("hello")
     other_client("drop", tmp_path / "notes.txt")
-    open_whole(window)
+    wait(window, lambda: window.app.loading is None)
     pump(window)
     assert "notes.txt" in window.app.messages.dialogs[0].title and window.app.scene is scene
     xdotool("key", "Return")
@@ -233,26 +125,6 @@ def test_f11_fills_the_screen_and_gives_it_back(window, xdotool):
     assert window.ctx.error == "GL_NO_ERROR"
 
 
-def test_a_real_double_click_sets_the_pivot_and_a_right_drag_slides(window, xdotool):
-    rig = window.app.scene.rig
-    before = rig.goal
-    x, y = int(0.5 * window.app.viewport.width), int(window.app.viewport.y + 0.5 * window.app.viewport.height)
-    for _ in range(5):  # a machine that is busy elsewhere may take so long over one that it counts as two clicks
-        xdotool("mousemove", x, y, "click", "--repeat", 2, "--delay", 60, 1)
-        pump(window, 0.9)
-        if rig.goal.pivot != before.pivot:
-            break
-    turned = rig.goal
-    assert turned.pivot != before.pivot
-    xdotool("mousemove", x, y, "mousedown", 3)
-    pump(window)
-    xdotool("mousemove", x + 60, y + 30)
-    pump(window)
-    xdotool("mouseup", 3)
-    pump(window)
-    assert rig.goal.pivot != turned.pivot and rig.goal.azimuth == turned.azimuth
-
-
 def test_keys_held_fly_and_combinations_undo(window, xdotool):
     rig = window.app.scene.rig
     xdotool("key", "v")
@@ -276,10 +148,7 @@ def test_closing_asks_while_a_scene_is_made_and_leaves_no_child(window, other_cl
     monkeypatch.setattr(Plan, "command", lambda plan: [sys.executable, str(FAKE), "wait", str(tmp_path)])
     app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
     app.making.start(app)
-    end = time.monotonic() + 20
-    while not (tmp_path / "pid").exists():
-        assert time.monotonic() < end
-        pump(window, 0.05)
+    wait(window, (tmp_path / "pid").exists)
     other_client("close")
     pump(window)
     assert glfw.window_should_close(window.handle)  # the loop answers that with a question

@@ -6,8 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import glfw
@@ -16,10 +15,10 @@ import pytest
 from imgui_bundle import imgui
 
 from tests.viewer.unseen import draw_unseen
-from tests.viewer.window.widgets_seen import Watch, watch
-from viewer.app.application import App
+from tests.viewer.window.widgets_seen import Watch
 from viewer.window.window import Window
 
+SIZE = (900, 600)
 PATIENCE_S = 90.0
 CLIENT = Path(__file__).with_name("x11_client.py")
 
@@ -56,48 +55,24 @@ def other_program(display: str, window: Window, what: str, *words: object) -> No
     pump(window, 0.1)
 
 
-@contextmanager
-def opened_window(display: str, size: tuple[int, int]) -> Iterator[tuple[Window, Watch]]:
-    """A window on `display`, and what widgets it draws."""
-    with pytest.MonkeyPatch.context() as patch, watch() as seen:
-        patch.setenv("DISPLAY", display)
-        patch.delenv("WAYLAND_DISPLAY", raising=False)
-        with Window(App(), size) as window:
-            yield window, seen
-
-
-@contextmanager
-def at_start_page(window: Window) -> Iterator[Window]:
-    """The window with a new app, at its start page; what is being made ends with it."""
-    window.canvas.show(None)
-    app = App(canvas=window.canvas)
-    app.clipboard, window.app = window.app.clipboard, app
-    window.draw_frames(3)
-    yield window
-    app.making.end()
-
-
-def live(window: Window, condition: Callable[[], bool]) -> None:
+def wait(window: Window, condition: Callable[[], object]) -> None:
     """Lets the window live until something is so."""
     end = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end, [dialog.text for dialog in window.app.messages.dialogs]
         pump(window, 0.05)
-    pump(window)
 
 
-def press(opened: tuple[Window, Watch], xdotool: Callable[..., object], label: str) -> None:
-    """Clicks the widget whose label begins so, once it is there and stays where it is."""
-    window, seen = opened
+def press(watched: tuple[Window, Watch], xdotool: Callable[..., object], label: str) -> None:
+    """Clicks the widget with that in its label, once it is there and stays where it is."""
+    window, seen = watched
     places: list[list[tuple[float, float]]] = []
 
     def rests() -> bool:
-        places.append(
-            [each.at for (_, name), each in seen.seen.items() if name.startswith(label) and not each.disabled]
-        )
+        places.append([each.at for (_, name), each in seen.seen.items() if label in name and not each.disabled])
         return len(places) > 1 and bool(places[-1]) and places[-1] == places[-2]
 
-    live(window, rests)
+    wait(window, rests)
     left, top = glfw.get_window_pos(window.handle)
     x, y = places[-1][0]
     xdotool("mousemove", left + round(x), top + round(y), "click", 1)

@@ -12,10 +12,9 @@ from imgui_bundle import imgui
 from PIL import Image
 
 from scenepack import save_pack
-from tests.viewer.waiting import until
 from viewer.core import system_fonts
 from viewer.core.log import Dialog
-from viewer.core.system_fonts import FontFile, FontSearch, chosen_fonts, find_fonts
+from viewer.core.system_fonts import FontFile, chosen_fonts, find_fonts
 
 JAPANESE = "日本棚"
 
@@ -89,21 +88,3 @@ def test_fonts_are_taken_for_the_letters_that_none_before_has():
         FontFile(Path("/fonts/Star.otf"), 0, "★"),
     ]
     assert chosen_fonts(LISTED, "") == [] == chosen_fonts("", "あ") == chosen_fonts("nonsense\n\t\t\n", "あ")
-
-
-def test_a_search_that_fails_finds_nothing(monkeypatch):
-    def fail(missing: str) -> list[FontFile]:
-        raise OSError("no such program")
-
-    monkeypatch.setattr(system_fonts, "find_fonts", fail)
-    search = FontSearch("あ")
-    until(lambda: search.finished)
-    assert search.result() == []
-
-
-@pytest.mark.parametrize("platform", ["win32", "darwin"])
-def test_other_systems_name_their_fonts(platform, monkeypatch):
-    monkeypatch.setattr(system_fonts.sys, "platform", platform)
-    monkeypatch.setattr(Path, "is_file", lambda path: True)
-    found = find_fonts("あ")
-    assert len(found) > 8 and {file.path.suffix for file in found} <= {".ttf", ".ttc"}

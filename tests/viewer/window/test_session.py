@@ -18,7 +18,6 @@ from tests.viewer.features.making.test_making import gone
 from tests.viewer.window.running import RunningViewer, wait_until
 
 CAMERA = 1  # the place of its icon
-X11_CLIENT = Path(__file__).with_name("x11_client.py")
 MAKING = Path(__file__).with_name("making_viewer.py")
 
 
@@ -44,20 +43,6 @@ def test_what_was_changed_outlives_kill_9(viewer: RunningViewer, pack_folder: Pa
 def test_a_signal_ends_it_like_quit_and_is_told_in_the_exit_status(viewer: RunningViewer, number: int) -> None:
     assert viewer.signal(number) == 128 + number
     assert "Traceback" not in viewer.process.stderr.read()
-    assert viewer.saved["recent"]
-
-
-def test_the_last_change_before_sigterm_is_saved(viewer: RunningViewer) -> None:
-    settled = viewer.saved
-    viewer.xdotool("windowsize", "--sync", viewer.window, 760, 520)
-    assert viewer.signal(signal.SIGTERM) == 128 + signal.SIGTERM
-    assert viewer.saved["window"] == [760, 520] != settled["window"]
-
-
-def test_closing_the_window_ends_it_with_status_0(viewer: RunningViewer) -> None:
-    command = [sys.executable, str(X11_CLIENT), "close", viewer.window]
-    subprocess.run(command, env=viewer.environment, check=True, timeout=60)
-    assert viewer.process.wait(60) == 0 and not viewer.process.stderr.read()
     assert viewer.saved["recent"]
 
 
@@ -126,27 +111,6 @@ def test_two_viewers_at_once_keep_each_others_packs(display: str, tmp_path: Path
             assert first.signal(signal.SIGTERM) == 128 + signal.SIGTERM
             assert second.signal(signal.SIGTERM) == 128 + signal.SIGTERM
             assert [Path(name).name for name in second.saved["recent"]] == ["two", "one"]
-
-
-def test_settings_that_cannot_be_saved_are_told_once_and_nothing_else_happens(
-    display: str, tmp_path: Path, pack_folder: Path
-) -> None:
-    home = tmp_path / "home"
-    home.mkdir()
-    (home / "snerg").write_text("a file where the folder should be")
-    with RunningViewer(display, home, pack_folder) as viewer:
-        assert viewer.window
-        wait_until(lambda: "toy" in viewer.name, "the scene")
-        viewer.open_page(CAMERA)
-        assert viewer.signal(signal.SIGTERM) == 128 + signal.SIGTERM
-        assert "Traceback" not in viewer.process.stderr.read()
-
-
-def test_the_title_names_the_scene_that_is_open(viewer: RunningViewer, tmp_path: Path, pack: Pack) -> None:
-    wait_until(lambda: viewer.name == "toy – snerg", "the scene's name")
-    viewer.xdotool("key", "--window", viewer.window, "ctrl+w")
-    viewer.xdotool("mousemove", "--window", viewer.window, 300, 300, "key", "ctrl+w")
-    wait_until(lambda: viewer.name == "snerg", "the start page's title")
 
 
 def test_a_crash_leaves_a_log_with_the_last_commands_and_the_next_start_says_where(

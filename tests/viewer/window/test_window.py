@@ -3,8 +3,6 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import get_args
 
@@ -20,26 +18,24 @@ from viewer.commands.view import PageName
 from viewer.interface.layout import PAGES
 from viewer.window.window import NoDisplay, Window, display_problem
 
-pytestmark = pytest.mark.slow
-
 HERE = Path(__file__).parent
-LIVE = sorted(path.name for path in HERE.glob("live_*.py"))
-LIVE_TEST = "test_the_live_window["
-AT_ONCE = 2  # each spends half of its time on waiting
+ALWAYS, ALL = ["live_window.py"], ["live_features.py", "live_motion.py", "live_clicks.py"]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def live_runs(request) -> Iterator[dict[str, Future[subprocess.CompletedProcess[str]]]]:
-    """Those live tests that were asked for, begun now: each has a display of its own, and they run while other tests do."""
-    asked = [item.callspec.params["live"] for item in request.session.items if item.name.startswith(LIVE_TEST)]
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        yield {live: pool.submit(run_live, live) for live in asked}
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-def run_live(live: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(HERE / live)]
-    return subprocess.run(command, cwd=HERE.parents[2], capture_output=True, text=True, timeout=1200)
+@pytest.mark.parametrize("scripts", [ALWAYS, pytest.param(ALL, marks=pytest.mark.slow)], ids=["always", "all"])
+def test_the_live_window(display, scripts):
+    """All scripts share one window, in a process of its own."""
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        *(str(HERE / script) for script in scripts),
+    ]
+    done = subprocess.run(command, cwd=HERE.parents[2], capture_output=True, text=True, timeout=1500)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def run_view(*words: object, display: str | None = None, cwd=None) -> subprocess.CompletedProcess[str]:
@@ -126,16 +122,7 @@ def test_photographs_are_asked_about_on_a_display_and_told_without_one(display, 
     assert done.returncode == 2 and "snerg-make" in done.stderr and len(told(done.stderr)) == 1
 
 
-def test_a_bad_pack_without_a_display_is_one_line_and_status_2(tmp_path):
-    (tmp_path / "scene_params.json").write_text("{")
-    done = run_view(tmp_path)
-    assert done.returncode == 2
-    assert len(told(done.stderr)) == 1 and "scene_params.json" in done.stderr
-
-
-@pytest.mark.parametrize(
-    "words", [["--size", "big"], ["--frames", "0"], ["--mode", "sepia"], ["--export-size", "x"], ["--frames", "3"]]
-)
+@pytest.mark.parametrize("words", [["--size", "big"], ["--frames", "3"], ["--photograph", "r_0", "--mode", "sepia"]])
 def test_bad_arguments_are_one_line_and_status_2(pack_folder, words):
     done = run_view(pack_folder, *words)
     assert done.returncode == 2 and len(told(done.stderr)) == 1
@@ -153,11 +140,6 @@ def test_a_session_is_opened_at_the_command_line_and_a_bad_one_is_one_line(displ
     file.write_text("{}")
     done = run_view(file, "--frames", 2, display=display)
     assert done.returncode == 2 and len(told(done.stderr)) == 1 and "is not a session" in done.stderr
-
-
-def test_what_asks_for_a_pack_says_so():
-    done = run_view("--photograph", "r_0")
-    assert done.returncode == 2 and "needs a pack" in done.stderr and len(told(done.stderr)) == 1
 
 
 def test_the_command_line_knows_all_pages():
@@ -181,9 +163,3 @@ def test_wayland_alone_is_refused_in_one_line_that_names_xwayland(pack_folder, m
     command = [sys.executable, "-m", "viewer.commands.view", str(pack_folder), *words]
     done = subprocess.run(command, cwd=HERE.parents[2], capture_output=True, text=True, timeout=120)
     assert done.returncode == 2 and len(told(done.stderr)) == 1 and "XWayland" in done.stderr
-
-
-@pytest.mark.parametrize("live", LIVE)  # the last tests here, for they have begun with the first
-def test_the_live_window(display, live_runs, live):
-    done = live_runs[live].result()
-    assert done.returncode == 0, done.stdout + done.stderr

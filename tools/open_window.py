@@ -1,4 +1,4 @@
-"""`python -m tests.viewer.window.open_live [PACK]`: opens a pack in a real window, 640 × 480, under a camera that never rests,
+"""`python -m tools.open_window [PACK]`: opens a pack in a real window, 640 × 480, under a camera that never rests,
 and prints when what of it was seen, and which frames took long. Without a PACK, one of 1000³ voxels is carved first. Figures
 for a quiet machine; nothing is asserted.
 """

@@ -1,4 +1,4 @@
-"""`python -m tests.viewer.window.fly_live [PACK] [FPS]`: plays the path of tests/viewer/rendering/flights.py in a real window
+"""`python -m tools.fly_window [PACK] [FPS]`: plays the path of tests/viewer/rendering/flights.py in a real window
 and prints how well frames held their target by the real clock. A figure for a quiet machine; nothing is asserted.
 """
 
@@ -15,7 +15,7 @@ from viewer.app.application import App
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.window.window import Window
 
-DEMO = Path(__file__).parents[3] / "viewer" / "demo" / "demo.zip"
+DEMO = Path(__file__).parents[1] / "viewer" / "demo" / "demo.zip"
 
 
 class Noting(DynamicResolution):
